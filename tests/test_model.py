@@ -285,7 +285,7 @@ def body_under_its_weight():
     fall = np.array([-9.80665, 0.0, 0.0])
     nose, mains = model.groups
     changed = replace(model, body=replace(model.body, fall=fall), groups=(nose, replace(mains, origin_m=0.01)))
-    return changed, np.insert(theta, model.law_places(1).start, 0.004)
+    return changed, np.insert(theta, model.law_indices(1).start, 0.004)
 
 
 def two_laws_inside():
@@ -387,7 +387,7 @@ def test_candidates_are_the_limits_of_terms_of_the_law(law):
     candidates = model.evaluate(theta, candidates={0: [faint, Term("coulomb_friction", (1e-9, 0.02))]}).candidates
     group = replace(model.groups[0], law=model.groups[0].law + Law((faint,)))
     more = replace(model, groups=(group,))
-    place = more.law_places(0).stop - 1
+    place = more.law_indices(0).stop - 1
     whole = more.evaluate(np.insert(theta, place, 1e-6)).jacobian
     assert candidates.shape == (2 * sum(run.omega.size for run in model.runs), 3)
     expected = whole[: len(candidates), place]

@@ -109,9 +109,9 @@ def made_model(**settings):
     model = Model(*shared, noise=levels, **settings)
     theta = np.zeros(model.n_shared + model.n_own * 2)
     theta[:2] = 6.0, 3.0
-    theta[model.law_places(0)] = to_free(group.law)
+    theta[model.law_indices(0)] = to_free(group.law)
     theta[model.names.index("inverse_mass")] = 1.03 / MASS_KG
-    theta[model.law_places(0).start + 2] *= 1.02
+    theta[model.law_indices(0).start + 2] *= 1.02
     return model, theta
 
 
@@ -158,10 +158,10 @@ def test_every_strut_of_an_aircraft_has_gas_of_a_usual_exponent_before_any_measu
     assert (aircraft.carriers, aircraft.n_known_of_laws) == ((), 3)
     theta = np.zeros(aircraft.n_shared + aircraft.n_own)
     for number in range(3):
-        theta[aircraft.law_places(number)] = to_free(column)
+        theta[aircraft.law_indices(number)] = to_free(column)
     at_usual, usual = theta.copy(), LAWS["gas_column"].parameters[2].known
     behind = [bool(parameter.known) for parameter in column.parameter_list].index(True)
-    exponents = [aircraft.law_places(number).start + behind for number in range(3)]
+    exponents = [aircraft.law_indices(number).start + behind for number in range(3)]
     at_usual[exponents] = np.log(usual[0])
     assert not known_before(aircraft, at_usual, is_held=False)[0][-3:].any()
     far, by = known_before(aircraft, theta, is_held=False)

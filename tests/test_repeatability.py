@@ -71,14 +71,14 @@ def test_derivatives_by_departures_are_those_of_the_parameters_they_multiply():
     fit = identify(study_of(), law=LAW).evidence[0].fit
     model, plain = replace(fit.model, repeatability=0.01), fit.model
     theta = with_departures(fit, 0.01).theta
-    theta[np.r_[model.places_of_run(0)[1], model.places_of_run(1)[1]]] = 0.0
+    theta[np.r_[model.indices_of_run(0)[1], model.indices_of_run(1)[1]]] = 0.0
     n, n_first = fit.n_data, 2 * fit.errors.lines[0].size
-    same = np.concatenate([theta[: model.n_shared], *(theta[model.places_of_run(place)[0]] for place in (0, 1))])
+    same = np.concatenate([theta[: model.n_shared], *(theta[model.indices_of_run(place)[0]] for place in (0, 1))])
     found, usual = model.evaluate(theta).jacobian[:n], plain.evaluate(same).jacobian[:n]
     # springs, damping, and the amplitude of the friction
     for part, entry in enumerate((0, 1, 2)):
         for place, rows in enumerate((slice(0, n_first), slice(n_first, n))):
-            column = found[:, model.places_of_run(place)[1].start + part]
+            column = found[:, model.indices_of_run(place)[1].start + part]
             np.testing.assert_allclose(column[rows], usual[rows, entry] * same[entry], rtol=1e-9, atol=1e-12)
             assert np.count_nonzero(column) == np.count_nonzero(column[rows])
 

@@ -123,7 +123,7 @@ class Fitted:
 
     Args:
         kind: "single", "pair" or "rigid_body".
-        interfaces: places in the study of those that it is about.
+        interfaces: indices in the study of those that it is about.
         found: where the search ended; None where there is no fit.
         noise: known beforehand of each sensor below and on the body, m/s^2.
         task: what it was fitted to.
@@ -309,11 +309,11 @@ def static_loads(study: Study, loading: PointMass) -> FloatArray:
     By statics where there are three, as even as statics allows where there are more. On one line the lever rule holds,
     about the foot of the perpendicular from the mass.
     """
-    places = np.array([interface.place for interface in study.interfaces])
-    middle = places.mean(axis=0)
+    positions = np.array([interface.place for interface in study.interfaces])
+    middle = positions.mean(axis=0)
     lever = np.array([loading.x_m, loading.y_m]) - middle
-    uneven = np.linalg.pinv((places - middle).T, rcond=_ONE_LINE) @ lever
-    return np.asarray(loading.mass_kg * (1 / len(places) + uneven))
+    uneven = np.linalg.pinv((positions - middle).T, rcond=_ONE_LINE) @ lever
+    return np.asarray(loading.mass_kg * (1 / len(positions) + uneven))
 
 
 def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
@@ -388,21 +388,21 @@ def fit_rigid(task: Task) -> Fitted:
             below,
             above,
             fs=study.fs,
-            loading=loading_matrix(study, place),
+            loading=loading_matrix(study, index),
             leaks=across,
             settings=task.settings.runs,
         )
-        for place, (below, above, across) in enumerate(task.arrays)
+        for index, (below, above, across) in enumerate(task.arrays)
     ]
     body = replace(body, fall=_fall(study.interfaces[0].axis, body))
     every = tuple(range(len(study.interfaces)))
     return fitted(task, "rigid_body", every, runs, body, groups_of(study), task.sensors, task.noise.levels)
 
 
-def loading_matrix(study: Study, place: int) -> FloatArray:
+def loading_matrix(study: Study, index: int) -> FloatArray:
     """Return the mass matrix of a loading about the origin, (3, 3) kg, kg m, kg m^2."""
     total = np.zeros((3, 3))
-    for each in study.runs[place].masses:
+    for each in study.runs[index].masses:
         row = vertical(each.x_m, each.y_m)
         total += each.mass_kg * np.outer(row, row)
     return total

@@ -188,9 +188,9 @@ def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
         for side in ("unsprung", "sprung"):
             columns = []
             for name in study.channels(side):
-                samples, places = without_spikes(run.recording.channel(name), fs=study.fs)
+                samples, indices = without_spikes(run.recording.channel(name), fs=study.fs)
                 columns.append(samples)
-                mended[side] += places.size
+                mended[side] += indices.size
             sides.append(np.stack(columns, axis=1))
         across = [run.recording.channel(channel) for channel, *_ in study.leaks()]
         none = np.empty((len(sides[0]), 0))
@@ -322,8 +322,8 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
 def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...]:
     """Of one gear in each run."""
     (part,), found = parts, []
-    for place, run in enumerate(study.runs):
-        estimates = part.known.equivalent(place)
+    for index, run in enumerate(study.runs):
+        estimates = part.known.equivalent(index)
         if part.error is not None and part.error.limit == "model":
             estimates = [
                 each if each.value is None else _within(each.value, std_fraction)
@@ -417,20 +417,20 @@ def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
 
 def _runs(study: Study, parts: Sequence[Fitted], arrays: Arrays) -> tuple[RunResidual, ...]:
     found = []
-    for place, run in enumerate(study.runs):
+    for index, run in enumerate(study.runs):
         residual, measured, predicted = [], [], []
-        first = len(arrays[place][1]) // 4
+        first = len(arrays[index][1]) // 4
         shown = slice(first, first + round(_SHOWN_S * study.fs))
         for part in parts:
             fit = part.fit
-            used, line = fit.model.runs[place], fit.errors.lines[place]
-            read = fit.model.corrected(fit.theta, place)[1].value
+            used, line = fit.model.runs[index], fit.errors.lines[index]
+            read = fit.model.corrected(fit.theta, index)[1].value
             n_sensors = read.shape[1]
             residual += list(np.abs(line.reshape(n_sensors, -1)) / np.sqrt(2))
             steps = slice(shown.start * used.finer, shown.stop * used.finer, used.finer)
             measured += list(read[steps].T)
-            predicted += list(fit.errors.predictions[place].acceleration[steps, :n_sensors].T)
-        used = parts[0].fit.model.runs[place]
+            predicted += list(fit.errors.predictions[index].acceleration[steps, :n_sensors].T)
+        used = parts[0].fit.model.runs[index]
         n = min(len(each) for each in measured)
         found.append(
             RunResidual(
@@ -442,7 +442,7 @@ def _runs(study: Study, parts: Sequence[Fitted], arrays: Arrays) -> tuple[RunRes
                 measured=np.array(measured),
                 predicted=np.array(predicted),
                 loading=tuple((each.mass_kg, each.x_m, each.y_m) for each in run.masses),
-                unexplained=max(part.unexplained[place] for part in parts),
+                unexplained=max(part.unexplained[index] for part in parts),
             )
         )
     return tuple(found)

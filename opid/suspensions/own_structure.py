@@ -253,7 +253,7 @@ def _suspension(part: Fitted, number: int, per_mass: bool) -> SpringEstimate:
 def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
     fit, model = known.fit, known.fit.model
     first = model.names.index(f"stiffness_per_mass[{name}]", model.first_inside)
-    stiffness, damping = (known.per_force(place, per_mass=per_mass) for place in (first, first + 1))
+    stiffness, damping = (known.per_force(index, per_mass=per_mass) for index in (first, first + 1))
     slot = model.body.n_interfaces + [spring.name for spring in model.body.inside].index(name)
     travel, velocity = map(thinned, fit.motion(slot))
     return SpringEstimate(name, stiffness, damping, LINEAR, {}, travel, velocity, Estimate(0.0), ())
@@ -380,14 +380,14 @@ def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sen
     for name in used:
         if used.count(name) > 1:
             raise InputError(f"the channel {name!r} is named {used.count(name)} times: each sensor is one channel")
-    for place, run in enumerate(runs, start=1):
+    for index, run in enumerate(runs, start=1):
         if abs(run.fs / runs[0].fs - 1) > SAME_RATE:
-            raise InputError(f"run 1 has {runs[0].fs:.9g} Hz and run {place} has {run.fs:.9g} Hz: resample one of them")
+            raise InputError(f"run 1 has {runs[0].fs:.9g} Hz and run {index} has {run.fs:.9g} Hz: resample one of them")
         for name in used:
             if name not in run.names:
-                raise InputError(f"run {place} has no channel {name!r}: {nearest(name, run.names)}")
+                raise InputError(f"run {index} has no channel {name!r}: {nearest(name, run.names)}")
             if run.unit(name) != "m/s^2":
-                raise InputError(f"channel {name!r} of run {place} is in {run.unit(name)}: an acceleration is needed")
+                raise InputError(f"channel {name!r} of run {index} is in {run.unit(name)}: an acceleration is needed")
 
     def samples(run: Recording, names: Sequence[str]) -> FloatArray:
         return np.stack([without_spikes(run.channel(name), fs=run.fs)[0] for name in names], axis=1)
@@ -485,9 +485,9 @@ def stated_start(
     for name in unknown:
         if joints[name][0] <= 0.0:
             raise InputError(f"{hidden}: give the joint {name!r} a stiffness from which to begin, N/m")
-    places = [structure.index(name) for name in unknown_mass]
+    indices = [structure.index(name) for name in unknown_mass]
     mass = np.diag(structure.mass)
-    reference = float(mass[places[0]]) if places else 1.0
+    reference = float(mass[indices[0]]) if indices else 1.0
     # in the order of the slots, as `body.inside` has them
     springs = [start[group.name] for group in groups]
     springs += [joints[spring.name] for spring in body.inside if spring.stiffness_n_per_m is None]
@@ -503,7 +503,7 @@ def stated_start(
         scaled,
         stiffness,
         damping,
-        mass[places[1:]] / reference,
+        mass[indices[1:]] / reference,
         1 / reference if mass_free else None,
         rms,
         ground_stiffness=np.zeros(len(groups)),

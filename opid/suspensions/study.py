@@ -261,7 +261,7 @@ class Study:
     def leaks(self) -> list[tuple[str, Side, int, float]]:
         """Return what leaks in: the channel, the side and number of the sensor that lets it in, and the tolerance."""
         each = [*(interface.facts.leaks for interface in self.interfaces), *(sensor.leaks for sensor in self.sensors)]
-        return [(leak.channel, leak.into, place, leak.tolerance) for place, leaks in enumerate(each) for leak in leaks]
+        return [(leak.channel, leak.into, k, leak.tolerance) for k, leaks in enumerate(each) for leak in leaks]
 
     def sensor_facts(self) -> Sensors:
         """Return what is known of all sensors, their noise as stated for each or for all."""
@@ -275,7 +275,7 @@ class Study:
             unsprung=tuple(known(interface.facts.unsprung) for interface in self.interfaces),
             sprung=tuple(map(known, above)),
             names=("",) if self.is_one_gear else tuple(names),
-            leaks=tuple((side, place, tolerance) for _, side, place, tolerance in self.leaks()),
+            leaks=tuple((side, k, tolerance) for _, side, k, tolerance in self.leaks()),
         )
 
     def accelerations(self, run: Run) -> tuple[FloatArray, FloatArray]:
@@ -340,7 +340,7 @@ def study_of_gear(
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
-    """Return places of interfaces that stand left and right of the middle, each paired with its nearest mirror."""
+    """Return indices of interfaces that stand left and right of the middle, each paired with its nearest mirror."""
     mirrored = []
     for (i, one), (k, other) in combinations(enumerate(study.interfaces), 2):
         along, across = abs(one.x_m - other.x_m), abs(one.y_m + other.y_m)
@@ -348,7 +348,7 @@ def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
             mirrored.append((math.hypot(along, across), i, k))
     found: list[tuple[int, int]] = []
     for _, i, k in sorted(mirrored):
-        if not {i, k} & {place for pair in found for place in pair}:
+        if not {i, k} & {k for pair in found for k in pair}:
             found.append((i, k))
     return sorted(found)
 

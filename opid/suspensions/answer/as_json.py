@@ -151,9 +151,9 @@ def _of_body(result: Identification) -> Json:
 
 def _structures(result: Identification) -> Json:
     best = result.recommended
-    places = {
-        name: dict(zip(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), place, strict=True))
-        for name, place in result.places.items()
+    positions = {
+        name: dict(zip(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), position, strict=True))
+        for name, position in result.places.items()
     }
     return {
         "structure": {
@@ -164,20 +164,20 @@ def _structures(result: Identification) -> Json:
             "limited_by": result.limited_by,
             "residual_over_noise": result.residual_over_noise,
             "noise_m_per_s2": result.noise_m_per_s2,
-            "places": places,
+            "places": positions,
             "place_corrections": _estimates(result.place_corrections),
         },
         "interfaces": [_interface(result, interface) for interface in result.interfaces],
         "candidates": [asdict(candidate) for candidate in result.candidates],
-        "runs": [_run_of_body(result, place) for place in range(len(result.runs))],
+        "runs": [_run_of_body(result, index) for index in range(len(result.runs))],
         "equivalents": [asdict(each) for each in result.equivalents],
     }
 
 
-def _run_of_body(result: Identification, place: int) -> Json:
+def _run_of_body(result: Identification, index: int) -> Json:
     """A run, and what its free motion leaves in a fit of all and, where that is more than noise, of the others."""
-    run, errors = result.runs[place], [each.error for each in result.evidence if each.error is not None]
-    left_out = {each.run: each for error in errors for each in error.left_out}.get(place)
+    run, errors = result.runs[index], [each.error for each in result.evidence if each.error is not None]
+    left_out = {each.run: each for error in errors for each in error.left_out}.get(index)
     return {
         "name": run.name,
         "mass_change_kg": run.mass_change_kg,

@@ -126,9 +126,9 @@ class Parameters:
     covariance: FloatArray
     levels: Levels | None = None
 
-    def std(self, place: int) -> float:
+    def std(self, index: int) -> float:
         """Return the standard deviation of an entry of the vector."""
-        return self.deviation(np.eye(1, self.fit.theta.size, place)[0])
+        return self.deviation(np.eye(1, self.fit.theta.size, index)[0])
 
     def deviation(self, slopes: FloatArray) -> float:
         """Return the standard deviation of a function of the vector with these derivatives, (n_unknowns,)."""
@@ -139,20 +139,20 @@ class Parameters:
     def estimate(self, value: float, gradient: Mapping[str | int, float]) -> Estimate:
         """Return a function of the parameters with its interval, by the delta method.
 
-        The gradient has its derivatives by parameters, each by its name or its place in the vector.
+        The gradient has its derivatives by parameters, each by its name or its index in the vector.
         """
         names, slopes = self.fit.model.names, np.zeros(self.fit.theta.size)
         for key, slope in gradient.items():
             slopes[names.index(key) if isinstance(key, str) else key] = slope
         return Estimate.normal(value, self.deviation(slopes))
 
-    def per_force(self, place: int, *, per_mass: bool = False) -> Estimate:
+    def per_force(self, index: int, *, per_mass: bool = False) -> Estimate:
         """Return an entry of the vector that multiplies a force or a mass, times the mass where that is fitted."""
-        model, value = self.fit.model, float(self.fit.theta[place])
+        model, value = self.fit.model, float(self.fit.theta[index])
         if per_mass or not model.mass_free:
-            return self.estimate(value, {place: 1.0})
+            return self.estimate(value, {index: 1.0})
         mu = model.inverse_mass(self.fit.theta)
-        return self.estimate(value / mu, {place: 1 / mu, "inverse_mass": -value / mu**2})
+        return self.estimate(value / mu, {index: 1 / mu, "inverse_mass": -value / mu**2})
 
     @property
     def inverse_mass(self) -> tuple[float, float]:
@@ -180,21 +180,21 @@ class Parameters:
     ) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
         """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted."""
         model, theta = self.fit.model, self.fit.theta
-        first, places, law = model.first_of_group[number], model.law_places(number), model.groups[number].law
+        first, indices, law = model.first_of_group[number], model.law_indices(number), model.groups[number].law
         estimates: dict[str, dict[str, Estimate]] = {}
         if law.terms:
-            law, slopes = from_free(law, theta[places])
-            place = places.start
+            law, slopes = from_free(law, theta[indices])
+            index = indices.start
             for term in law.terms:
                 table: dict[str, Estimate] = {}
                 estimates[term.name] = table
                 for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
                     if not table:
-                        table[parameter.name] = self.per_force(place, per_mass=per_mass)
+                        table[parameter.name] = self.per_force(index, per_mass=per_mass)
                     else:
-                        slope = float(slopes[place - places.start])
-                        table[parameter.name] = Estimate.normal(value, slope * self.std(place))
-                    place += 1
+                        slope = float(slopes[index - indices.start])
+                        table[parameter.name] = Estimate.normal(value, slope * self.std(index))
+                    index += 1
         stiffness, damping = (self.per_force(entry, per_mass=per_mass) for entry in (first, first + 1))
         return stiffness, damping, estimates
 
@@ -203,21 +203,21 @@ class Parameters:
         group = self.fit.model.groups[number]
         if not group.has_origin:
             return Estimate(0.0)
-        place = self.fit.model.first_of_group[number] + group.n_head - 1
-        return self.estimate(float(self.fit.theta[place]), {place: 1.0})
+        index = self.fit.model.first_of_group[number] + group.n_head - 1
+        return self.estimate(float(self.fit.theta[index]), {index: 1.0})
 
     def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
         """Return what a function of the vector gives, with intervals: its derivatives are differences."""
         values = function(self.fit.theta)
         model, slopes = self.fit.model, np.zeros((values.size, self.fit.theta.size))
-        departures = [np.arange(slopes.shape[1])[model.places_of_run(place)[1]] for place in range(len(model.runs))]
+        departures = [np.arange(slopes.shape[1])[model.indices_of_run(index)[1]] for index in range(len(model.runs))]
         # how a run begins is told by no number
-        for place in (*range(model.n_shared), *np.concatenate(departures)):
-            step = _SMALL_STEP * self.std(place)
+        for index in (*range(model.n_shared), *np.concatenate(departures)):
+            step = _SMALL_STEP * self.std(index)
             if step > 0.0:
                 ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
-                ahead[place], back[place] = ahead[place] + step, back[place] - step
-                slopes[:, place] = (function(ahead) - function(back)) / (2 * step)
+                ahead[index], back[index] = ahead[index] + step, back[index] - step
+                slopes[:, index] = (function(ahead) - function(back)) / (2 * step)
         # what no entry moves is known exactly
         return [
             Estimate.normal(value, self.deviation(each) if each.any() else 0.0)
@@ -348,9 +348,9 @@ def limits(known: Parameters, alike: Repeatability, mass: Estimate, *, is_pushed
     if mass.std is not None:
         yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
     for number in range(len(fit.model.groups)):
-        places = fit.model.law_places(number)
-        for place in range(places.start, places.stop):
-            sentences = list(_named(fit, covariance, place, "the law"))
+        indices = fit.model.law_indices(number)
+        for index in range(indices.start, indices.stop):
+            sentences = list(_named(fit, covariance, index, "the law"))
             if sentences:
                 yield sentences[0]
                 return
@@ -432,16 +432,16 @@ def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[st
         )
 
 
-def _named(fit: Fit, covariance: FloatArray, place: int, what: str) -> Iterator[str]:
+def _named(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iterator[str]:
     """The fault of the sensors without which the interval would be narrower by most."""
-    faults, own = fit.model.faults, covariance[place, place]
+    faults, own = fit.model.faults, covariance[index, index]
     if not faults or own <= 0:
         return
     # the variance that is left once a fault is known: Schur complement
     left = []
     for fault in faults:
         k = fit.model.names.index(fault.name)
-        left.append(own - covariance[place, k] ** 2 / max(covariance[k, k], 1e-300))
+        left.append(own - covariance[index, k] ** 2 / max(covariance[k, k], 1e-300))
     best = int(np.argmin(left))
     widening = float(np.sqrt(own / max(left[best], 1e-300)))
     if widening > fit.model.settings.intervals.widening_named:

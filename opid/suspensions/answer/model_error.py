@@ -26,7 +26,7 @@ from opid.signals.spectra import ComplexArray
 from opid.suspensions.answer.intervals import std_over_white
 from opid.suspensions.fitting.fit import NO_FIT, Fit, fit_model, predicted_left_out, with_mass_held
 from opid.suspensions.model.driven_model import Model, ProcessNoise, straight_equivalent
-from opid.suspensions.model.run import DrivenRun, band_places
+from opid.suspensions.model.run import DrivenRun, band_indices
 
 Limit = Literal["noise", "unmeasured forces", "model"]
 
@@ -39,7 +39,7 @@ class LeftOut:
     """How well the other runs predict a run that was left out, without any of its readings on the body.
 
     Args:
-        run: place of the run.
+        run: its index.
         unexplained: rms of the error over that of the readings, in the band.
         inside: fraction of the lines whose error lies inside the stated band, which holds 95 % of them.
     """
@@ -93,12 +93,12 @@ def measure_model_error(
     try:
         # both at one rate, so that the same readings speak
         plain = fit_model(fit.model.coarse, fit.theta, least_promise=promise)
-        places = [place for first in fit.model.first_of_group for place in (first, first + 1)]
-        places += [fit.model.names.index("inverse_mass")] if fit.model.mass_free else []
-        std = (plain.std * std_over_white(plain)[: fit.model.n_shared])[places]
+        indices = [index for first in fit.model.first_of_group for index in (first, first + 1)]
+        indices += [fit.model.names.index("inverse_mass")] if fit.model.mass_free else []
+        std = (plain.std * std_over_white(plain)[: fit.model.n_shared])[indices]
         for other in _with_process_noise(replace(plain, model=replace(plain.model, noise=noise or plain.model.noise))):
             moved = other.theta - plain.theta
-            departure = float(np.max(np.abs(moved[places]) / std))
+            departure = float(np.max(np.abs(moved[indices]) / std))
             if departure > known.surely_other_std:
                 break
     except NO_FIT:
@@ -215,16 +215,16 @@ def _coloured(model: Model, theta: FloatArray) -> Fit:
 def _with_own_levels(fit: Fit) -> Model:
     """The model with the errors of each sensor as large in each band as the fit leaves them."""
     model, rows = fit.model, []
-    for place, (run, line) in enumerate(zip(model.runs, fit.errors.lines, strict=True)):
-        before = model.process.levels[place] if model.process.levels else np.ones((1, 1))
+    for index, (run, line) in enumerate(zip(model.runs, fit.errors.lines, strict=True)):
+        before = model.process.levels[index] if model.process.levels else np.ones((1, 1))
         own = np.abs(line.reshape(-1, run.omega.size)) * before / np.sqrt(2)
-        rows.append(np.array([_band_rms(each, _bands(model, place)) for each in own]))
+        rows.append(np.array([_band_rms(each, _bands(model, index)) for each in own]))
     return replace(model, process=replace(model.process, levels=tuple(rows)))
 
 
-def _bands(model: Model, place: int) -> NDArray[np.int64]:
+def _bands(model: Model, index: int) -> NDArray[np.int64]:
     known = model.settings.process
-    return band_places(model.runs[place].omega, known.bands_per_octave, known.least_lines)
+    return band_indices(model.runs[index].omega, known.bands_per_octave, known.least_lines)
 
 
 def _band_rms(values: FloatArray | ComplexArray, bands: NDArray[np.int64]) -> FloatArray:
@@ -243,8 +243,8 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.zeros(4)
     held, kept = with_mass_held(fit)
     count = 0
-    for place, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
-        whole = straight_equivalent(fit.model, place, motion)(fit.theta)
+    for index, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
+        whole = straight_equivalent(fit.model, index, motion)(fit.theta)
         run = run.coarse
         least = 2 if len(model.runs) == 1 else 1
         for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
@@ -278,8 +278,8 @@ def _pieces(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
 def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
     """How a change of the vector changes the equivalents of all runs, relative, rms."""
     found = []
-    for place, motion in enumerate(fit.errors.predictions):
-        equivalent = straight_equivalent(fit.model, place, motion)
+    for index, motion in enumerate(fit.errors.predictions):
+        equivalent = straight_equivalent(fit.model, index, motion)
         before, after = equivalent(fit.theta), equivalent(fit.theta + moved)
         found.append(after / before - 1)
     return np.sqrt(np.mean(np.square(found), axis=0))
@@ -300,8 +300,8 @@ def unexplained(fit: Fit) -> tuple[float, ...]:
 def _free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
     """Of each run the lines of the error of the free motion, and of the readings, (n_sensors, n_lines)."""
     model, found = fit.model, []
-    for place, (run, motion) in enumerate(zip(model.runs, model.simulated(fit.theta), strict=True)):
-        read = run.transform(model.corrected(fit.theta, place)[1].value.T)
+    for index, (run, motion) in enumerate(zip(model.runs, model.simulated(fit.theta), strict=True)):
+        read = run.transform(model.corrected(fit.theta, index)[1].value.T)
         found.append((read - run.transform(motion.acceleration[:, : len(read)].T), read))
     return found
 
@@ -320,16 +320,16 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
         return ()
     bands = [_bands(each.model, 0) for each in fits]
     found = []
-    for place, (error, read) in enumerate(own):
-        others = [k for k in range(len(fits)) if k != place]
-        frequency = fits[place].model.runs[0].omega
+    for index, (error, read) in enumerate(own):
+        others = [k for k in range(len(fits)) if k != index]
+        frequency = fits[index].model.runs[0].omega
         fraction = _shares(
-            [own[k] for k in others], [fits[k].model.runs[0].omega for k in others], frequency, bands[place]
+            [own[k] for k in others], [fits[k].model.runs[0].omega for k in others], frequency, bands[index]
         )
         # how strong the motion is, the prediction itself says
-        std = fraction * np.array([_band_rms(each, bands[place]) for each in read - error])
+        std = fraction * np.array([_band_rms(each, bands[index]) for each in read - error])
         inside = float(np.mean(np.abs(error) <= _MAGNITUDE_95 * std))
-        found.append(LeftOut(place, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
+        found.append(LeftOut(index, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
     return tuple(found)
 
 
@@ -344,7 +344,7 @@ def _shares(
     edges[0] = 0.0
     left, moved = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
     for (error, read), own in zip(others, lines, strict=True):
-        place = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, left.size - 1)
-        left += np.bincount(place, np.sum(np.abs(error) ** 2, axis=0), minlength=left.size)
-        moved += np.bincount(place, np.sum(np.abs(read - error) ** 2, axis=0), minlength=left.size)
+        index = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, left.size - 1)
+        left += np.bincount(index, np.sum(np.abs(error) ** 2, axis=0), minlength=left.size)
+        moved += np.bincount(index, np.sum(np.abs(read - error) ** 2, axis=0), minlength=left.size)
     return np.sqrt(left / np.maximum(moved, 1e-300))[bands]

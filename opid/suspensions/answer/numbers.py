@@ -155,8 +155,8 @@ def _interfaces(
 def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
     """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
     return tuple(
-        AtRest(name, *part.known.at_rest(slot, place, per_mass=per_mass))
-        for place, name in enumerate(part.task.run_names)
+        AtRest(name, *part.known.at_rest(slot, index, per_mass=per_mass))
+        for index, name in enumerate(part.task.run_names)
     )
 
 
@@ -178,13 +178,13 @@ def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasC
     """
     model, theta = known.fit.model, known.fit.theta
     terms = model.laws(theta)[number].terms
-    place = next((k for k, term in enumerate(terms) if term.kind.quasi_static), None)
-    if place is None or model.inverse_mass(theta) <= 0.0:
+    index = next((k for k, term in enumerate(terms) if term.kind.quasi_static), None)
+    if index is None or model.inverse_mass(theta) <= 0.0:
         return None
     area = piston_area_m2 or 1.0
 
     def read(vector: FloatArray) -> FloatArray:
-        term = model.laws(vector)[number].terms[place]
+        term = model.laws(vector)[number].terms[index]
         force = term.amplitude / model.inverse_mass(vector)
         return np.array([force * term.inner[0], force / area - ATMOSPHERE_PA, area * term.inner[0]])
 

@@ -382,10 +382,10 @@ def find_confounded_terms(part: Fitted) -> list[ConfoundedTerm]:
     """Return the terms of a fit that may be stiffness or damping by another name."""
     found: list[ConfoundedTerm] = []
     for number, law in enumerate(part.fit.laws.values()):
-        place = part.fit.model.law_places(number).start
+        index = part.fit.model.law_indices(number).start
         for term in law.terms:
-            found += _confounded(part, number, term, part.known.std(place))
-            place += len(term.values)
+            found += _confounded(part, number, term, part.known.std(index))
+            index += len(term.values)
     return found
 
 
@@ -435,8 +435,8 @@ def _confounded(part: Fitted, number: int, term: Term, std: float) -> Iterator[C
 def _travels(fit: Fit, number: int) -> list[FloatArray]:
     """Travel of a group from the origin of its law, m, of each slot in each run, wherever the run rests on the law."""
     slots, found = fit.model.groups[number].slots, []
-    for place, prediction in enumerate(fit.errors.predictions):
-        interfaces = fit.model.resting_interfaces(fit.theta, place)
+    for index, prediction in enumerate(fit.errors.predictions):
+        interfaces = fit.model.resting_interfaces(fit.theta, index)
         found += [prediction.travel[:, slot] + interfaces[slot].law.rest_m for slot in slots]
     return found
 

@@ -70,7 +70,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     yield from _of_the_record(choice)
     yield from _of_the_levels(choice)
     yield from _of_the_residual(answer) if choice.study.is_one_gear else _of_the_structure(answer)
-    # of a structure that is refused, faults and places are no more than what the search came to
+    # of a structure that is refused, faults and coordinates are no more than what the search came to
     reported = [] if answer.is_refused else choice.parts
     for part in reported:
         yield from _of_the_demands(part)
@@ -85,7 +85,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     for motion in answer.loose:
         yield _untold_motion(motion)
     for part in reported:
-        yield from _of_places(part)
+        yield from _of_coordinates(part)
     for term in [term for terms in answer.confounded for term in terms] if reported else ():
         yield term.warning
 
@@ -303,9 +303,9 @@ def _of_stated_facts(part: Fitted) -> Iterator[str]:
         unit = units.get(fault.kind, "")
         # a gear alone has one group, and its sensors need no names
         name = part.fit.model.sensors.names[fault.channel] or part.fit.model.groups[0].name
-        place = part.fit.model.names.index(fault.name)
+        index = part.fit.model.names.index(fault.name)
         # as far as it is looked for
-        more = " or less" * bool(value <= lower[place]) + " or more" * bool(value >= upper[place])
+        more = " or less" * bool(value <= lower[index]) + " or more" * bool(value >= upper[index])
         yield (
             f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
             f"{fault.nominal:.3g}{unit} with tolerance {fault.std:.2g}{unit}, contradicts the runs, "
@@ -368,7 +368,7 @@ def _untold_motion(motion: str) -> str:
     )
 
 
-def _of_places(part: Fitted) -> Iterator[str]:
+def _of_coordinates(part: Fitted) -> Iterator[str]:
     """Coordinates that moved far from where they are stated to be."""
     for coordinate in part.fit.model.body.coordinates:
         value, std = part.fit.value(coordinate.name), coordinate.std
@@ -396,7 +396,7 @@ def run_differences(part: Fitted) -> Iterator[str]:
         )
     for number, group in enumerate(fit.model.groups):
         where = f" at {group.name!r}" * bool(group.name)
-        changes = [_Change.of(part, number, place) for place in range(1, len(part.runs))]
+        changes = [_Change.of(part, number, run) for run in range(1, len(part.runs))]
         for change in changes:
             yield from _of_unlike_run(part, change, where)
         is_alone = fit.model.body.n_slots == 1 and (study is None or study.is_one_gear)
@@ -409,33 +409,33 @@ class _Change:
     """What a group of a run has changed against the first run: values with their standard deviations.
 
     Args:
-        place: of the run.
+        run: its index.
         single: of each part that the group has.
         unlike: of one part less another.
         common: of all parts together, their mean.
     """
 
-    place: int
+    run: int
     single: Mapping[str, tuple[float, float]]
     unlike: Mapping[tuple[str, str], tuple[float, float]]
     common: tuple[float, float]
 
     @classmethod
-    def of(cls, part: Fitted, number: int, place: int) -> _Change:
+    def of(cls, part: Fitted, number: int, run: int) -> _Change:
         """Return the change of a group of a run."""
         model = part.fit.model
         parts = ["spring", "damper", *{part_of(term.kind) for term in model.groups[number].law.terms} - set(PARTS[:2])]
 
         def change(weights: Mapping[str, float]) -> tuple[float, float]:
             slopes = np.zeros(part.fit.theta.size)
-            for run, sign in ((place, 1.0), (0, -1.0)):
-                first = model.places_of_run(run)[1].start + number * len(PARTS)
+            for each, sign in ((run, 1.0), (0, -1.0)):
+                first = model.indices_of_run(each)[1].start + number * len(PARTS)
                 for name, weight in weights.items():
                     slopes[first + PARTS.index(name)] = sign * weight
             return float(slopes @ part.fit.theta), part.known.deviation(slopes)
 
         return cls(
-            place,
+            run,
             {name: change({name: 1.0}) for name in parts},
             {(a, b): change({a: 1.0, b: -1.0}) for a, b in combinations(parts, 2)},
             change({name: 1 / len(parts) for name in parts}),
@@ -450,7 +450,7 @@ class _Change:
 def _of_unlike_run(part: Fitted, change: _Change, where: str) -> Iterator[str]:
     """A part that changed by more than its interval; else two that changed by ratios that differ."""
     names, known = part.task.run_names, part.settings.warnings
-    named, than = f"{where} in run {names[change.place]!r}", f"in run {names[0]!r}"
+    named, than = f"{where} in run {names[change.run]!r}", f"in run {names[0]!r}"
     certain = [name for name, (value, std) in change.single.items() if abs(value) > known.unlike_std * std]
     for name in certain:
         value, std = change.single[name]
@@ -475,12 +475,12 @@ def _of_another_mass(part: Fitted, change: _Change) -> Iterator[str]:
         return
     model, wrong = part.fit.model, ""
     if model.mass_free:
-        change_kg = float(model.runs[change.place].loading[0, 0])
+        change_kg = float(model.runs[change.run].loading[0, 0])
         off_kg = abs(common) * (1 / model.inverse_mass(part.fit.theta) + change_kg)
         wrong = f", as if it carried {off_kg:.0f} kg {'less' if common > 0 else 'more'} than stated"
     key = "loadings" if part.task.study is None else "mass_change_kg"
     yield (
-        f"stiffness, damping and friction in run {names[change.place]!r} are all {100 * abs(common):.2g} % "
+        f"stiffness, damping and friction in run {names[change.run]!r} are all {100 * abs(common):.2g} % "
         f"{'more' if common > 0 else 'less'} than in run {names[0]!r}{wrong}: check the {key} of all runs"
     )
 

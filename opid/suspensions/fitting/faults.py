@@ -237,11 +237,11 @@ def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[floa
     jacobian, stacked = errors.jacobian[rows], errors.stacked[rows]
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     gram, along = (jacobian / size).T @ (jacobian / size), (jacobian / size).T @ stacked
-    place = {name: k for k, name in enumerate(model.names)}
-    new = {place[name] for group in groups for name in group}
+    index = {name: k for k, name in enumerate(model.names)}
+    new = {index[name] for group in groups for name in group}
     fitted = [k for k in range(size.size) if k not in new]
     return [
-        max(_gain(gram, along, [*fitted, *(place[n] for n in group if n != name)], place[name]) for name in group)
+        max(_gain(gram, along, [*fitted, *(index[n] for n in group if n != name)], index[name]) for name in group)
         for group in groups
     ]
 
@@ -551,9 +551,9 @@ def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], .
 def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
     settings = fit.model.settings.intervals
     faults = _usual_faults(settings)
-    places = [spring, *(names.index(name) for name, _, _ in faults)]
-    others = [k for k in range(size.size) if k not in places]
-    left = _schur(gram, others, places) * np.outer(size[places], size[places])
+    indices = [spring, *(names.index(name) for name, _, _ in faults)]
+    others = [k for k in range(size.size) if k not in indices]
+    left = _schur(gram, others, indices) * np.outer(size[indices], size[indices])
     stiffness = float(fit.theta[0])
     for k, (_, words, usual) in enumerate(faults, start=1):
         cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)

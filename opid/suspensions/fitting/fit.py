@@ -89,8 +89,8 @@ class Fit:
     @cached_property
     def bic(self) -> float:
         """Bayesian information criterion (Schwarz 1978): smaller is better."""
-        # known to a tolerance before, a place is no free parameter; it costs to move it, and a sensor or the strut of a
-        # run, far from there
+        # known to a tolerance before, a coordinate is no free parameter; to move it, a sensor or the strut of a run far
+        # from there has its price
         n_free = self.model.n_shared - len(self.model.body.coordinates) - self.model.n_known_of_laws
         moved = self.errors.stacked[self.n_data :][self.model.is_weighed]
         likelihood = self.model.log_likelihood(self.errors, self.theta)
@@ -163,12 +163,12 @@ def first_vector(model: Model, start: Start) -> FloatArray:
         shared.append(start.inverse_mass or 0.0)
     shared += [start.lags.get(fault.name, fault.nominal) for fault in model.faults]
     shared += [0.0] * len(model.body.coordinates)
-    for number, place in model.carriers:
+    for number, index in model.carriers:
         first, term = model.first_of_group[number], model.carrier(number)
-        tangent = shared[first] + shared[place] * float(term.evaluate(np.array(0.0), np.array(0.0))[1])
+        tangent = shared[first] + shared[index] * float(term.evaluate(np.array(0.0), np.array(0.0))[1])
         if tangent > 0.0:
             column = carrying(term.name, model.weight, tangent)
-            shared[first], shared[place : place + len(column.values)] = 0.0, to_free(Law((column,))).tolist()
+            shared[first], shared[index : index + len(column.values)] = 0.0, to_free(Law((column,))).tolist()
     # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
     return np.array([*shared, *[0.0] * (model.n_own * len(model.runs))])
 
@@ -202,7 +202,7 @@ def fit_model(
     theta: FloatArray,
     *,
     noisier: Sequence[float] = (),
-    hold_places: bool = True,
+    hold_coordinates: bool = True,
     free: slice = slice(None),
     most_evaluations: int | None = None,
     least_promise: float | None = None,
@@ -213,7 +213,7 @@ def fit_model(
         model: the body, its runs, laws and sensors.
         theta: where to start.
         noisier: falling factors on the noise below the suspensions by which to come nearer from afar.
-        hold_places: whether coordinates stay as stated on the way.
+        hold_coordinates: whether coordinates stay as stated on the way.
         free: the entries that may move.
         most_evaluations: predictions of all runs at most, of each step.
         least_promise: the fit ends when the next step promises less of the squared error over its variance.
@@ -226,8 +226,8 @@ def fit_model(
     errors: Errors | None = None
     for factor in (*noisier, 1.0):
         louder = replace(model, louder=factor, is_held=bool(model.carriers))
-        if factor != 1.0 and hold_places:
-            louder = _with_places_held(louder)
+        if factor != 1.0 and hold_coordinates:
+            louder = _with_coordinates_held(louder)
         promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
         theta, errors, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
         spent += n
@@ -247,21 +247,21 @@ def fit_model(
 def _shared_out(model: Model, theta: FloatArray) -> FloatArray:
     """The vector with a spring beside gas whose exponent is none of gas, the first three derivatives at rest kept."""
     theta = theta.copy()
-    for number, place in model.carriers:
+    for number, index in model.carriers:
         first, known = model.first_of_group[number], model.carrier(number).kind.parameters[2].known
         assert known is not None  # that of a column of gas is
         mean, std = known
         carried, length, exponent = (
-            float(theta[place]),
-            float(np.exp(theta[place + 1])),
-            float(np.exp(theta[place + 2])),
+            float(theta[index]),
+            float(np.exp(theta[index + 1])),
+            float(np.exp(theta[index + 2])),
         )
         if abs(exponent - mean) <= 2 * std:
             continue
         now = length * (mean + 2) / (exponent + 2)
         held = carried * exponent * (exponent + 1) / (mean * (mean + 1)) * (now / length) ** 2
         theta[first] += exponent * carried / length - mean * held / now
-        theta[place : place + 3] = held, np.log(now), np.log(mean)
+        theta[index : index + 3] = held, np.log(now), np.log(mean)
     return theta
 
 
@@ -294,8 +294,8 @@ def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
     parts: list[FloatArray] = []
     for number, (group, before) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
         law = laws.get(group.name, before)
-        first, places = model.first_of_group[number], model.law_places(number)
-        head = fit.theta[first : places.start - group.has_origin].copy()
+        first, indices = model.first_of_group[number], model.law_indices(number)
+        head = fit.theta[first : indices.start - group.has_origin].copy()
         if law != before:
             travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
             for entry, (was, now) in enumerate(
@@ -307,7 +307,7 @@ def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
             head = np.append(head, law.rest_m)
         parts += [head, to_free(law)]
         groups.append(replace(group, law=law))
-    return replace(model, groups=tuple(groups)), np.concatenate([*parts, fit.theta[places.stop :]])
+    return replace(model, groups=tuple(groups)), np.concatenate([*parts, fit.theta[indices.stop :]])
 
 
 def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) -> FloatArray:
@@ -372,7 +372,7 @@ def fastest_rate(model: Model, theta: FloatArray) -> float:
     return float(np.abs(np.linalg.eigvals(system)).max())
 
 
-def is_at_same_place(fit: Fit, other: Fit) -> bool:
+def is_same_minimum(fit: Fit, other: Fit) -> bool:
     """Return whether two fits are of the same runs, sensors and laws, and ended where the shared parameters are alike.
 
     Args:
@@ -429,14 +429,14 @@ def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[
     found: list[Fit] = []
     own = fit.theta[model.n_shared :].reshape(len(model.runs), model.n_own)
     try:
-        for place, run in enumerate(model.runs):
-            others = tuple(each for k, each in enumerate(model.runs) if k != place)
+        for index, run in enumerate(model.runs):
+            others = tuple(each for k, each in enumerate(model.runs) if k != index)
             changed = model.mass_free and loading_changes([each.loading for each in others])
             held, kept = (model, list(range(model.n_shared))) if changed else with_mass_held(fit)
             shared, rest = fit.theta[kept], replace(held, runs=others)
-            begun = np.concatenate([shared, np.delete(own, place, axis=0).ravel()])
+            begun = np.concatenate([shared, np.delete(own, index, axis=0).ravel()])
             without = fit_model(rest, begun, least_promise=promise)
-            alone = np.concatenate([without.theta[: rest.n_shared], own[place]])
+            alone = np.concatenate([without.theta[: rest.n_shared], own[index]])
             free = slice(rest.n_shared, None)
             found.append(fit_model(replace(rest, runs=(run,)), alone, free=free, least_promise=promise))
     except NO_FIT:
@@ -445,10 +445,10 @@ def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[
 
 
 def with_mass_held(fit: Fit) -> tuple[Model, list[int]]:
-    """Return the model with the mass held where a fit found it, and the places of the shared entries that are left."""
+    """Return the model with the mass held where a fit found it, and the indices of the shared entries that are left."""
     model = fit.model
     held = replace(model, mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta))
-    return held, [place for place, name in enumerate(model.names) if name != "inverse_mass"]
+    return held, [index for index, name in enumerate(model.names) if name != "inverse_mass"]
 
 
 def fits_of_each_run(fit: Fit) -> list[Fit]:
@@ -489,8 +489,8 @@ def loading_changes(loadings: Sequence[FloatArray]) -> bool:
     return any(bool((np.abs(loading - loadings[0]) > 1e-6 * largest).any()) for loading in loadings[1:])
 
 
-def _with_places_held(model: Model) -> Model:
-    """The model with every place where it is stated to be: while all is wrong, places are not to make up for it."""
+def _with_coordinates_held(model: Model) -> Model:
+    """The model with every coordinate as stated: while all is wrong, coordinates are not to make up for it."""
     fraction = model.settings.fit.held_fraction
     held = tuple(replace(each, std=fraction * each.std) for each in model.body.coordinates)
     return replace(model, body=replace(model.body, coordinates=held)) if held else model

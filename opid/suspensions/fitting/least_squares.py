@@ -385,7 +385,7 @@ def _projected(
 
 def _known_before(search: _Search, inner: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
     """How far exponents are from what is known of them, in units of a residual, and the derivatives."""
-    known = [(k, search.law.parameter_list[place].known) for k, place in enumerate(search.free)]
+    known = [(k, search.law.parameter_list[index].known) for k, index in enumerate(search.free)]
     rows = [(k, noise * each[0] / each[1], float(np.log(each[0]))) for k, each in known if each is not None]
     slopes = np.zeros((len(rows), inner.size))
     for row, (k, weight, _) in enumerate(rows):
@@ -457,8 +457,8 @@ def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np
     >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
     (2.0, array([[4.]]))
     """
-    _, place = np.unique(cells, return_inverse=True)
-    n_cells, n_parameters = int(place.max()) + 1, jacobian.shape[1]
+    _, index = np.unique(cells, return_inverse=True)
+    n_cells, n_parameters = int(index.max()) + 1, jacobian.shape[1]
     scores = np.zeros((n_cells, n_parameters))
-    np.add.at(scores, place, jacobian * residual[:, np.newaxis])
+    np.add.at(scores, index, jacobian * residual[:, np.newaxis])
     return n_cells / max(n_cells - n_parameters, 1), scores.T @ scores

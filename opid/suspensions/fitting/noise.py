@@ -52,9 +52,9 @@ def measure_whiteness(fit: Fit) -> Whiteness:
     edges = np.geomspace(frequency_hz.min(), frequency_hz.max() * (1 + 1e-9), known.n_bands + 1)
     # the ends of the band are those of its lines
     edges[0], edges[-1] = frequency_hz.min(), frequency_hz.max()
-    place = np.minimum(np.digitize(frequency_hz, edges) - 1, known.n_bands - 1)
-    count = np.bincount(place, minlength=known.n_bands)
-    level = np.sqrt(np.bincount(place, power, minlength=known.n_bands) / np.maximum(count, 1) / power.mean())
+    index = np.minimum(np.digitize(frequency_hz, edges) - 1, known.n_bands - 1)
+    count = np.bincount(index, minlength=known.n_bands)
+    level = np.sqrt(np.bincount(index, power, minlength=known.n_bands) / np.maximum(count, 1) / power.mean())
     worst = int(np.argmax(np.where(count >= 4, level, 0.0)))
     band = (float(edges[worst]), float(edges[worst + 1]))
     return Whiteness(statistic, statistic < known.white_below, band, float(level[worst]))
@@ -258,7 +258,7 @@ def with_own_noise(fit: Fit) -> Fit:
 
 
 def _promised(unlikely: Callable[[float], float], now: float, here: float, probe: float, gain: float) -> float:
-    """The least value near `now`: that of a parabola through three places, or of the lowest where there is none."""
+    """The least value near `now`: that of a parabola through three points, or of the lowest where there is none."""
     below, above = unlikely(now - probe), unlikely(now + probe)
     slope, bend = (above - below) / 2, above + below - 2 * here
     if bend <= abs(slope):  # no least value between the three

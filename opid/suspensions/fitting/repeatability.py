@@ -121,8 +121,8 @@ def levels(fit: Fit, stated: float) -> Levels:
     model, known = fit.model, fit.model.settings.repeatability
     n, errors = fit.n_data, fit.errors
     free = np.zeros(fit.theta.size, dtype=bool)
-    for place in range(len(model.runs)):
-        free[model.places_of_run(place)[1]] = True
+    for index in range(len(model.runs)):
+        free[model.indices_of_run(index)[1]] = True
     weight = np.concatenate([np.full(n, 1 / np.sqrt(fit.variance)), np.ones(errors.stacked.size - n)])
     jacobian, left = errors.jacobian * weight[:, np.newaxis], errors.stacked * weight
     size = np.linalg.norm(jacobian, axis=0)
@@ -158,8 +158,8 @@ def with_departures(fit: Fit, repeatability: float) -> Fit:
     model = replace(fit.model, repeatability=repeatability)
     theta = np.zeros(model.n_shared + model.n_own * len(model.runs))
     theta[: model.n_shared] = fit.theta[: model.n_shared]
-    for place in range(len(model.runs)):
-        theta[model.places_of_run(place)[0]] = fit.theta[fit.model.places_of_run(place)[0]]
+    for index in range(len(model.runs)):
+        theta[model.indices_of_run(index)[0]] = fit.theta[fit.model.indices_of_run(index)[0]]
     return fit_model(model, theta)
 
 

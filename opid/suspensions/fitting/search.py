@@ -22,7 +22,7 @@ from opid.suspensions.fitting.fit import (
     fastest_rate,
     first_vector,
     fit_model,
-    is_at_same_place,
+    is_same_minimum,
     refit,
     runs_contradict_each_other,
     turnover_rate,
@@ -196,7 +196,7 @@ class _Search:
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
-        ways += [lambda each=each: self.way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
+        ways += [lambda each=each: self.way(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
         n_without_faults = len(ways)
         ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
         best: Found | None = None
@@ -215,7 +215,7 @@ class _Search:
                 # other ways would make up for what is not the same in all runs
                 return replace(best, n_starts=1, is_unlike=True)
             if best is not None and is_confirmed and (number < n_without_faults or best.demands):
-                # two ways ended at one place; one that let faults in searched its laws anew, as a way with faults first
+                # two ways ended at one minimum; one that let faults in searched its laws anew, as one with faults first
                 continue
             n_starts += 1
             try:
@@ -258,12 +258,12 @@ class _Search:
         theta: FloatArray,
         noisier: Sequence[float],
         *,
-        hold_places: bool = True,
+        hold_coordinates: bool = True,
         faults_first: bool = False,
     ) -> Found:
         """One way from start values to a fit, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
-        fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
+        fit = fit_model(model, theta, noisier=noisier, hold_coordinates=hold_coordinates, least_promise=promise)
         if model.body.n_slots == 1 and not is_noise(fit):
             # with better parameters another start may predict the first seconds better
             begun = _begun(model, fit.theta, noisier)
@@ -277,7 +277,7 @@ class _Search:
         if faults_first:
             return self._searched(*self._let_in(fit))
         # the laws of one gear hide no coupling: it is let in after them, at less cost
-        is_asked = self.question.faults and hold_places and fit.model.body.n_interfaces > 1 and not is_noise(fit)
+        is_asked = self.question.faults and hold_coordinates and fit.model.body.n_interfaces > 1 and not is_noise(fit)
         coupling = promising_coupling(fit) if is_asked else None
         if coupling is not None:
             # taken for granted from the start, for what it takes from slow motion and laws are told apart only together
@@ -369,8 +369,8 @@ class _Search:
         if not self.question.faults or runs_contradict_each_other(fit) or _shares_nothing(fit) or is_of_others(fit):
             return fit, ()
         for earlier, answer in self.asked:
-            if not before and is_at_same_place(fit, earlier):
-                # several ways end at one place: what the runs demand there is asked once
+            if not before and is_same_minimum(fit, earlier):
+                # several ways end at one minimum: what the runs demand there is asked once
                 return answer if answer[1] else (fit, ())
         answer = let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
         if not before:
@@ -618,7 +618,7 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
 
 def _without_laws(model: Model, theta: FloatArray) -> FloatArray:
     """The vector without the laws."""
-    gone = [np.arange(theta.size)[model.law_places(number)] for number in range(len(model.groups))]
+    gone = [np.arange(theta.size)[model.law_indices(number)] for number in range(len(model.groups))]
     return np.delete(theta, np.concatenate(gone))
 
 

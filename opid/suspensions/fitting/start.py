@@ -73,11 +73,11 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What one run says of the motion: travel, velocity and place (n_slots, n) and acceleration (n_dof, n)."""
+    """What one run says of the motion: travel, velocity and position (n_slots, n) and acceleration (n_dof, n)."""
 
     travel: FloatArray
     velocity: FloatArray
-    place: FloatArray
+    position: FloatArray
     acceleration: FloatArray
     inside: slice
 
@@ -178,11 +178,11 @@ def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
     relative = own.copy()
     relative[: body.n_interfaces] -= run.unsprung.T
     motions = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz) for each in relative]
-    places = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz).displacement for each in own]
+    positions = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz).displacement for each in own]
     return _Motion(
         np.array([motion.displacement for motion in motions]),
         np.array([motion.velocity for motion in motions]),
-        np.array(places),
+        np.array(positions),
         np.array([filter_like(each, motions[0]) for each in accelerations]),
         motions[0].settled if motions[0].settled.stop - motions[0].settled.start > n // 2 else slice(0, n),
     )
@@ -212,12 +212,12 @@ class _Equation:
         size = np.sqrt(np.mean(self.body.rows[: self.body.n_interfaces] ** 2, axis=0))
         scale = 1 / np.where(size > 0, size, 1.0)
         parts = []
-        for run, (window, inside, places), force in zip(self.runs, self._windows, forces, strict=True):
+        for run, (window, inside, indices), force in zip(self.runs, self._windows, forces, strict=True):
             every = run.coarse.stride if is_coarse else 1
             # the equation holds at every instant: under a window it needs no end terms
             inner = force if is_coarse else force[:, inside]
             lines = every * np.fft.rfft(inner * window[::every] * scale[:, np.newaxis])
-            lines = lines[:, places].ravel()
+            lines = lines[:, indices].ravel()
             parts += [lines.real, lines.imag]
         return np.concatenate(parts)
 
@@ -290,8 +290,8 @@ class _Equation:
 
     def springs_to_ground(self, groups: Sequence[Group]) -> list[FloatArray]:
         """Columns of the springs to the ground of the groups that have them."""
-        places = [m.place for m in self.motions]
-        return [self.of_slots(group.slots, places) for group in groups if group.ground]
+        positions = [m.position for m in self.motions]
+        return [self.of_slots(group.slots, positions) for group in groups if group.ground]
 
     def demands_ground(self, groups: Sequence[Group]) -> bool:
         """Whether the equation asks for ground springs that a sensor's fault would hardly feign."""
@@ -406,25 +406,25 @@ def look_for_start(model: Model, theta: FloatArray) -> FloatArray:
     grid = np.linspace(-known.start_reach_rms, known.start_reach_rms, known.n_start_grid)
     rms = model.motion_rms[0]
     std = (grid[1] - grid[0]) / 2 * rms
-    for place in range(len(model.runs)):
+    for index in range(len(model.runs)):
         cells = [np.array([z, v]) * rms for z in grid for v in grid]
         for seconds, n_kept in known.start_rounds:
-            misfits = _misfits_of_cells(model, theta, place, cells, std, seconds)
+            misfits = _misfits_of_cells(model, theta, index, cells, std, seconds)
             cells = [cells[k] for k in np.argsort(misfits, kind="stable")[:n_kept]]
-        found[model.places_of_run(place)[0]] = cells[0]
+        found[model.indices_of_run(index)[0]] = cells[0]
     return found
 
 
 def _misfits_of_cells(
-    model: Model, theta: FloatArray, place: int, cells: Sequence[FloatArray], cell_std: FloatArray, seconds: float
+    model: Model, theta: FloatArray, index: int, cells: Sequence[FloatArray], cell_std: FloatArray, seconds: float
 ) -> list[float]:
     """What the first seconds of a run speak against starts."""
-    run, (below, above) = model.runs[place], model.corrected(theta, place)
+    run, (below, above) = model.runs[index], model.corrected(theta, index)
     try:
-        (gear,) = model.resting_interfaces(theta, place)
+        (gear,) = model.resting_interfaces(theta, index)
     except UnboundedResponseError:
         return [np.inf] * len(cells)
-    usual, covariance = state_at_start(model, theta, place)
+    usual, covariance = state_at_start(model, theta, index)
     np.fill_diagonal(covariance[:2, :2], cell_std**2)
     starts = []
     for cell in cells:
@@ -433,7 +433,7 @@ def _misfits_of_cells(
     n = min(run.n_samples, round(seconds * run.fs))
     return misfits_of_starts(
         gear,
-        model.mobility(theta, place).accelerance,
+        model.mobility(theta, index).accelerance,
         below.value[: 2 * n - 1],
         above.value[:n],
         fs=run.fs,

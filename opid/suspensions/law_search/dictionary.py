@@ -35,7 +35,7 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A candidate at one place of its inner parameters.
+    """A candidate at one set of its inner parameters.
 
     Args:
         term: of unit amplitude.
@@ -159,11 +159,11 @@ class LawDictionary:
             moved = {name: column for name, column in moved.items() if name not in far}
         terms = []
         for name in names:
-            place = self.fitted[name][0] if name in self.fitted else picked[name]
-            inner = self.terms[place].inner
+            index = self.fitted[name][0] if name in self.fitted else picked[name]
+            inner = self.terms[index].inner
             if name in log_step:
                 inner = (float(inner[0] * np.exp(log_step[name])), *inner[1:])
-            terms.append(Term(name, (weight[place], *inner)))
+            terms.append(Term(name, (weight[index], *inner)))
         return cost, Law(tuple(terms), self.law.rest_m)
 
     def _inverse(self, columns: Sequence[int]) -> FloatArray:
@@ -218,7 +218,7 @@ def make_dictionary(
         terms += [node.term for node in dense]
         along_scale = [node.slope for node in dense if node.slope is not None]
         if len(along_scale) == len(dense):
-            slopes |= {place: place + len(dense) for place in offered[name]}
+            slopes |= {index: index + len(dense) for index in offered[name]}
             columns += along_scale
             terms += [node.term for node in dense]
     basis = orthonormal(others)

@@ -17,7 +17,7 @@ from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.repeatability import part_of
 from opid.mechanics.weight import depends_on_travel, find_rest
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.fit import NO_FIT, Fit, carrying, is_at_same_place, law_key, left_out_ratio, refit
+from opid.suspensions.fitting.fit import NO_FIT, Fit, carrying, is_same_minimum, law_key, left_out_ratio, refit
 from opid.suspensions.fitting.noise import is_noise, measure_whiteness
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.pursuit import LawStep
@@ -28,7 +28,7 @@ from opid.suspensions.settings import OriginSettings, SearchSettings
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What was asked about the laws near a fit, for several ways lead to one place.
+    """What was asked about the laws near a fit, for several ways lead to one fit.
 
     Args:
         fit: of any laws.
@@ -58,7 +58,7 @@ class DrivenLaws:
     def _asked_at(self, fit: Fit, *, of_one_model: bool) -> _Asked:
         """What was asked where a fit ended; of no other model, where a fit from there is meant."""
         for each in reversed(self.asked):
-            if is_at_same_place(fit, each.fit) and (not of_one_model or _are_of_one_model(fit, each.fit)):
+            if is_same_minimum(fit, each.fit) and (not of_one_model or _are_of_one_model(fit, each.fit)):
                 return each
         self.asked.append(_Asked(fit))
         return self.asked[-1]
@@ -103,13 +103,13 @@ class DrivenLaws:
             # a model so near its bounds has no neighbours to offer
             return {}
         no_prior = np.zeros((errors.stacked.size - fit.n_data, errors.candidates.shape[1]))
-        columns, place, found = np.concatenate([errors.candidates, no_prior]), 0, {}
+        columns, index, found = np.concatenate([errors.candidates, no_prior]), 0, {}
         for number, (name, law) in enumerate(fit.laws.items()):
             nodes: dict[str, list[Node]] = {}
             for term in offered[number]:
-                nodes.setdefault(term.name, []).append(_node(term, columns[:, place : place + len(term.values)]))
-                place += len(term.values)
-            own = np.arange(errors.jacobian.shape[1])[model.law_places(number)]
+                nodes.setdefault(term.name, []).append(_node(term, columns[:, index : index + len(term.values)]))
+                index += len(term.values)
+            own = np.arange(errors.jacobian.shape[1])[model.law_indices(number)]
             by_law, others = errors.jacobian[:, own], np.delete(errors.jacobian, own, axis=1)
             dictionary = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
             found[name] = replace(dictionary, further=tuple(_carriers(fit, number, law, kinds)))
@@ -241,8 +241,8 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
     for group in fit.model.groups:
         if depends_on_travel(fit.laws[group.name]):
             ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
-    for place in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
-        laws = {name: row[min(place, len(row) - 1)] for name, row in ranked.items() if row}
+    for index in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
+        laws = {name: row[min(index, len(row) - 1)] for name, row in ranked.items() if row}
         if all(law == fit.laws[name] for name, law in laws.items()):
             continue
         again = refit(fit, laws, least_promise=least_promise)

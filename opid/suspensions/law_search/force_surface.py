@@ -98,17 +98,17 @@ def force_points(fit: Fit, slot: int) -> ForcePoints:
     """
     model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if slot in group.slots)
     law, (z, v) = list(fit.laws.values())[number], fit.motion(slot)
-    rests = [model.rest(fit.theta, place) for place in range(len(model.runs))]
+    rests = [model.rest(fit.theta, index) for index in range(len(model.runs))]
     if any(rest is not None for rest in rests):
         at_rest = [0.0 if rest is None else float(rest.travel[slot]) for rest in rests]
         z = z + np.repeat(at_rest, [prediction.travel.shape[0] for prediction in fit.errors.predictions])
     first = model.first_of_group[number]
     fitted = fit.theta[first] * z + fit.theta[first + 1] * v + law.force(z, v)
     missed = []
-    for place, prediction in enumerate(fit.errors.predictions):
-        read = model.corrected(fit.theta, place)[1].value
+    for index, prediction in enumerate(fit.errors.predictions):
+        read = model.corrected(fit.theta, index)[1].value
         apart = read - prediction.acceleration[:, : read.shape[1]]
-        solved = np.linalg.pinv(model.mobility(fit.theta, place).reading[: read.shape[1], : model.body.n_interfaces])
+        solved = np.linalg.pinv(model.mobility(fit.theta, index).reading[: read.shape[1], : model.body.n_interfaces])
         missed.append((apart - apart.mean(axis=0)) @ solved[slot])
     return ForcePoints(z, v, fitted - np.concatenate(missed), fitted)
 
@@ -122,9 +122,9 @@ def force_surface(fit: Fit, slot: int) -> ForceSurface:
     law = next(law for group, law in zip(fit.groups, fit.laws.values(), strict=True) if slot in group.slots)
     points = force_points(fit, slot)
     edges = [np.linspace(-1, 1, n_cells + 1) * settings.reach_rms * x.std() for x in (points.travel, points.velocity)]
-    place = [np.digitize(x, e) - 1 for x, e in zip((points.travel, points.velocity), edges, strict=True)]
-    inside = np.all([(p >= 0) & (p < n_cells) for p in place], axis=0)
-    cell = np.where(inside, place[0] * n_cells + place[1], -1)
+    index = [np.digitize(x, e) - 1 for x, e in zip((points.travel, points.velocity), edges, strict=True)]
+    inside = np.all([(p >= 0) & (p < n_cells) for p in index], axis=0)
+    cell = np.where(inside, index[0] * n_cells + index[1], -1)
     # second differences hold the noise and nothing that a law could have missed
     noise = float(np.std(np.diff(points.force_per_mass - points.fitted, 2)) / np.sqrt(6))
     count, mean, error, fitted = (
@@ -169,9 +169,9 @@ def _section(
 ) -> ForceSection:
     along, across = (points.travel, points.velocity)[:: 1 if axis == 0 else -1]
     n = edges.size - 1
-    place = np.digitize(along, edges) - 1
-    near = (np.abs(across) < settings.section_rms * across.std()) & (place >= 0) & (place < n)
-    _, mean, error, fitted = _averages(points, np.where(near, place, -1), n, noise, settings)
+    index = np.digitize(along, edges) - 1
+    near = (np.abs(across) < settings.section_rms * across.std()) & (index >= 0) & (index < n)
+    _, mean, error, fitted = _averages(points, np.where(near, index, -1), n, noise, settings)
     position = 0.5 * (edges[1:] + edges[:-1])
     zero = np.zeros(n)
     of_law = law.force(position, zero) if axis == 0 else law.force(zero, position)
@@ -180,7 +180,7 @@ def _section(
 
 @dataclass(frozen=True, eq=False)
 class VisitedForce:
-    """An identified restoring force at the places of the plane that the runs visited.
+    """An identified restoring force at the points of the plane that the runs visited.
 
     Args:
         travel: (n,) z, m.

@@ -238,7 +238,7 @@ def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> t
     a law that was too large would mend little, and one that rests elsewhere in each run is not seen whole in any.
     """
     steps = list(ladder)
-    choice = max(place for place, step in enumerate(steps) if step.kept)
+    choice = max(index for index, step in enumerate(steps) if step.kept)
     fit, close = steps[choice].fit, problem.settings.alike_bic
     smaller = [k for k, step in enumerate(steps) if n_terms(step.fit) < n_terms(fit)]
     below = min(smaller, key=lambda k: steps[k].fit.bic) if smaller else None

@@ -30,20 +30,20 @@ class ImpossibleBodyError(NotDeterminedError):
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate of a place that is known to a tolerance.
+    """A coordinate of an interface or a sensor that is known to a tolerance.
 
     Args:
         name: "x_m[left]", "sensor_y_m[nose]", ...
         slot: number of the slot of the interface, or of the sensor.
         of_sensor: whether it is where the sensor is, else where the suspension is.
-        by_place: (n_dof,) derivative of the row j by it.
+        derivative: (n_dof,) derivative of the row j by it.
         std: tolerance, m.
     """
 
     name: str
     slot: int
     of_sensor: bool
-    by_place: tuple[float, ...]
+    derivative: tuple[float, ...]
     std: float
 
 
@@ -75,7 +75,7 @@ class Body:
         rows: (n_slots, n_dof) j of each slot, interfaces first.
         readings: (n_sensors, n_dof) what each sensor on the body reads of q'', n_sensors at most n_slots.
         inside: of each slot behind the interfaces.
-        coordinates: places that are known to a tolerance.
+        coordinates: those that are known to a tolerance.
         absolute: whether `unit` is in kg already, so that mu is 1.
         product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
         fall: (n_dof,) what a body in free fall accelerates by, m/s^2; None for motion that no weight acts on.
@@ -140,7 +140,7 @@ class Mobility:
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
     """Return what forces at the slots do to a body under a loading, (n_dof, n_dof) kg.
 
-    `shifts` are true places less the stated ones, m, of each coordinate.
+    `shifts` are true coordinates less the stated ones, m, of each coordinate.
 
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
@@ -148,7 +148,7 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     rows, seen = body.rows.copy(), np.zeros_like(body.rows)
     seen[: len(body.readings)] = body.readings
     for coordinate, shift in zip(body.coordinates, shifts, strict=True):
-        (seen if coordinate.of_sensor else rows)[coordinate.slot] += shift * np.array(coordinate.by_place)
+        (seen if coordinate.of_sensor else rows)[coordinate.slot] += shift * np.array(coordinate.derivative)
     mass = body.mass(theta, mu, loading)
     if np.linalg.eigvalsh(mass)[0] <= 0.0:
         raise ImpossibleBodyError(
@@ -162,7 +162,7 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     by_reading = [-by_row @ part @ by_force for part in parts]
     for coordinate in body.coordinates:
         change = np.zeros_like(rows)
-        change[coordinate.slot] = coordinate.by_place
+        change[coordinate.slot] = coordinate.derivative
         half = change @ by_force
         by_accelerance.append(np.zeros_like(half) if coordinate.of_sensor else half + half.T)
         by_reading.append(half if coordinate.of_sensor else by_row @ change.T)
@@ -170,15 +170,15 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
 
 
 def rigid_body(
-    places: Sequence[tuple[float, float]],
-    sensor_places: Sequence[tuple[float, float]] | None = None,
+    positions: Sequence[tuple[float, float]],
+    sensor_positions: Sequence[tuple[float, float]] | None = None,
     *,
     names: Sequence[str] = (),
     tolerance_m: float = 0.0,
 ) -> Body:
     """Return a rigid airframe in heave, roll and pitch, of which mass, centre of gravity and inertias are free.
 
-    Places are (x, y) in m, x forward and y to the left: of each interface; of the sensor on the body of each interface,
+    Positions are (x, y) in m, x forward and y to the left: of each interface; of the sensor above each interface,
     then of further ones. They are known to `tolerance_m`, one standard deviation; 0 is exactly.
 
     >>> body = rigid_body([(3.0, 0.0), (-1.0, 1.5), (-1.0, -1.5)])
@@ -187,9 +187,9 @@ def rigid_body(
            [0., 1., 0.],
            [0., 0., 2.]])
     """
-    names = tuple(names) or tuple(str(k + 1) for k in range(len(places)))
-    sensors = tuple(places) if sensor_places is None else tuple(sensor_places)
-    rows, seen = (np.array([vertical(x, y) for x, y in where]) for where in (places, sensors))
+    names = tuple(names) or tuple(str(k + 1) for k in range(len(positions)))
+    sensors = tuple(positions) if sensor_positions is None else tuple(sensor_positions)
+    rows, seen = (np.array([vertical(x, y) for x, y in where]) for where in (positions, sensors))
     parts = np.zeros((4, 3, 3))
     parts[0, 0, 2] = parts[0, 2, 0] = -1.0
     parts[1, 0, 1] = parts[1, 1, 0] = 1.0
@@ -219,15 +219,15 @@ def rigid_body(
 def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
     """Coordinates of the interfaces, then of their sensors."""
     return tuple(
-        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", slot, of_sensor, by_place, tolerance_m)
+        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", slot, of_sensor, derivative, tolerance_m)
         for of_sensor in (False, True)
         for slot, name in enumerate(names)
-        for axis, by_place in (("x", (0.0, 0.0, -1.0)), ("y", (0.0, 1.0, 0.0)))
+        for axis, derivative in (("x", (0.0, 0.0, -1.0)), ("y", (0.0, 1.0, 0.0)))
     )
 
 
 def vertical(x_m: float, y_m: float) -> FloatArray:
-    """Return j, (3,): the vertical displacement at a place for a unit of heave, roll and pitch about the origin."""
+    """Return j, (3,): the vertical displacement at a point for a unit of heave, roll and pitch about the origin."""
     return np.array([1.0, y_m, -x_m])
 
 
@@ -259,21 +259,21 @@ def own_body(
     for k in range(len(seen) - len(rows)):
         inside.append(Inside(f"sensor {k + 1}", 0.0, 0.0))
         rows.append(np.zeros(structure.n_dof))
-    places = [structure.index(name) for name in unknown_mass]
-    parts = np.array([np.outer(eye[place], eye[place]) for place in places]).reshape(-1, *structure.mass.shape)
+    rows_of_unknown = [structure.index(name) for name in unknown_mass]
+    parts = np.array([np.outer(eye[k], eye[k]) for k in rows_of_unknown]).reshape(-1, *structure.mass.shape)
     known = np.array(structure.mass)
-    first, others = (parts[0], parts[1:]) if places else (known.copy(), parts)
-    known[places, places] = 0.0
+    first, others = (parts[0], parts[1:]) if rows_of_unknown else (known.copy(), parts)
+    known[rows_of_unknown, rows_of_unknown] = 0.0
     return Body(
         structure.names,
         unit=first,
         names=tuple(f"mass[{name}] / mass[{unknown_mass[0]}]" for name in unknown_mass[1:]),
         parts=others,
-        known=known if places else np.zeros_like(known),
+        known=known if rows_of_unknown else np.zeros_like(known),
         rows=np.array(rows),
         readings=seen,
         inside=tuple(inside),
-        absolute=not places,
+        absolute=not rows_of_unknown,
     )
 
 

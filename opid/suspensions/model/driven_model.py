@@ -133,26 +133,26 @@ class Model(Unknowns):
         """Which of the departures from what was known count for a model: all but those of how a run begins."""
         first = self.first_fault
         weighed = np.ones(self.n_shared - first + self.n_own * len(self.runs) + self.n_known_of_laws, dtype=bool)
-        for place in range(len(self.runs)):
-            start = self.places_of_run(place)[0]
+        for index in range(len(self.runs)):
+            start = self.indices_of_run(index)[0]
             weighed[start.start - first : start.stop - first] = False
         return weighed
 
     def _predict(
-        self, theta: FloatArray, place: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
+        self, theta: FloatArray, index: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
     ) -> tuple[Prediction, ComplexArray, ComplexArray]:
         """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
-        run, body, n_slots = self.runs[place], self.body, self.body.n_slots
+        run, body, n_slots = self.runs[index], self.body, self.body.n_slots
         of_reference, slopes = self.interfaces(theta, candidates)
-        rest = self._rest(theta, place, of_reference)
+        rest = self._rest(theta, index, of_reference)
         resting = put_at_rest(of_reference, rest)
-        slots = self.departed(resting, theta, place)
-        moved = self.mobility(theta, place)
+        slots = self.departed(resting, theta, index)
+        moved = self.mobility(theta, index)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
-        below, above = self.corrected(theta, place)
+        below, above = self.corrected(theta, index)
         n_sensors = above.value.shape[1]
-        start, covariance = state_at_start(self, theta, place)
+        start, covariance = state_at_start(self, theta, index)
         prediction = predict(
             slots,
             moved.accelerance,
@@ -179,12 +179,12 @@ class Model(Unknowns):
                 change = change.copy()
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
-            lines = run.transform(change).transpose(1, 0, 2) / self._levels(place)
+            lines = run.transform(change).transpose(1, 0, 2) / self._levels(index)
             if self.n_departures:
-                add_departures(self, lines, resting, theta, place, by)
+                add_departures(self, lines, resting, theta, index, by)
             if rest is not None:
-                add_rest(self, lines, rest, of_reference, theta, place, by)
-            further = sort_out(self, lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
+                add_rest(self, lines, rest, of_reference, theta, index, by)
+            further = sort_out(self, lines, slots, slopes, (*below.by, *above.by), index, by, candidates or {})
         # a hundred times larger than the rest, and used up
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
 
@@ -251,10 +251,10 @@ class Model(Unknowns):
         """
         return self.free.evaluate(theta, sensitivity=False).predictions
 
-    def _levels(self, place: int) -> FloatArray:
+    def _levels(self, index: int) -> FloatArray:
         """How large the errors of a run are, (n_sensors, n_lines) or one number for all."""
-        level = self.runs[place].error_level
-        return level * self.process.levels[place] if self.process.levels else np.full((1, 1), level)
+        level = self.runs[index].error_level
+        return level * self.process.levels[index] if self.process.levels else np.full((1, 1), level)
 
     def _add_spread(
         self,
@@ -296,10 +296,10 @@ class Model(Unknowns):
         lines, predictions = [], []
         blocks: list[FloatArray] = []
         further: list[FloatArray] = []
-        for place, run in enumerate(self.runs):
-            prediction, by, more = self._predict(theta, place, sensitivity, candidates)
+        for index, run in enumerate(self.runs):
+            prediction, by, more = self._predict(theta, index, sensitivity, candidates)
             innovation = prediction.innovation[: len(self.sensors.sprung)]
-            lines.append((run.transform(innovation) / self._levels(place)).ravel())
+            lines.append((run.transform(innovation) / self._levels(index)).ravel())
             predictions.append(prediction)
             if sensitivity:
                 blocks += _real_rows(by)
@@ -319,9 +319,9 @@ class Model(Unknowns):
         n_data = 2 * sum(line.size for line in errors.lines)
         cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
         spread = 0.0
-        for place, (run, prediction) in enumerate(zip(self.runs, errors.predictions, strict=True)):
+        for index, (run, prediction) in enumerate(zip(self.runs, errors.predictions, strict=True)):
             below, above = self._noise_of_readings(theta, run)
-            straight = straighten(self, theta, place, prediction)
+            straight = straighten(self, theta, index, prediction)
             ratio = transmissibility(self, straight)
             density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
             if self.process.fraction:
@@ -329,7 +329,7 @@ class Model(Unknowns):
             # of the readings themselves, before their gains were taken out
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
             spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1])))
-            spread += 2 * float(np.sum(np.log(np.broadcast_to(self._levels(place), (above.size, run.omega.size)))))
+            spread += 2 * float(np.sum(np.log(np.broadcast_to(self._levels(index), (above.size, run.omega.size)))))
         return -0.5 * n_data * float(np.log(cost / n_data)) - spread
 
 
@@ -350,12 +350,12 @@ def _real_rows(by: ComplexArray) -> list[FloatArray]:
     return [rows.real, rows.imag]
 
 
-def state_at_start(unknowns: Unknowns, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
+def state_at_start(unknowns: Unknowns, theta: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
     """Return the state of all slots at a run's first sample, and its covariance: what is fitted is known exactly."""
-    body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[place]
+    body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[index]
     n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
     start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
-    start[:2, :n] = theta[unknowns.places_of_run(place)[0]].reshape(-1, 2).T
+    start[:2, :n] = theta[unknowns.indices_of_run(index)[0]].reshape(-1, 2).T
     std[:2, :n] = 1e-9
     springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
     std[:2, n:] = springs * known.start_rms * unknowns.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
@@ -395,11 +395,11 @@ class Straight:
     system: ComplexArray
 
 
-def straighten(unknowns: Unknowns, theta: FloatArray, place: int, prediction: Prediction) -> Straight:
+def straighten(unknowns: Unknowns, theta: FloatArray, index: int, prediction: Prediction) -> Straight:
     """Return a run with the mean slopes of the laws along its predicted motion."""
-    omega = unknowns.runs[place].omega
-    slots = unknowns.resting_interfaces(theta, place)
-    moved = unknowns.mobility(theta, place)
+    omega = unknowns.runs[index].omega
+    slots = unknowns.resting_interfaces(theta, index)
+    moved = unknowns.mobility(theta, index)
     spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
     ground = np.array([slot.ground_stiffness for slot in slots])
     for k, slot in enumerate(slots):
@@ -408,7 +408,7 @@ def straighten(unknowns: Unknowns, theta: FloatArray, place: int, prediction: Pr
         by_z, by_v = slot.law.gradient(z, v)
         spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
         if slot.law.has_memory:
-            stiffness, damping = _of_memories(slot.law, z, v, unknowns.runs[place].fs)
+            stiffness, damping = _of_memories(slot.law, z, v, unknowns.runs[index].fs)
             spring[:, k] += stiffness + 1j * omega * damping
     square = (omega**2)[:, np.newaxis, np.newaxis]
     # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
@@ -451,7 +451,7 @@ def straight_equivalent(model: Model, run: int, motion: Prediction) -> Callable[
 
     Args:
         model: of one gear.
-        run: place of the run.
+        run: its index.
         motion: of that run.
 
     Returns:

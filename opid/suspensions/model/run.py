@@ -86,12 +86,12 @@ def lowest_rate_hz(highest_hz: float, settings: RunSettings) -> float:
     return min(settings.lowest_rate_hz, settings.rate_over_band * highest_hz)
 
 
-def band_places(omega: FloatArray, per_octave: float, least_lines: int) -> NDArray[np.int64]:
+def band_indices(omega: FloatArray, per_octave: float, least_lines: int) -> NDArray[np.int64]:
     """Return the number of the band of each line: fractions of octaves that hold some lines at least.
 
     The lines ascend; the last band may hold fewer.
 
-    >>> band_places(np.arange(1.0, 9.0), 1.0, 2)
+    >>> band_indices(np.arange(1.0, 9.0), 1.0, 2)
     array([0, 0, 1, 1, 2, 2, 2, 3])
     """
     octave = np.floor(per_octave * np.log2(omega / omega[0]) + 1e-9)
@@ -109,7 +109,7 @@ def sampled_finer(samples: FloatArray, by: int) -> FloatArray:
 
 
 def places_of(omega: FloatArray, n_samples: int, fs: float) -> slice:
-    """Return the places of the lines of a band among all lines of the transform."""
+    """Return the indices of the lines of a band among all lines of the transform."""
     first = round(float(omega[0]) / (2 * np.pi) * n_samples / fs)
     return slice(first, first + omega.size)
 
@@ -137,8 +137,8 @@ class Corrected:
         if not self.by:
             return None
         found = np.zeros((len(self.value), len(self.by), n_slots))
-        for place, (_, channel, column) in enumerate(self.by):
-            found[:, place, channel] = column
+        for index, (_, channel, column) in enumerate(self.by):
+            found[:, index, channel] = column
         return found
 
 
@@ -252,7 +252,7 @@ class DrivenRun:
 
     @cached_property
     def ground_at_start(self) -> tuple[FloatArray, FloatArray]:
-        """Place, velocity and offset of the ground below each suspension at the first sample, and their covariance.
+        """Position, velocity and offset of the ground below each suspension at the first sample, and their covariance.
 
         Integrated twice from there, the measured acceleration makes a path that stays near its mean height: by as much
         as the settings say and as what a parabola leaves of it speaks for.
@@ -273,7 +273,7 @@ class DrivenRun:
 
     @property
     def lines(self) -> slice:
-        """Places of the lines of the band among all lines of the transform."""
+        """Indices of the lines of the band among all lines of the transform."""
         return places_of(self.omega, self.n_samples, self.fs)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
@@ -321,7 +321,7 @@ class DrivenRun:
             return part + omega_c * self._part(side, source, 1, lag_s, order) if omega_c else part
 
         signal_of = (side, channel)
-        leaking = {what: ("leaks", place) for what, (_, place) in own.items() if what.startswith("leak")}
+        leaking = {what: ("leaks", index) for what, (_, index) in own.items() if what.startswith("leak")}
         leaked = {what: faults[own[what][0]] for what in leaking}
 
         def total(order: int = 0) -> FloatArray:
@@ -357,8 +357,8 @@ class DrivenRun:
         return self._taken(side, samples * self.recorded_fs**order)
 
     def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
-        name, place = source
-        column = {"unsprung": self.unsprung, "sprung": self.sprung, "leaks": self.leaks}[name][:, place]
+        name, index = source
+        column = {"unsprung": self.unsprung, "sprung": self.sprung, "leaks": self.leaks}[name][:, index]
         if not integrals:
             return column
         integral = integrate.cumulative_trapezoid(column, dx=1 / self.recorded_fs, initial=0.0)
@@ -450,15 +450,15 @@ def _shift_spline(coefficients: FloatArray, steps: float, order: int) -> FloatAr
     n, piece = coefficients.size, interpolate.BSpline.basis_element(np.arange(-3, 4), extrapolate=False)
     near = np.arange(-2, 4)
 
-    def at(place: NDArray[np.int64], fraction: float, order: int) -> FloatArray:
+    def at(index: NDArray[np.int64], fraction: float, order: int) -> FloatArray:
         # mirrored at both ends, as the coefficients were made
-        taken = np.abs(n - 1 - np.abs(n - 1 - np.abs(place[:, np.newaxis] + near)))
+        taken = np.abs(n - 1 - np.abs(n - 1 - np.abs(index[:, np.newaxis] + near)))
         return np.asarray(coefficients[taken] @ piece(fraction - near, order))
 
     whole = int(np.floor(steps))
     samples = at(np.arange(n) + whole, steps - whole, order)
-    place = np.arange(n) + steps
-    for outside, end in ((place < 0, 0), (place > n - 1, n - 1)):
+    index = np.arange(n) + steps
+    for outside, end in ((index < 0, 0), (index > n - 1, n - 1)):
         samples[outside] = 0.0 if order else at(np.array([end]), 0.0, 0)
     return samples
 

@@ -137,9 +137,9 @@ class Unknowns:
 
     @cached_property
     def first_of_group(self) -> tuple[int, ...]:
-        """Place of the stiffness of each group in the vector."""
+        """Index of the stiffness of each group in the vector."""
         sizes = [group.n_head + group.law.vector.size for group in self.groups]
-        return tuple(int(place) for place in np.cumsum([0, *sizes])[:-1])
+        return tuple(int(index) for index in np.cumsum([0, *sizes])[:-1])
 
     @property
     def n_shared(self) -> int:
@@ -161,17 +161,17 @@ class Unknowns:
         """Entries of the vector that say by how much the groups depart in one run."""
         return len(PARTS) * len(self.groups) * (self.repeatability > 0.0)
 
-    def places_of_run(self, place: int) -> tuple[slice, slice]:
+    def indices_of_run(self, index: int) -> tuple[slice, slice]:
         """Return where the start of a run and its departures stand in the vector."""
-        first = self.n_shared + self.n_own * place
+        first = self.n_shared + self.n_own * index
         middle = first + 2 * self.body.n_interfaces
         return slice(first, middle), slice(middle, first + self.n_own)
 
-    def departures(self, theta: FloatArray, place: int) -> tuple[Departure, ...]:
+    def departures(self, theta: FloatArray, index: int) -> tuple[Departure, ...]:
         """Return by how much each group departs in a run from what it is in all."""
         if not self.n_departures:
             return (Departure(),) * len(self.groups)
-        values = theta[self.places_of_run(place)[1]].reshape(-1, len(PARTS))
+        values = theta[self.indices_of_run(index)[1]].reshape(-1, len(PARTS))
         return tuple(Departure(*row) for row in values.tolist())
 
     @property
@@ -200,11 +200,11 @@ class Unknowns:
         """Groups whose law has a term that carries the weight, and where the term stands in the vector."""
         if not self.is_carried:
             return ()
-        found, place = [], self.law_places(0).start
+        found, index = [], self.law_indices(0).start
         for term in self.groups[0].law.terms:
             if term.kind.quasi_static:
-                found.append((0, place))
-            place += len(term.values)
+                found.append((0, index))
+            index += len(term.values)
         return tuple(found)
 
     def carrier(self, number: int) -> Term:
@@ -228,10 +228,10 @@ class Unknowns:
 
     @property
     def first_inside(self) -> int:
-        """Place of the first spring inside that is to be found."""
+        """Index of the first spring inside that is to be found."""
         return self.first_factor - 2 * len(self.searched)
 
-    def law_places(self, number: int) -> slice:
+    def law_indices(self, number: int) -> slice:
         """Return where the law of a group stands in the vector."""
         first = self.first_of_group[number] + self.groups[number].n_head
         return slice(first, first + self.groups[number].law.vector.size)
@@ -242,11 +242,11 @@ class Unknowns:
             return float(theta[self.first_fault - 1])
         return 1.0 if self.body.absolute else self.held_inverse_mass
 
-    def mobility(self, theta: FloatArray, place: int) -> Mobility:
+    def mobility(self, theta: FloatArray, index: int) -> Mobility:
         """Return what forces do to the body in one run."""
         first = self.first_factor
         factors, shifts = theta[first : first + len(self.body.names)], theta[self.first_coordinate : self.n_shared]
-        return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[place].loading)
+        return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[index].loading)
 
     def fault_values(self, theta: FloatArray) -> dict[str, float]:
         """Return the faults of the sensors at a vector by name."""
@@ -269,8 +269,8 @@ class Unknowns:
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
             rests_apart_m = self._rests_apart(travel_rms, velocity_rms)
             travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
-            places = self.law_places(number)
-            lower[places], upper[places] = free_bounds(
+            indices = self.law_indices(number)
+            lower[indices], upper[indices] = free_bounds(
                 group.law,
                 travel_rms=travel_rms,
                 velocity_rms=velocity_rms,
@@ -285,8 +285,8 @@ class Unknowns:
             elif fault.kind == "corner":
                 # however sharply a corner is stated: the sensor may have none
                 lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
-        for place in range(len(self.runs)):
-            own = self.places_of_run(place)[1]
+        for index in range(len(self.runs)):
+            own = self.indices_of_run(index)[1]
             upper[own] = self.settings.repeatability.farthest_std * self.repeatability
             lower[own] = -upper[own]
         for k, coordinate in enumerate(self.body.coordinates, start=self.first_coordinate):
@@ -304,7 +304,7 @@ class Unknowns:
         """Return how far each entry may move in a step."""
         caps = np.full(self.n_shared + self.n_own * len(self.runs), np.inf)
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
-            caps[self.law_places(number)][positive(group.law)] = self.settings.fit.largest_log_step
+            caps[self.law_indices(number)][positive(group.law)] = self.settings.fit.largest_log_step
             if group.origin_m is not None:
                 caps[first + group.n_head - 1] = self.settings.fit.largest_log_step * group.origin_m
         return caps
@@ -318,7 +318,7 @@ class Unknowns:
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
             rest_m = float(theta[first + group.n_head - 1]) if group.has_origin else 0.0
             if group.law.terms:
-                law, slope = from_free(group.law, theta[self.law_places(number)])
+                law, slope = from_free(group.law, theta[self.law_indices(number)])
             else:
                 law, slope = LINEAR, np.empty(0)
             yield law.resting_at(rest_m), slope
@@ -343,11 +343,11 @@ class Unknowns:
             if spring.stiffness_n_per_m is not None and spring.damping_n_s_per_m is not None:
                 slots[slot] = Interface(mu * spring.stiffness_n_per_m, mu * spring.damping_n_s_per_m)
         for k, (slot, _) in enumerate(self.searched):
-            place = self.first_inside + 2 * k
-            slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
+            index = self.first_inside + 2 * k
+            slots[slot] = Interface(float(theta[index]), float(theta[index + 1]))
         return slots, slopes
 
-    def rest(self, theta: FloatArray, place: int, *, straight: bool = False) -> Rest | None:
+    def rest(self, theta: FloatArray, index: int, *, straight: bool = False) -> Rest | None:
         """Return where the suspensions of a run rest; None where that is without consequence for the motion.
 
         With `straight` it is told even where no law depends on the travel.
@@ -355,13 +355,13 @@ class Unknowns:
         Raises:
             UnboundedResponseError: springs that cannot carry what the run's loading weighs.
         """
-        return self._rest(theta, place, self.interfaces(theta)[0], straight=straight)
+        return self._rest(theta, index, self.interfaces(theta)[0], straight=straight)
 
     def _rest(
-        self, theta: FloatArray, place: int, slots: Sequence[Interface], *, straight: bool = False
+        self, theta: FloatArray, index: int, slots: Sequence[Interface], *, straight: bool = False
     ) -> Rest | None:
-        fall, loading = self.body.fall, self.runs[place].loading
-        stiffer = self.stiffer(theta, place)
+        fall, loading = self.body.fall, self.runs[index].loading
+        stiffer = self.stiffer(theta, index)
         if fall is None or not (loading.any() or stiffer):
             return None
         if not straight and not any(depends_on_rest(slot.law) for slot in slots):
@@ -370,36 +370,36 @@ class Unknowns:
         if not stiffer:
             return find_rest(slots, self.body.rows, load)
         held = np.array([-stiffer * self.own_load])
-        return find_rest(self.departed(list(slots), theta, place), self.body.rows, load, held)
+        return find_rest(self.departed(list(slots), theta, index), self.body.rows, load, held)
 
-    def stiffer(self, theta: FloatArray, place: int) -> float:
+    def stiffer(self, theta: FloatArray, index: int) -> float:
         """Return by how much the springs of one gear depart in a run.
 
         It is 0 for bodies, of which gears carry shares not known.
         """
         if not self.n_departures or self.body.n_slots > 1:
             return 0.0
-        return self.departures(theta, place)[0].spring
+        return self.departures(theta, index)[0].spring
 
-    def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
+    def resting_interfaces(self, theta: FloatArray, index: int) -> list[Interface]:
         """Return the suspensions of all slots as they are in a run, where they rest in it."""
         slots, _ = self.interfaces(theta)
-        return self.departed(put_at_rest(slots, self._rest(theta, place, slots)), theta, place)
+        return self.departed(put_at_rest(slots, self._rest(theta, index, slots)), theta, index)
 
-    def departed(self, slots: list[Interface], theta: FloatArray, place: int) -> list[Interface]:
+    def departed(self, slots: list[Interface], theta: FloatArray, index: int) -> list[Interface]:
         """Return suspensions as they are in a run."""
         if not self.n_departures:
             return slots
         changed = list(slots)
-        for group, departure in zip(self.groups, self.departures(theta, place), strict=True):
+        for group, departure in zip(self.groups, self.departures(theta, index), strict=True):
             for slot in group.slots:
                 changed[slot] = departure.of(slots[slot])
         return changed
 
-    def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
+    def corrected(self, theta: FloatArray, index: int) -> tuple[Corrected, Corrected]:
         """Return the drive and the readings of a run with the faults of the sensors taken out."""
         values = self.fault_values(theta)
-        run = self.runs[place]
+        run = self.runs[index]
         return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
 
 
@@ -413,7 +413,7 @@ def put_at_rest(slots: list[Interface], rest: Rest | None) -> list[Interface]:
 def known_before(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
     """Return the departures from what was known before the data, each over its standard deviation, and their Jacobian.
 
-    First those of faults of sensors, of places, and of roughly how a run begins, then those of the laws.
+    First those of faults of sensors, of coordinates, and of roughly how a run begins, then those of the laws.
     """
     known = [(fault.nominal, fault.std) for fault in unknowns.faults]
     known += [(0.0, coordinate.std) for coordinate in unknowns.body.coordinates]
@@ -440,27 +440,27 @@ def _known_of_laws(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> t
             size, slope_factor = _loosely(size, slope_factor)
         left.append(size)
         rows.append(np.zeros(theta.size))
-        for place, slope in slopes.items():
-            rows[-1][place] = slope_factor * slope
+        for index, slope in slopes.items():
+            rows[-1][index] = slope_factor * slope
 
     for number, group in enumerate(unknowns.groups):
-        for place, parameter in enumerate(group.law.parameter_list, start=unknowns.law_places(number).start):
+        for index, parameter in enumerate(group.law.parameter_list, start=unknowns.law_indices(number).start):
             if parameter.known:
                 mean, std = parameter.known
-                add(float(theta[place]) - float(np.log(mean)), {place: 1.0}, std / mean)
-    for number, place in unknowns.carriers:
+                add(float(theta[index]) - float(np.log(mean)), {index: 1.0}, std / mean)
+    for number, index in unknowns.carriers:
         first, is_loose, gas = unknowns.first_of_group[number], not is_held, unknowns.settings.gas
         std = gas.carried if unknowns.body.piston_area_m2 else gas.carried_unstated
         std *= unknowns.settings.fit.held_fraction if is_held else 1.0
         weight, by_mass = _carried(unknowns, theta)
-        length, exponent = np.exp(theta[place + 1 : place + 3]).tolist()
-        slopes = {place: 1.0 / weight}
+        length, exponent = np.exp(theta[index + 1 : index + 3]).tolist()
+        slopes = {index: 1.0 / weight}
         if unknowns.mass_free:
-            slopes[unknowns.first_fault - 1] = -float(theta[place]) * by_mass / weight**2
-        add(float(theta[place]) / weight - 1.0, slopes, std, is_loose=is_loose)
+            slopes[unknowns.first_fault - 1] = -float(theta[index]) * by_mass / weight**2
+        add(float(theta[index]) / weight - 1.0, slopes, std, is_loose=is_loose)
         of_gas = length / (exponent * weight)
         beside = float(theta[first]) * of_gas
-        slopes = {first: of_gas, place + 1: beside, place + 2: -beside}
+        slopes = {first: of_gas, index + 1: beside, index + 2: -beside}
         if unknowns.mass_free:
             slopes[unknowns.first_fault - 1] = -beside * by_mass / weight
         add(beside, slopes, std, is_loose=is_loose)
@@ -489,13 +489,13 @@ def add_rest(
     rest: Rest,
     slots: Sequence[Interface],
     theta: FloatArray,
-    place: int,
+    index: int,
     by: ComplexArray,
 ) -> None:
     """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
     firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
     by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
-    stiffer = unknowns.stiffer(theta, place)
+    stiffer = unknowns.stiffer(theta, index)
     for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
         moved = np.tensordot(-rest.compliance[:, number], by_travel, axes=1)
         force = (1.0 + stiffer) * by_parameters(slot, travel)
@@ -503,7 +503,7 @@ def add_rest(
         change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
         if unknowns.n_departures and len(slots) == 1:
             own = slot.stiffness * travel + float(slot.law.static_force(travel)[0])
-            by[unknowns.places_of_run(place)[1].start] += (own + unknowns.own_load) * moved
+            by[unknowns.indices_of_run(index)[1].start] += (own + unknowns.own_load) * moved
     if unknowns.mass_free:
         row = firsts[-1] + len(unknowns.body.names)
         change[row] += np.tensordot(rest.by_load / unknowns.inverse_mass(theta), by_travel, axes=1)
@@ -514,13 +514,13 @@ def add_departures(
     change: ComplexArray,
     slots: Sequence[Interface],
     theta: FloatArray,
-    place: int,
+    index: int,
     by: ComplexArray,
 ) -> None:
     """Turn derivatives by what suspensions have in a run into those by what they have in all, and by departures."""
     firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
-    row = unknowns.places_of_run(place)[1].start
-    for group, departure in zip(unknowns.groups, unknowns.departures(theta, place), strict=True):
+    row = unknowns.indices_of_run(index)[1].start
+    for group, departure in zip(unknowns.groups, unknowns.departures(theta, index), strict=True):
         for part, factor in enumerate(departure.values):
             for slot in group.slots:
                 for entry, value in part_rows(slots[slot])[part]:
@@ -536,7 +536,7 @@ def sort_out(
     slots: Sequence[Interface],
     slopes: Sequence[FloatArray],
     by_fault: Sequence[tuple[str, int, FloatArray]],
-    place: int,
+    index: int,
     by: ComplexArray,
     candidates: Mapping[int, Sequence[Term]],
 ) -> ComplexArray:
@@ -551,7 +551,7 @@ def sort_out(
             own = change[firsts[slot] : firsts[slot + 1]]
             head = [k for k, has_it in enumerate((True, True, group.ground, group.has_origin)) if has_it]
             by[first : first + group.n_head] += own[head]
-            by[unknowns.law_places(number)] += own[N_HEAD : N_HEAD + n_law] * slopes[number][:, np.newaxis, np.newaxis]
+            by[unknowns.law_indices(number)] += own[N_HEAD : N_HEAD + n_law] * slopes[number][:, np.newaxis, np.newaxis]
             more += own[N_HEAD + n_law :]
         further.append(more)
     for k, (slot, _) in enumerate(unknowns.searched):
@@ -571,7 +571,7 @@ def sort_out(
     names = [fault.name for fault in unknowns.faults]
     for row, (name, _, _) in enumerate(by_fault):
         by[unknowns.first_fault + names.index(name)] += rest[row]
-    starts, row = rest[len(by_fault) :], unknowns.places_of_run(place)[0].start
+    starts, row = rest[len(by_fault) :], unknowns.indices_of_run(index)[0].start
     for interface in range(body.n_interfaces):
         by[row + 2 * interface] = starts[interface]
         by[row + 2 * interface + 1] = starts[body.n_slots + interface]
