@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from law_runs import fitted, runs_of, shared, true_values
+from law_runs import MASS_KG, fitted, gear_model, runs_of, shared, true_values, vector_of
 
 from opid.mechanics.laws.kinds import Kind, Parameter
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law, law
@@ -26,7 +26,7 @@ from opid.suspensions.law_search.pursuit import (
 from opid.suspensions.model.law_parameters import faint_terms, pulls_at_a_stop
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.settings import SearchSettings
-from opid.virtual.taxi_tests.airframe import DEFAULT_LAW
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 
 SETTINGS = SearchSettings()
 LAWS_OF_RUNS = DrivenLaws(SETTINGS)
@@ -342,3 +342,24 @@ def test_stops_beyond_the_travel_are_not_offered(friction):
     np.testing.assert_allclose(rms, settings.faint * 5e-3)
     assert pulls_at_a_stop(law("bump_stop", stiffness_n_per_m=-1e5, gap_m=0.01))
     assert not pulls_at_a_stop(DEFAULT_LAW.scaled(-1.0))
+
+
+def test_a_law_about_a_rest_that_no_run_comes_near_is_no_answer():
+    """A spring to the ground hides the mean travel: a cube about one travel is a cube and a square about another."""
+    cubic, away_m, ground = 4e9, -0.008, {"ground_stiffness_per_mass": 1e5 / MASS_KG}
+    cube = law("cubic_stiffness", stiffness_n_per_m3=cubic)
+    runs = runs_of(gear=LandingGear(law=cube, ground_stiffness_n_per_m=1e5))
+    model = gear_model(runs, cube, ground=True)
+    right = fit_model(model, vector_of(model, **ground))
+
+    square = law("even_quadratic_stiffness", stiffness_n_per_m2=-3 * cubic * away_m)
+    about_another = gear_model(runs, square + cube, ground=True)
+    stiffer = float(right.theta[0]) + 3 * cubic * away_m**2 / MASS_KG
+    theta = vector_of(about_another, stiffness_per_mass=stiffer, **ground)
+    theta[about_another.n_shared :] = right.theta[model.n_shared :] + np.array([away_m, 0.0] * len(runs))
+    wrong = fit_model(about_another, theta)
+
+    assert wrong.theta[0] > 2.5 * right.theta[0]
+    assert wrong.ratio < 1.002 * right.ratio
+    assert cannot_be(wrong)
+    assert not cannot_be(right)

@@ -192,8 +192,28 @@ def _node(term: Term, columns: FloatArray) -> Node:
 
 
 def cannot_be(fit: Fit) -> bool:
-    """Return whether no strut has the laws of a fit: they feed energy in, pull at a stop, or leave no place to rest."""
-    return feeds_energy(fit) or any(map(pulls_at_a_stop, fit.laws.values())) or gives_way_at_rest(fit)
+    """Return whether no answer can have the laws of a fit.
+
+    They feed energy in, pull at a stop, leave no place to rest, or are about a rest that no run comes near.
+    """
+    no_strut = feeds_energy(fit) or any(map(pulls_at_a_stop, fit.laws.values())) or gives_way_at_rest(fit)
+    return no_strut or is_far_from_rest(fit)
+
+
+def is_far_from_rest(fit: Fit) -> bool:
+    """Return whether all runs move a suspension far from where it rests, held off by a spring to the ground.
+
+    Where the ground lies no accelerometer tells. So a law can be about any travel, with other terms and another
+    stiffness at rest: a cube about one travel is a cube and a square about another.
+    """
+    farthest = fit.model.settings.search.farthest_mean_rms
+    for group, law in zip(fit.model.groups, fit.laws.values(), strict=True):
+        if group.ground and any(part_of(term.kind) == "spring" for term in law.terms):
+            for slot in group.slots:
+                travels = [each.travel[:, slot] for each in fit.errors.predictions]
+                if all(abs(travel.mean()) > farthest * travel.std() for travel in travels):
+                    return True
+    return False
 
 
 def gives_way_at_rest(fit: Fit) -> bool:
