@@ -1,6 +1,7 @@
 """Run notebooks and store them with their outputs: `python docs/notebooks.py`, or with the names of some of them.
 
-What differs between two runs that find the same is left out: counts, times, addresses, temporary folders, stderr.
+What differs between two runs that find the same is left out: counts, times, addresses, temporary folders, stderr. The
+hash of the code that gave the outputs is kept, so that a test sees where code was changed and not run again.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import re
 import sys
 import tempfile
 from base64 import b64decode, b64encode
+from collections.abc import Iterable
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -32,8 +35,17 @@ def store(path: Path) -> None:
         if cell.cell_type == "code":
             cell.execution_count = None
             cell.outputs = [_quiet(each) for each in cell.outputs if each.get("name") != "stderr"]
-    notebook.metadata = {"kernelspec": notebook.metadata.kernelspec, "language_info": {"name": "python"}}
+    notebook.metadata = {
+        "kernelspec": notebook.metadata.kernelspec,
+        "language_info": {"name": "python"},
+        "opid": {"code_sha256": hash_of_code(cell.source for cell in notebook.cells if cell.cell_type == "code")},
+    }
     nbformat.write(notebook, path)
+
+
+def hash_of_code(cells: Iterable[str]) -> str:
+    """The SHA-256 of the code of a notebook, cell by cell."""
+    return sha256("\0".join(cells).encode()).hexdigest()
 
 
 def _quiet(output: Any) -> Any:

@@ -63,7 +63,7 @@ class Result(ABC):
 
     @property
     def files(self) -> tuple[ReadFile, ...]:
-        """The logs that it was made from, as they were when they were read; none of what was made in Python."""
+        """The files that it was made from, as they were when they were read; none of what was made in Python."""
         return ()
 
     @abstractmethod

@@ -40,6 +40,15 @@ def parsed(line):
     return command.make_context(command.name, words)
 
 
+def not_determined(done, *words):
+    """Check that a command ended with status 1 and gave the reason, which has these words, once: in the text."""
+    refused(done, "not determined, for the reason above", status=1)
+    text = " ".join(done.stdout.split())
+    assert text.count("Not determined: ") == 1
+    for word in words:
+        assert word in text
+
+
 def refused(done, *words, status=2):
     """Check that a command ended with one sentence on stderr that has these words, and return the sentence."""
     assert done.exit_code == status, done.output

@@ -31,10 +31,10 @@ def field_test(tmp_path_factory):
 @pytest.fixture(scope="session")
 def identified(field_test):
     """The identification of the field test, with its truth: `.result`, `.truth`."""
-    from opid.virtual.files.taxi import GEAR_TRUTH
+    from opid.mechanics.truth import GearTruth
     from opid.virtual.files.truth import read_truth
 
-    truth = read_truth(field_test / "truth.json", GEAR_TRUTH)
+    truth = read_truth(field_test / "truth.json", GearTruth)
     return SimpleNamespace(result=identify(read_study(field_test / "study.toml")), truth=truth)
 
 

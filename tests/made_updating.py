@@ -6,6 +6,8 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.law import Law, Term
+from opid.mechanics.truth import UpdatingTruth
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.result import BackboneBand, ClassPosterior, LinearMode, LinearPosterior, Updating
@@ -151,10 +153,5 @@ def small_updating(**changes):
 
 def small_truth():
     """As `opid simulate backbones` would write it."""
-    return {
-        "schema": "opid.updating-truth/1",
-        "structure": "a small wing",
-        "linear": {"E_aluminium": 0.88, "E_steel": 0.31},
-        "law": {"cubic_stiffness": CUBIC},
-        "settings": {"seed": 1},
-    }
+    law = Law((Term("cubic_stiffness", (CUBIC,)),))
+    return UpdatingTruth({"E_aluminium": 0.88, "E_steel": 0.31}, law, "a small wing", {"seed": 1})

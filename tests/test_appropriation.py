@@ -137,7 +137,7 @@ def test_a_range_that_ends_before_the_resonance_is_named_as_the_cause():
 def test_levels_reach_the_amplitude_asked_for():
     rig, modes = one_mode(law("quadratic_damping", damping_n_s2_per_m2=20.0))
     rng = np.random.default_rng(3)
-    voltages = levels_for(rig, modes, 1, top_m_per_s2=400.0, rng=rng, n_levels=5, lowest_share=0.1)
+    voltages = levels_for(rig, modes, 1, top_m_per_s2=400.0, rng=rng, n_levels=5, lowest_fraction=0.1)
     np.testing.assert_allclose(voltages[1:] / voltages[:-1], 0.1**-0.25)
     found = run(rig, modes, voltages[-1:])
     assert found.drive_point_acceleration[0] == pytest.approx(400.0, rel=0.02)
@@ -172,7 +172,7 @@ def test_bad_input_is_refused():
 
 
 @pytest.mark.parametrize(
-    "setting", ["hold_periods", "record_periods", "samples_per_period", "steady_share", "integral"]
+    "setting", ["hold_periods", "record_periods", "samples_per_period", "steady_fraction", "integral"]
 )
 def test_settings_out_of_range_are_refused(setting):
     with pytest.raises(InputError, match=f"{setting} of the phase lock is 0"):

@@ -35,7 +35,6 @@ MAY_IMPORT = {
 }
 # A virtual test takes records from the wings, and what one who excites a structure has to know. It takes no estimator.
 KNOWN_TO_VIRTUAL_TESTS = {
-    "suspensions.result",
     "suspensions.study",
     "modal.forced.excitation",
     "modal.linear.modes",

@@ -5,8 +5,9 @@ import pytest
 from cli_runs import opid, parsed, refused
 
 from opid import cli
+from opid.mechanics.laws.law import law
+from opid.mechanics.truth import GearTruth
 from opid.signals.logs import read_log
-from opid.virtual.files.taxi import GEAR_TRUTH
 from opid.virtual.files.truth import read_truth
 from opid.virtual.taxi_tests import taxiing
 from opid.virtual.taxi_tests.airframe import LandingGear
@@ -52,12 +53,12 @@ def test_simulate_does_what_its_options_say(tmp_path):
     sensors = "--gain-error 1 --corner 0.3 --corner-mismatch 10 --cross-axis 3 --bits 12 --range 80"
     done = opid("simulate", "taxi", tmp_path / "a", *options.split(), *sensors.split(), "--mass-removed", 300)
     assert done.exit_code == 0
-    truth = read_truth(tmp_path / "a" / "truth.json", GEAR_TRUTH)
-    assert truth["law"]["parameters"]["arctan_velocity"]["amplitude_n"] == 900
-    assert truth["law"]["parameters"]["cubic_stiffness"]["stiffness_n_per_m3"] == 3e9
-    assert truth["parameters"]["suspension_damping_n_s_per_m"] == pytest.approx(2 * 0.3 * (3.9e5 * 1850) ** 0.5)
-    assert truth["mass_change_kg"] == -300
-    assert truth["settings"]["bits"] == 12
+    truth = read_truth(tmp_path / "a" / "truth.json", GearTruth)
+    assert truth.law.parameters["arctan_velocity"]["amplitude_n"] == 900
+    assert truth.law.parameters["cubic_stiffness"]["stiffness_n_per_m3"] == 3e9
+    assert truth.parameters.suspension_damping_n_s_per_m == pytest.approx(2 * 0.3 * (3.9e5 * 1850) ** 0.5)
+    assert truth.mass_change_kg == -300
+    assert truth.settings["bits"] == 12
     run = read_log(tmp_path / "a" / "heavy.csv")
     assert (run.fs, run.duration_s) == (256, 3)
     steps = run.samples / (2 * 80 / 2**12)
@@ -85,7 +86,7 @@ def test_the_next_command_is_one_that_a_shell_takes(tmp_path):
 
 def test_no_friction_is_no_term(tmp_path):
     opid("simulate", "taxi", tmp_path, "--duration", 2, "--friction", 0)
-    assert read_truth(tmp_path / "truth.json", GEAR_TRUTH)["law"] == {"name": "linear", "parameters": {}}
+    assert read_truth(tmp_path / "truth.json", GearTruth).law == law("linear")
 
 
 @pytest.mark.parametrize(

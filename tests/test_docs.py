@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -132,6 +133,9 @@ def test_notebooks_are_stored_with_their_outputs(path):
     assert {each["output_type"] for each in outputs} <= {"stream", "display_data", "execute_result"}
     assert {each["name"] for each in outputs if each["output_type"] == "stream"} <= {"stdout"}
     assert {cell["execution_count"] for cell in code} == {None}
+    sources = "\0".join("".join(cell["source"]) for cell in code)
+    of_outputs = json.loads(text)["metadata"]["opid"]["code_sha256"]
+    assert sha256(sources.encode()).hexdigest() == of_outputs, "changed since it was run: python docs/notebooks.py"
     assert len(text.encode()) < LARGEST_NOTEBOOK
 
 

@@ -115,7 +115,7 @@ def test_the_peak_of_a_single_mode_has_its_closed_form():
     # |Im| of an accelerance at f = f0 (1 + zeta x) is 1 / (1 + x^2) of its peak: 5 % at x = sqrt(19)
     modes = LinearModes([100.0], [0.003], [[0.5]], ("a",))
     for share in (0.05, 0.2, 0.5):
-        design = beat_over_drive_point_peak(modes, 1, "a", share=share)
+        design = beat_over_drive_point_peak(modes, 1, "a", fraction=share)
         assert design.main_lobe_hz == pytest.approx(2 * 0.3 * np.sqrt(1 / share - 1), rel=0.02)
         assert design.beat.duration_s == pytest.approx(8 / design.main_lobe_hz, rel=1e-6)
 
@@ -202,7 +202,7 @@ def test_the_amplitude_of_a_sweep_follows_its_frequency_and_the_ends_are_smooth(
         (lambda: beat_between_neighbours(MODES, 9), "from 1 to 4"),
         (lambda: beat_over_drive_point_peak(MODES, 4, "c"), "does not move at 'c'"),
         (lambda: beat_over_drive_point_peak(MODES, 3, "e"), "no sensor 'e'"),
-        (lambda: beat_over_drive_point_peak(MODES, 3, "a", share=1.5), "share is 1.5"),
+        (lambda: beat_over_drive_point_peak(MODES, 3, "a", fraction=1.5), "fraction is 1.5"),
     ],
 )
 def test_beats_that_cannot_be_are_refused(call, words):

@@ -45,7 +45,7 @@ def test_the_coupled_plate_is_flagged(ratio):
     assert found.holds[-1]
     assert (found.mac[found.holds] >= 0.9).all()
     assert (found.mac_of_others < 0.3).all()
-    assert (found.driven_share < 0.1).all()
+    assert (found.driven_fraction < 0.1).all()
     assert found.statement.startswith("Mode 10 works on mode 18: from level")
 
 
@@ -57,7 +57,7 @@ def test_the_detuned_and_the_uncoupled_plate_are_not(build):
     assert not found.flagged
     assert found.first_level is None
     assert not found.holds.any()
-    assert found.share.max() < 0.35
+    assert found.fraction.max() < 0.35
     assert found.statement.startswith("No interaction is seen")
 
 
@@ -69,7 +69,7 @@ def test_a_weak_interaction_has_the_share_of_perturbation():
     q, omega = appropriation.amplitude, 2 * np.pi * appropriation.frequency_hz
     high = 2 * np.pi * HIGH_HZ
     dynamic = np.abs(high**2 - (2 * omega) ** 2 + 2j * 0.006 * high * 2 * omega)
-    np.testing.assert_allclose(found.share, 4.0 * (square * q / 2.0) / dynamic, rtol=0.02)
+    np.testing.assert_allclose(found.fraction, 4.0 * (square * q / 2.0) / dynamic, rtol=0.02)
 
 
 def test_a_mode_that_the_shaker_drives_is_no_interaction():
@@ -80,9 +80,9 @@ def test_a_mode_that_the_shaker_drives_is_no_interaction():
     found = modal_interaction(appropriation)
     assert appropriation.locked.all()
     assert (found.mode, found.harmonic) == (2, 2)
-    assert (found.share > 0.5).all()
+    assert (found.fraction > 0.5).all()
     assert (found.mac > 0.9).all()
-    np.testing.assert_allclose(found.driven_share, 1.0, rtol=0.05)
+    np.testing.assert_allclose(found.driven_fraction, 1.0, rtol=0.05)
     assert not found.flagged
     assert "can have driven 1" in found.statement
 
@@ -102,14 +102,14 @@ def test_levels_that_did_not_lock_do_not_count():
 
 def test_the_thresholds_decide():
     locked = hold(*two_modes(3e7), [8.0, 9.0, 10.0], settings=PhaseLock(record_periods=20))
-    assert not modal_interaction(locked, least_share=50.0).flagged
+    assert not modal_interaction(locked, least_fraction=50.0).flagged
     assert not modal_interaction(locked, most_driven=1e-9).flagged
 
 
 def test_bad_input_is_refused():
     rig, modes = two_modes()
     found = hold(rig, modes, [1.0], settings=PhaseLock(record_periods=4))
-    for wrong in ({"least_share": 0.0}, {"least_assurance": 1.0}, {"most_driven": -1.0}):
+    for wrong in ({"least_fraction": 0.0}, {"least_assurance": 1.0}, {"most_driven": -1.0}):
         with pytest.raises(InputError, match="positive numbers, and a MAC below 1"):
             modal_interaction(found, **wrong)
     with pytest.raises(InputError, match="least_levels is 0"):

@@ -111,7 +111,7 @@ def test_the_noise_floor_is_drawn_as_a_density():
     (density,) = [line for line in ax.lines if line.get_linestyle() == "-"]
     # the signal is white noise of rms 1: its spectrum lies on the floor
     assert np.median(density.get_ydata()) == pytest.approx(floor.get_ydata()[0], rel=0.05)
-    assert "noise floor 1 m/s² rms" in texts(ax)
+    assert "noise at most 1 m/s² rms" in texts(ax)
 
 
 def test_axes_carry_their_units(drawn):

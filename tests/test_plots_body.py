@@ -5,7 +5,7 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from made_body import LOADING, body_without_mass, small_body
+from made_body import LOADING, body_without_mass, short_test, small_body
 
 from opid import plots
 from opid.estimate import Estimate
@@ -13,19 +13,9 @@ from opid.mechanics.laws.law import law
 from opid.plots.body_motion import sensor_names
 from opid.plots.style import GREEN, VERMILION
 from opid.suspensions.result import BodyParameters, BodyRatios
-from opid.virtual.taxi_tests.aircraft import default_aircraft
+from opid.virtual.files.taxi import taxi_truth
 
-TRUE = {
-    "parameters": {"sprung_mass_kg": 5400.0, "x_cg_m": 0.6, "y_cg_m": 0.0},
-    "interfaces": {
-        gear.name: {
-            "stiffness_n_per_m": gear.suspension_stiffness_n_per_m,
-            "damping_n_s_per_m": gear.suspension_damping_n_s_per_m,
-            "law": {"name": gear.law.name, "parameters": gear.law.parameters},
-        }
-        for gear in default_aircraft().gears
-    },
-}
+TRUE = taxi_truth(short_test(duration_s=0.5))
 DRAWN = {
     "plan_view": lambda result: plots.plan_view(result, truth=TRUE),
     "structure_candidates": plots.structure_candidates,

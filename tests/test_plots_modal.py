@@ -9,6 +9,7 @@ from made_modal import SOFT, appropriation, small_decay, small_modes, small_resu
 
 from opid import plots
 from opid.errors import InputError
+from opid.mechanics.truth import ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.linear.frequency_response import cmif, measured_response, resynthesised
 from opid.modal.resonance.appropriation import modal_interaction
@@ -126,7 +127,7 @@ def test_thresholds_are_dashed_and_levels_are_whole_numbers(result):
 
 
 def test_the_truth_of_a_simulation_stands_beside_the_fit(result):
-    truth = {"amplitude": [1e-4, 2e-4, 9e-4], "frequency_hz": [59.9, 59.5, 50.0], "damping_ratio": [0.006, 0.008, 0.1]}
+    truth = ModeTruth({}, {}, (1e-4, 2e-4, 9e-4), (59.9, 59.5, 50.0), (0.006, 0.008, 0.1))
     grid = plots.mode_restoring_force(result.fits[0], truth=truth)
     dots = next(line for line in grid[0, 2].lines if line.get_label() == "truth, other modes at rest")
     assert dots.get_ydata().tolist() == [59.9, 59.5]  # nothing beyond what was fitted

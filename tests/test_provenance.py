@@ -59,8 +59,8 @@ def test_a_recording_keeps_the_file_that_it_was_read_from(log):
     assert made.files == opid.inspect(made).files == ()
 
 
-def test_a_result_names_the_logs_as_they_were_read(field_test, identified, tmp_path):
-    expected = [{"name": str(field_test / name), "sha256": hash_of(field_test / name)} for name in LOGS]
+def test_a_result_names_study_and_logs_as_they_were_read(field_test, identified, tmp_path):
+    expected = [{"name": str(field_test / name), "sha256": hash_of(field_test / name)} for name in READ]
     opid.write_report(identified.result, tmp_path, figures=False)
     told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert told["provenance"] == {"opid": opid.__version__, "written": time_of_writing(), "files": expected}
@@ -68,7 +68,7 @@ def test_a_result_names_the_logs_as_they_were_read(field_test, identified, tmp_p
     assert flight.file == read_file(tmp_path / "result.json")
 
 
-LOGS = ("heavy.csv", "light.csv")
+READ = ("study.toml", "heavy.csv", "light.csv")
 
 
 def field_flight(folder, document):
@@ -92,14 +92,16 @@ def test_benches_modal_tests_and_backbones_name_theirs(tmp_path, log):
     assert opid.suspensions.quasi_static_bench(recording, force="load", travel="stroke").files == of_log
     opid.write_study(small_study(), tmp_path / "study.toml")
     study = opid.read_study(tmp_path / "study.toml", kind=opid.modal.ModalStudy)
-    assert all(len(each.test.recording.files) == 1 for each in study.tests)
+    logs = [f"{each.test.name}.csv" for each in study.tests]
+    expected = {read_file(tmp_path / name) for name in ("study.toml", "modes.npz", *logs)}
+    assert {file for each in study.tests for file in each.test.recording.files} == expected
     (curve, *_) = small_updating().measured
     opid.updating.write_backbone(curve, tmp_path / "curve.csv")
     read = opid.updating.read_backbone(
         tmp_path / "curve.csv", mode=curve.mode, controlled_sensor=curve.controlled_sensor
     )
-    assert read.file == read_file(tmp_path / "curve.csv")
-    assert replace(small_updating(), measured=(read,)).files == (read.file,)
+    assert read.files == (read_file(tmp_path / "curve.csv"),)
+    assert replace(small_updating(), measured=(read,)).files == read.files
 
 
 def test_inspect_names_its_logs(log):

@@ -21,6 +21,7 @@ from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate, rounded
 from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import law_from_parameters
+from opid.mechanics.truth import GearTruth
 from opid.report.as_text import wrapped
 from opid.report.estimates import estimate_row
 from opid.report.suspensions import identification as report_module
@@ -38,7 +39,6 @@ from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
-from opid.virtual.files.taxi import GEAR_TRUTH
 from opid.virtual.files.truth import read_truth
 
 OLD_KEYS = {
@@ -241,16 +241,15 @@ def test_text_compares_with_the_truth(identified):
     value, _, unit, true, error, inside = table["sprung mass M2"]
     assert (unit, true, inside) == ("kg", "1850", "yes")
     assert float(error.rstrip("%")) == pytest.approx(100 * (float(value) / 1850 - 1), abs=0.02)
-    other = json.loads(json.dumps(identified.truth))
-    other["parameters"]["sprung_mass_kg"] = 2000.0
+    truth = identified.truth
+    other = replace(truth, parameters=replace(truth.parameters, sprung_mass_kg=2000.0))
     table = rows_of(identified.result, other)
     assert table["sprung mass M2"][-1] == "no"
     assert max(map(len, opid.text(identified.result, identified.truth).splitlines())) <= 80
 
 
 def test_text_says_another_true_law(identified):
-    other = json.loads(json.dumps(identified.truth))
-    other["law"] = {"name": "cubic_stiffness", "parameters": {"cubic_stiffness": {"stiffness_n_per_m3": 3e9}}}
+    other = replace(identified.truth, law=opid.law("cubic_stiffness", stiffness_n_per_m3=3e9))
     assert "truth: cubic_stiffness" in opid.text(identified.result, other)
 
 
@@ -345,7 +344,7 @@ def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identifi
     assert f"opid identify {identified.result.study.source} --band 0.3 40" in html
     result = json.loads((report / "result.json").read_text(encoding="utf-8"))
     read = [Path(file["name"]).name for file in result.pop("provenance")["files"]]
-    assert read == ["heavy.csv", "light.csv"]
+    assert read == ["study.toml", "heavy.csv", "light.csv"]
     assert result == identified.result.to_dict()
 
 
@@ -581,16 +580,16 @@ def test_a_file_in_the_way_is_named(tmp_path, inside):
 
 
 def test_truth_has_the_names_of_the_result(field_test):
-    truth = read_truth(field_test / "truth.json", GEAR_TRUTH)
-    assert truth["schema"] == "opid.truth/1"
-    assert truth["parameters"] == {
+    truth = read_truth(field_test / "truth.json", GearTruth)
+    assert json.loads((field_test / "truth.json").read_text(encoding="utf-8"))["schema"] == "opid.truth/1"
+    assert asdict(truth.parameters) == {
         "sprung_mass_kg": 1850.0,
         "suspension_stiffness_n_per_m": 3.9e5,
         "suspension_damping_n_s_per_m": 6e3,
         "ground_stiffness_n_per_m": 0.0,
     }
-    assert truth["law"]["name"] == "arctan_velocity"
-    assert truth["mass_change_kg"] == -220.0
+    assert truth.law.name == "arctan_velocity"
+    assert truth.mass_change_kg == -220.0
 
 
 @pytest.mark.parametrize(
@@ -613,9 +612,9 @@ def test_a_file_that_is_no_truth_is_refused(tmp_path, text, message):
     path = tmp_path / "truth.json"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
-        read_truth(path, GEAR_TRUTH)
+        read_truth(path, GearTruth)
     with pytest.raises(InputError, match=r"cannot read the truth .*missing.json: .*beside the study, or leave it"):
-        read_truth(tmp_path / "missing.json", GEAR_TRUTH)
+        read_truth(tmp_path / "missing.json", GearTruth)
 
 
 def test_a_constant_is_printed_as_one():

@@ -11,12 +11,14 @@ import opid
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.json_values import json_text
+from opid.mechanics.laws.law import law
+from opid.mechanics.truth import BodyTruth
 from opid.report.suspensions.figures import figures_of
 from opid.report.writing import document_of
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
-from opid.virtual.files.taxi import BODY_TRUTH, taxi_truth
-from opid.virtual.files.truth import read_truth
+from opid.virtual.files.taxi import taxi_truth
+from opid.virtual.files.truth import read_truth, truth_table
 from opid.virtual.taxi_tests.aircraft import default_aircraft
 
 
@@ -67,12 +69,10 @@ def test_truth_stands_beside_each_estimate(truth):
     assert [row[4] for row in table if row[0] == "stiffness K/M"][1] == f"{4.7e5 / 5400:.6g}"
     assert next(row[4] for row in table if row[0] == "amplitude") == f"{160 / 5400:.6g}"
     assert {row[4] for row in table if row[0] == "scale"} == {"0.02"}
-    other = {**truth, "interfaces": {**truth["interfaces"], "nose": {**truth["interfaces"]["nose"], "law": LINEAR}}}
+    nose = replace(truth.interfaces["nose"], law=law("linear"))
+    other = replace(truth, interfaces={**truth.interfaces, "nose": nose})
     assert "Suspension nose: arctan_velocity" in opid.text(small_body(), other)
     assert "truth: linear" in opid.text(small_body(), other)
-
-
-LINEAR = {"name": "linear", "parameters": {}}
 
 
 def test_one_loading_gives_ratios_and_nothing_absolute():
@@ -221,15 +221,16 @@ def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypa
 
 def test_a_truth_is_read_back(tmp_path, truth):
     path = tmp_path / "truth.json"
-    path.write_text(json_text(truth), encoding="utf-8")
-    assert read_truth(path, BODY_TRUTH) == truth
+    table = truth_table(truth)
+    path.write_text(json_text(table), encoding="utf-8")
+    assert read_truth(path, BodyTruth) == truth
     airframe = default_aircraft()
-    assert truth["parameters"]["pitch_inertia_kg_m2"] == airframe.iyy_kg_m2
-    assert truth["interfaces"]["left"]["law"]["parameters"]["arctan_velocity"]["amplitude_n"] == 480.0
-    assert truth["loadings"] == {"reference": [], "loaded": [[each.mass_kg, each.x_m, each.y_m] for each in LOADING]}
-    path.write_text(json.dumps({**truth, "schema": "opid.truth/1"}), encoding="utf-8")
+    assert table["parameters"]["pitch_inertia_kg_m2"] == airframe.iyy_kg_m2
+    assert table["interfaces"]["left"]["law"]["parameters"]["arctan_velocity"]["amplitude_n"] == 480.0
+    assert table["loadings"] == {"reference": [], "loaded": [[each.mass_kg, each.x_m, each.y_m] for each in LOADING]}
+    path.write_text(json.dumps({**table, "schema": "opid.truth/1"}), encoding="utf-8")
     with pytest.raises(InputError, match="body-truth/1' is needed"):
-        read_truth(path, BODY_TRUTH)
-    path.write_text(json.dumps({**truth, "parameters": {}}), encoding="utf-8")
+        read_truth(path, BodyTruth)
+    path.write_text(json.dumps({**table, "parameters": {}}), encoding="utf-8")
     with pytest.raises(InputError, match=r"no truth of a simulated aircraft, it has no .*: give the truth"):
-        read_truth(path, BODY_TRUTH)
+        read_truth(path, BodyTruth)

@@ -10,16 +10,16 @@ from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 import opid
 from opid.errors import InputError
 from opid.json_values import json_text
+from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.model import Comparison
 from opid.report.document import Table
 from opid.report.modal.figures import figures_of
 from opid.report.modal.modes import command_of
 from opid.report.writing import document_of
-from opid.virtual.files.modal import MODAL_TRUTH
-from opid.virtual.files.truth import read_truth
+from opid.virtual.files.truth import read_truth, truth_table
 
-TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
+TRUTH = ModalTruth({SOFT: ModeTruth({3: -1.5e11}, {2: 30.0})})
 
 
 @pytest.fixture(scope="module")
@@ -105,9 +105,9 @@ def test_green_dots_are_spoken_of_only_where_they_are(result):
     def words(truth):
         return next(each.text for each in figures_of(result, truth) if each.name.endswith("_force"))
 
-    curves = {"amplitude": [1e-4], "frequency_hz": [59.9], "damping_ratio": [0.006]}
+    curves = ((1e-4,), (59.9,), (0.006,))
     assert "Green dots" not in words(None) + words(TRUTH)
-    assert "while all others are at rest" in words({"nonlinear": {str(SOFT): {"k": {}, "c": {}, **curves}}})
+    assert "while all others are at rest" in words(ModalTruth({SOFT: ModeTruth({}, {}, *curves)}))
 
 
 def test_truth_stands_beside_each_coefficient(result):
@@ -119,10 +119,10 @@ def test_truth_stands_beside_each_coefficient(result):
 
 
 def test_a_joint_without_powers_gives_no_true_coefficients(result):
-    joint = {"k": {}, "c": {}}
-    assert opid.text(result, {**TRUTH, "nonlinear": {str(SOFT): joint}}) == opid.text(result)
+    joint = ModeTruth({}, {})
+    assert opid.text(result, ModalTruth({SOFT: joint})) == opid.text(result)
     # where another mode has some, the columns stay
-    truth = {**TRUTH, "nonlinear": {str(SOFT): joint, "4": {"k": {"3": 1e9}, "c": {}}}}
+    truth = ModalTruth({SOFT: joint, 4: ModeTruth({3: 1e9}, {})})
     cubic = next(line for line in opid.text(result, truth).splitlines() if line.startswith("k3"))
     assert cubic.split()[-2:] == ["-", "-"]
 
@@ -223,8 +223,8 @@ def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path, monkey
 
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "truth.json"
-    path.write_text(json.dumps(TRUTH), encoding="utf-8")
-    assert read_truth(path, MODAL_TRUTH)["nonlinear"]["3"]["k"] == {"3": -1.5e11}
+    path.write_text(json.dumps(truth_table(TRUTH)), encoding="utf-8")
+    assert read_truth(path, ModalTruth) == TRUTH
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.modal-truth/1' is needed"),
         ('{"schema": "opid.modal-truth/1", "nonlinear": {"3": {"k": {"x": 1}, "c": {}}}}', "no truth of a simulated"),
@@ -233,6 +233,6 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):
-            read_truth(path, MODAL_TRUTH)
+            read_truth(path, ModalTruth)
     with pytest.raises(InputError, match="cannot read"):
-        read_truth(tmp_path / "none.json", MODAL_TRUTH)
+        read_truth(tmp_path / "none.json", ModalTruth)

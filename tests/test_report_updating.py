@@ -15,14 +15,14 @@ import opid
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.truth import UpdatingTruth
 from opid.report.document import Table
 from opid.report.updating.chains import write_chains
 from opid.report.updating.reduction import order_sentences, reduction_sentences
 from opid.report.writing import document_of
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
-from opid.virtual.files.backbones import UPDATING_TRUTH
-from opid.virtual.files.truth import read_truth
+from opid.virtual.files.truth import read_truth, truth_table
 
 
 @pytest.fixture(scope="module")
@@ -302,8 +302,8 @@ def test_the_extension_that_was_reached_follows_the_shape_of_the_mode(result):
 
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "truth.json"
-    path.write_text(json.dumps(small_truth()), encoding="utf-8")
-    assert read_truth(path, UPDATING_TRUTH)["law"] == {"cubic_stiffness": CUBIC}
+    path.write_text(json.dumps(truth_table(small_truth())), encoding="utf-8")
+    assert read_truth(path, UpdatingTruth) == small_truth()
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.updating-truth/1' is needed"),
         ('{"schema": "opid.updating-truth/1", "linear": {}, "law": {"a": "x"}}', "no truth of simulated backbones"),
@@ -312,6 +312,6 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):
-            read_truth(path, UPDATING_TRUTH)
+            read_truth(path, UpdatingTruth)
     with pytest.raises(InputError, match="cannot read"):
-        read_truth(tmp_path / "none.json", UPDATING_TRUTH)
+        read_truth(tmp_path / "none.json", UpdatingTruth)

@@ -9,6 +9,7 @@ import pytest
 from made_body import LOADING, PLACES, short_test
 
 from opid.errors import InputError
+from opid.provenance import read_file
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
 from opid.studies.loading_file import read_loading
@@ -231,7 +232,10 @@ def test_a_loading_table_in_a_file(read, tmp_path):
     for name, text in tables.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
         assert read_loading(tmp_path / name) == rows
-    assert read(BODY.replace(INLINE, 'loading = "a.csv"')).runs[1].loading == rows
+    study = read(BODY.replace(INLINE, 'loading = "a.csv"'))
+    assert study.runs[1].loading == rows
+    read_too = {read_file(tmp_path / name) for name in ("study.toml", "a.csv")}
+    assert read_too <= set(study.runs[1].recording.files)
     with pytest.raises(InputError, match=r"run 'full': cannot read the loading table .*none\.csv"):
         read(BODY.replace(INLINE, 'loading = "none.csv"'))
 
@@ -444,6 +448,11 @@ GEAR_FAULTS = [
     ("title", "tittle", "the study has an unknown key 'tittle' .did you mean 'title'"),
     ("sprung =", "sprong =", r"\[channels\] lacks 'sprung', .*did you mean 'sprung' by 'sprong'"),
     ("sprung =", "sprnug =", r"\[channels\] lacks 'sprung', .*did you mean 'sprung' by 'sprnug'"),
+    (
+        '"upper_z"',
+        '{ name = "upper_z" }',
+        r"\[channels.sprung\] has 'name', write `channel`",
+    ),
     ("start_s", "begin_s", r"\[\[runs\]\] 'light' has an unknown key 'begin_s'"),
     ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] 'light' is '-220', give a number"),
     ("-220.5", "true", "is True, give a number"),

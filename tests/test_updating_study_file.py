@@ -7,6 +7,7 @@ import pytest
 from made_chain import DOFS, curve_of, small_chain
 
 from opid.errors import InputError
+from opid.provenance import read_file
 from opid.studies.study_file import read_study, write_study
 from opid.updating.checks import nominal_modes
 from opid.updating.measured import write_backbone
@@ -73,6 +74,8 @@ def test_a_study_is_read_as_it_is_written(place):
     assert study.classes[0] == ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0, 5),))
     assert study.classes[1].priors == (Prior(), Prior("normal", 0, 3))
     assert study.backbones[0].name == "first"
+    read = [read_file(place / name) for name in ("study.toml", "structure.npz", "first.csv")]
+    assert study.backbones[0].files == tuple(read)
     assert dict(study.parameters) == {"E": Prior("lognormal", 1, 0.3)}
     assert (study.form, study.sampler, study.n_samples, study.seed) == ("recommended", "adaptive", 1500, 7)
     assert study.source == place / "study.toml"
@@ -158,7 +161,7 @@ def test_a_table_at_fault_does_not_hide_what_is_wrong_elsewhere(place):
     assert "there is no backbone" in told
     for odd in ('structure = 3\nform = "best"', "backbones = 3\nclasses = 4\nnoise = 5\nlog = 6\nsampling = 7"):
         refused(place, odd, "faults", "give a table [structure]")
-    refused(place, 'harmonics = ["1", 2]\n' + STUDY, "'harmonics' in the study holds '1', give a list of harm")
+    refused(place, 'harmonics = ["1", 2]\n' + STUDY, "'harmonics' in the study holds '1', give a list of whole")
 
 
 def test_what_is_wrong_with_many_files_is_said_once(place):

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from opid.cli.group import Number, Output, end, example, main, report_note, with_output
+from opid.cli.group import Number, Output, example, main, report_note, with_output
 
 
 @main.command(epilog=example("opid law bench.csv --force load --travel stroke --velocity speed --out bench_result"))
@@ -63,4 +63,3 @@ def law(bench: Path, out: Path | None, output: Output, **of_log: Any) -> None:
         result = law_of_bench(study, progress=say)
         page = None if target is None else write_report(result, target, figures=output.figures, progress=say)
     output.show(result, notes=report_note(page))
-    end(result)

@@ -6,7 +6,7 @@ import logging
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import wraps
@@ -20,11 +20,8 @@ import click
 from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
-    from opid.modal.result import ModalIdentification
+    from opid.mechanics.truth import Truth
     from opid.result import Result
-    from opid.suspensions.bench.law import BenchLaw
-    from opid.suspensions.paper.result import AnyIdentification
-    from opid.updating.result import Updating
 
 
 LONGEST_SUMMARY = 1000
@@ -116,12 +113,6 @@ def main() -> None:
     """
 
 
-def end(result: AnyIdentification | BenchLaw | ModalIdentification | Updating) -> None:
-    """Leave with status 1 and the reason if something is not determined."""
-    if result.not_determined:
-        raise NotDetermined(f"not determined: {result.not_determined}")
-
-
 def result_name(path: Path) -> str:
     """Name a result after its study; every other study is called study.toml, so after the directory of such a one."""
     return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
@@ -176,8 +167,12 @@ class Output:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
 
-    def show(self, result: Result, truth: Mapping[str, Any] | None = None, *, notes: Sequence[str] = ()) -> None:
-        """Print the result: as JSON where that is asked for, otherwise as text with the notes below it."""
+    def show(self, result: Result, truth: Truth | None = None, *, notes: Sequence[str] = ()) -> None:
+        """Print the result: as JSON where that is asked for, otherwise as text with the notes below it.
+
+        Raises:
+            NotDetermined: something is not determined; the reason is in it where no text has given it.
+        """
         from opid.json_values import json_text
         from opid.provenance import traced
         from opid.report import text
@@ -188,6 +183,10 @@ class Output:
             click.echo(text(result, truth))
             for note in notes:
                 click.echo(note)
+        reason = getattr(result, "not_determined", None)
+        if reason:
+            is_silent = self.as_json or self.quiet
+            raise NotDetermined(f"not determined: {reason}" if is_silent else "not determined, for the reason above")
 
 
 def with_output(command: Callable[..., None], *, option: str = "--force") -> Callable[..., None]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path | None, overwrite: bool) -> None:
     """Say what is in a log, and what is wrong with it.
 
-    A log that cannot be read is told, and the others still inspected; the status is then 2.
+    A log that cannot be read gets a sentence, and the others are inspected even so; the status is then 2.
     """
     from opid.json_values import json_text
     from opid.provenance import traced
@@ -57,7 +57,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
         several = [each for each, _ in readings].count(log) > 1
         title = f"{log} ({', '.join(reading.channels)})" if several and reading.channels else str(log)
         try:
-            found.append(replace(_health(log, reading, of_study=study is not None), log=title))
+            found.append(replace(_health(log, reading, study), log=title))
             stems.append(log.stem)
         except InputError as error:
             failures.append(str(error))
@@ -87,7 +87,8 @@ def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
     return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)
 
 
-def _health(log: Path, reading: LogReading, *, of_study: bool) -> Health:
+def _health(log: Path, reading: LogReading, study: Path | None) -> Health:
+    from opid.provenance import read_file
     from opid.signals.health.inspection import inspect as inspect_log
     from opid.signals.health.result import Finding
     from opid.signals.logs import open_log
@@ -101,7 +102,10 @@ def _health(log: Path, reading: LogReading, *, of_study: bool) -> Health:
             channels=reading.channels,
             progress=lambda part: say(f"{log.name}, {part:.0%} read"),
         )
-    words = _choice(reading.runs) if of_study else ""
+    if study is None:
+        return health
+    health = replace(health, files=(read_file(study), *health.files))
+    words = _choice(reading.runs)
     return replace(health, findings=(*health.findings, Finding("note", "", words))) if words else health
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from opid.cli.group import Output, end, example, main, report_note, result_name, with_output
+from opid.cli.group import Output, example, main, report_note, result_name, with_output
 
-SHARE = click.FloatRange(min=0, max=1, min_open=True)
+FRACTION = click.FloatRange(min=0, max=1, min_open=True)
 
 
 @main.command(epilog=example("opid modal bracket/study.toml --truth bracket/truth.json --out bracket_result"))
@@ -24,13 +24,13 @@ SHARE = click.FloatRange(min=0, max=1, min_open=True)
 )
 @click.option(
     "--frequency-threshold",
-    type=SHARE,
+    type=FRACTION,
     metavar="X",
-    help="Shift between levels, a share, from which a mode is nonlinear.  [default: as the study says, or 0.002]",
+    help="Shift between levels, a fraction, from which a mode is nonlinear.  [default: as the study says, or 0.002]",
 )
 @click.option(
     "--damping-threshold",
-    type=SHARE,
+    type=FRACTION,
     metavar="X",
     help="Likewise of its damping ratio.  [default: as the study says, or 0.15]",
 )
@@ -51,16 +51,16 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     """
     from dataclasses import replace
 
+    from opid.mechanics.truth import ModalTruth
     from opid.modal.identification import identify_modes
     from opid.modal.study import ModalStudy
     from opid.report import write_report
     from opid.report.modal.modes import command_of
     from opid.studies.study_file import read_study
-    from opid.virtual.files.modal import MODAL_TRUTH
     from opid.virtual.files.truth import read_truth
 
     target = output.directory(out or Path(f"{result_name(study)}_result"))
-    known = None if truth is None else read_truth(truth, MODAL_TRUTH)
+    known = None if truth is None else read_truth(truth, ModalTruth)
     given = {name: value for name, value in settings.items() if value is not None}
     with output.progress() as say:
         tests = replace(read_study(study, kind=ModalStudy, progress=say), **given)
@@ -69,4 +69,3 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
             result, target, known, command=command_of(result, given), figures=output.figures, progress=say
         )
     output.show(result, known, notes=report_note(page))
-    end(result)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Number, Output, end, example, main, report_note, result_name, with_output
+from opid.cli.group import Number, Output, example, main, report_note, result_name, with_output
 from opid.errors import InputError
+from opid.suspensions.settings import METHODS, METHODS_OF_LAW
 
 if TYPE_CHECKING:
     from opid.suspensions.study import Study
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
 @click.option(
     "--method",
-    type=click.Choice(("model", "classical", "paper")),
-    default="model",
+    type=click.Choice(METHODS),
+    default=METHODS[0],
     show_default=True,
     help="One gear: model (fits the driven suspension), classical (the paper's chain mended), or paper (its printed "
     "formula).",
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 @click.option("--law", help="The law to fit, one of `opid laws`; sums joined by +.  [default: searched]")
 @click.option(
     "--method-of-law",
-    type=click.Choice(("pursuit", "sparse regression", "both")),
-    default="pursuit",
+    type=click.Choice(METHODS_OF_LAW),
+    default=METHODS_OF_LAW[0],
     show_default=True,
     help='How the law is searched: pursuit, "sparse regression" (pysindy), or both, one after the other.',
 )
@@ -70,7 +71,7 @@ if TYPE_CHECKING:
     "--piston-area",
     type=Number("m^2, 0.004 for 40 cm^2"),
     metavar="M2",
-    help="Without a study: what the gas of an oleo strut pushes on; it is then told in pressure and volume.",
+    help="Without a study: what the gas of an oleo strut pushes on; its pressure and volume are then given.",
 )
 @click.option(
     "--repeatability",
@@ -129,14 +130,16 @@ def identify(
             "nothing: leave it out"
         )
     if method != "model" and method_of_law != "pursuit":
-        raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
+        raise click.UsageError(f"--method {method} has one method of searching the law: leave --method-of-law out")
+    from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
     from opid.report import write_report
     from opid.suspensions.identification import identify as identify_study
-    from opid.virtual.files.taxi import BODY_TRUTH, GEAR_TRUTH
     from opid.virtual.files.truth import read_truth
 
     target = output.directory(out or Path(f"{result_name(paths[0])}_result"))
-    known = None if truth is None else read_truth(truth, GEAR_TRUTH if is_one_gear else BODY_TRUTH)
+    known: TaxiTruth | None = None
+    if truth is not None:
+        known = read_truth(truth, GearTruth) if is_one_gear else read_truth(truth, BodyTruth)
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground, "method_of_law": method_of_law}
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
@@ -145,7 +148,6 @@ def identify(
         result = identify_study(study, progress=say, **settings)
         page = write_report(result, target, known, figures=output.figures, progress=say)
     output.show(result, known, notes=report_note(page))
-    end(result)
 
 
 def _study_in(path: Path) -> Path:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Output, end, example, main, report_note, result_name, with_output
+from opid.cli.group import Output, example, main, report_note, result_name, with_output
 
 if TYPE_CHECKING:
     from opid.updating.result import Updating
@@ -47,16 +47,16 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
     """
     from dataclasses import replace
 
+    from opid.mechanics.truth import UpdatingTruth
     from opid.report import write_report
     from opid.report.updating.chains import require_arviz, write_chains
     from opid.studies.study_file import read_study
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy
-    from opid.virtual.files.backbones import UPDATING_TRUTH
     from opid.virtual.files.truth import read_truth
 
     target = output.directory(out or Path(f"{result_name(study)}_result"))
-    known = None if truth is None else read_truth(truth, UPDATING_TRUTH)
+    known = None if truth is None else read_truth(truth, UpdatingTruth)
     if chains:
         require_arviz()
     given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
@@ -67,7 +67,6 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
         page = write_report(result, target, known, figures=output.figures, progress=say)
         files = write_chains(result, target) if chains else ()
     output.show(result, known, notes=(*report_note(page), *(f"Chains: {file}" for file in files)))
-    end(result)
 
 
 def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors, ...]:

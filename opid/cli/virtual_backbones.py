@@ -81,6 +81,7 @@ def backbones(
     import numpy as np
 
     from opid.errors import InputError
+    from opid.mechanics.truth import UpdatingTruth
     from opid.report.document import counted
     from opid.studies.updating_study import FACTOR_PRIOR
     from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
@@ -88,7 +89,7 @@ def backbones(
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones
     from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
-    from opid.virtual.files.backbones import replace_matrices, updating_truth
+    from opid.virtual.files.backbones import replace_matrices
     from opid.virtual.files.truth import write_field_test
 
     if by == "continuation" and points < FEWEST_CONTROLLED:
@@ -118,7 +119,7 @@ def backbones(
         )  # fmt: skip
         say("the files")
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
-        truth = updating_truth(true.law(theta), UPDATED, structure=description, settings=settings)
+        truth = UpdatingTruth(UPDATED, true.law(theta), description, settings)
         path = write_field_test(study, truth, out)
         if matrices != "npz":
             replace_matrices(structure, out, matrices)

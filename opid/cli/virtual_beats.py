@@ -20,7 +20,7 @@ from opid.cli.virtual_tests import STUDY_FILES, simulate
     help="cubic: one mode with a known law; 1: 18 modes, 5 nonlinear; 2: 26 modes, one to 300 g.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the noise.")
-@click.option("--noise", type=click.FloatRange(min=0), default=0.01, show_default=True, help="Share of each channel.")
+@click.option("--noise", type=click.FloatRange(min=0), default=0.01, show_default=True, help="Of each channel's rms.")
 @click.option(
     "--shaker/--no-shaker",
     default=None,

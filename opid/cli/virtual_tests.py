@@ -12,7 +12,6 @@ import click
 from opid.cli.group import (
     REPORT,
     Output,
-    end,
     example,
     free_directory,
     main,
@@ -53,8 +52,8 @@ def demo(out: Path, seed: int, output: Output) -> None:
     from opid.studies.study_file import read_study
     from opid.suspensions.identification import identify
     from opid.suspensions.study import Study
-    from opid.virtual.files.taxi import GEAR_TRUTH, taxi_study, taxi_truth
-    from opid.virtual.files.truth import read_truth, write_field_test
+    from opid.virtual.files.taxi import taxi_study, taxi_truth
+    from opid.virtual.files.truth import write_field_test
     from opid.virtual.taxi_tests.airframe import LandingGear
     from opid.virtual.taxi_tests.taxiing import taxi_test
 
@@ -63,9 +62,9 @@ def demo(out: Path, seed: int, output: Output) -> None:
         say("two taxi runs")
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
         runs = taxi_study(test, title=f"Two virtual taxi runs, seed {seed}")
-        study = write_field_test(runs, taxi_truth(test, settings={"seed": seed}), out)
+        truth = taxi_truth(test, settings={"seed": seed})
+        study = write_field_test(runs, truth, out)
         result = identify(read_study(study, kind=Study), progress=say)
-        truth = read_truth(out / "truth.json", GEAR_TRUTH)
         page = write_report(result, out / "report", truth, figures=output.figures, progress=say)
     notes = (
         f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}",
@@ -73,7 +72,6 @@ def demo(out: Path, seed: int, output: Output) -> None:
         f"The report: {page} (open it in a browser)",
     )
     output.show(result, truth, notes=notes)
-    end(result)
 
 
 @main.group(epilog=example("opid simulate taxi runs"))

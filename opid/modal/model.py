@@ -124,7 +124,7 @@ def simulate(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_p
         model: the model.
         force: (n,) force, N, taken for band-limited between its samples; at rest before the first.
         fs: sampling rate, Hz.
-        drive_point: name of the sensor at whose place and in whose direction the force acts.
+        drive_point: name of the sensor where and in whose direction the force acts.
 
     Returns:
         Channels named as the sensors, m/s^2.
@@ -150,7 +150,7 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
         model: the model.
         force: (n,) force, N.
         fs: sampling rate, Hz.
-        drive_point: name of the sensor at whose place and in whose direction the force acts.
+        drive_point: name of the sensor where and in whose direction the force acts.
 
     Raises:
         InputError: as `simulate`.

@@ -35,7 +35,7 @@ class ModalIdentification(Result):
     Args:
         title: of the study.
         modes: the linear modes.
-        drive_point: the sensor at whose place the force acts; None where no test has a force.
+        drive_point: the sensor where the force acts; None where no test has a force.
         tests: all tests, in modal coordinates.
         fits: one a nonlinear mode.
         model: the nonlinear modal model.
@@ -100,7 +100,7 @@ class ModalIdentification(Result):
 
     @property
     def files(self) -> tuple[ReadFile, ...]:
-        """The logs of the tests, as they were when they were read."""
+        """The study, the modes and the logs of the tests, as they were when they were read."""
         return tuple(file for test in self.tests for file in test.recording.files)
 
     def to_dict(self) -> dict[str, Any]:

@@ -43,7 +43,7 @@ class ModalStudy:
         modes: linear modes of the structure, those that the model is built on.
         nonlinear: numbers of the nonlinear modes, from 1; where empty, those that the level tests show.
         tests: the tests, each with the linear modes that belong to it.
-        drive_point: the sensor at whose place the force acts; None where no test has a force.
+        drive_point: the sensor where the force acts; None where no test has a force.
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
         damping_order: N_d likewise.
         free_linear: whether k0 and c0 are corrected in the fit; decided by the data where None.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import offset_copy
 
 from opid.estimate import Estimate
+from opid.mechanics.truth import GearTruth
 from opid.plots.laws import model_ladder
 from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
 from opid.suspensions.paper.chain import PaperChain, PeakPair
@@ -59,7 +60,7 @@ _METHODS = (
 _COLUMNS = ("M₂ [kg]", "K₂/M₂ [1/s²]", "C₂/M₂ [1/s]", "K₃/M₂ [1/s²]")
 
 
-def estimates(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth | None = None) -> np.ndarray:
     """Draw mass and ratios to it as every method of the chain finds them, with 95 % intervals.
 
     A value beyond the frame is written beside its mark at the edge, with an arrow. The peak formula has one mark for
@@ -68,7 +69,7 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str
     Args:
         result: the identification.
         axes: four Axes, or None for a new figure.
-        truth: of a simulated run, as in truth.json: drawn as lines.
+        truth: of a simulated run: drawn as lines.
 
     Returns:
         (1, 4) Axes.
@@ -155,17 +156,17 @@ def _shown_pairs(chain: PaperChain) -> list[PeakPair]:
     return by_weight[: len(_PAIR_MARKERS)]
 
 
-def _true_lines(chain: PaperChain, truth: Mapping[str, Any] | None) -> list[list[tuple[float, str]]]:
+def _true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tuple[float, str]]]:
     """Return value and colour of the true lines of each column, one a run for the ratios."""
     if truth is None:
         return [[], [], [], []]
-    true = truth["parameters"]
-    mass = true["sprung_mass_kg"]
-    names = ("suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m", "ground_stiffness_n_per_m")
+    true = truth.parameters
+    mass = true.sprung_mass_kg
+    values = (true.suspension_stiffness_n_per_m, true.suspension_damping_n_s_per_m, true.ground_stiffness_n_per_m)
     colors = run_colors(len(chain.runs))
     ratios = [
-        [(true[name] / (mass + run.mass_change_kg), color) for run, color in zip(chain.runs, colors, strict=True)]
-        for name in names
+        [(value / (mass + run.mass_change_kg), color) for run, color in zip(chain.runs, colors, strict=True)]
+        for value in values
     ]
     return [[(mass, GREEN)], *ratios]
 

@@ -33,10 +33,8 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
     Returns:
         (1, 2) Axes; (1, 1) of a quasi-static test, which has no velocity.
     """
-    bench = result.bench
-    shown = every(bench.force.size)
+    bench, shown, scale, unit = _shown(result)
     fitted = bench.force - result.residual
-    scale, unit = _force_unit(bench.force)
     motions = list(zip(_motions(result), (_VELOCITY, _TRAVEL), strict=True))[bench.is_quasi_static :]
     with house_style():
         grid = panels(axes, 1, len(motions), height_in=3.7, sharey=True)
@@ -68,9 +66,7 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     Returns:
         (1, 2) Axes; (1, 1) of a quasi-static test, which has no velocity.
     """
-    bench = result.bench
-    shown = every(bench.force.size)
-    scale, unit = _force_unit(bench.force)
+    bench, shown, scale, unit = _shown(result)
     found = result.parameters
     slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
     memory = Law(tuple(term for term in result.law.terms if term.kind.memory is not None))
@@ -98,12 +94,12 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
             # a straight part far steeper than the whole law would flatten everything else
             ax.set_ylim(low - room, high + 5 * room)
             thick(ax.legend(loc="upper left"))
-        grid[0, 0].set_ylabel(f"share of the force [{unit}]")
+        grid[0, 0].set_ylabel(f"part of the force [{unit}]")
     return grid
 
 
 def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
-    """Draw the share of the force that each law leaves unexplained: those kept, and the best of the others.
+    """Draw the fraction of the force that each law leaves unexplained: those kept, and the best of the others.
 
     Args:
         result: the law of a bench.
@@ -142,7 +138,7 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         name_steps(ax, steps, answer)
         ax.grid(True, axis="x", which="both")
         ax.grid(False, axis="y")
-        ax.set_xlabel("unexplained share of the force: fitted ○, left out ●")
+        ax.set_xlabel("unexplained fraction of the force: fitted ○, left out ●")
         ax.set_title("Laws tried", pad=16)
     return ax
 
@@ -157,19 +153,17 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
     Returns:
         (1, 3) Axes; (1, 2) of a quasi-static test, which has no velocity.
     """
-    bench = result.bench
-    shown = every(bench.force.size)
-    scale, unit = _force_unit(bench.force)
+    bench, shown, scale, unit = _shown(result)
     time = np.arange(bench.force.size) / bench.fs
     with house_style():
         velocity, travel = _motions(result)
-        places = [(time, "time [s]"), (velocity, _VELOCITY), (travel, _TRAVEL)]
+        quantities = [(time, "time [s]"), (velocity, _VELOCITY), (travel, _TRAVEL)]
         if bench.is_quasi_static:
-            places = [(time, "way [m]"), (travel, _TRAVEL)]
-        grid = panels(axes, 1, len(places), height_in=3.1, sharey=True)
-        for ax, (place, label) in zip(grid[0], places, strict=True):
-            ax.plot(place[shown], scale * bench.force[shown], color=PALE, label="force", **_DOTS)
-            ax.plot(place[shown], scale * result.residual[shown], color=RUN_COLORS[0], label="residual", **_DOTS)
+            quantities = [(time, "distance [m]"), (travel, _TRAVEL)]
+        grid = panels(axes, 1, len(quantities), height_in=3.1, sharey=True)
+        for ax, (along, label) in zip(grid[0], quantities, strict=True):
+            ax.plot(along[shown], scale * bench.force[shown], color=PALE, label="force", **_DOTS)
+            ax.plot(along[shown], scale * result.residual[shown], color=RUN_COLORS[0], label="residual", **_DOTS)
             ax.axhline(0, color=INK, linewidth=0.8)
             ax.set_xlabel(label)
             ax.locator_params(axis="x", nbins=5)
@@ -187,9 +181,9 @@ def _motions(result: BenchLaw) -> tuple[np.ndarray, np.ndarray]:
 def _along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> np.ndarray:
     """The part of the force along travel or velocity, the other zero, without what remembers."""
     zero = np.zeros_like(position)
-    place = (zero, position) if along == "velocity" else (position, zero)
+    motion = (zero, position) if along == "velocity" else (position, zero)
     static = Law(tuple(term for term in result.law.terms if term.kind.memory is None))
-    return slope * position + static.force(*place)
+    return slope * position + static.force(*motion)
 
 
 def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -199,9 +193,12 @@ def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return z[-n:], v[-n:], force_along(memory, z, v, fs)[-n:]
 
 
-def _force_unit(force: np.ndarray) -> tuple[float, str]:
-    return (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
+def _shown(result: BenchLaw) -> tuple[Bench, slice, float, str]:
+    """The record, its samples that are drawn, and the unit of force with the factor that leads to it."""
+    force = result.bench.force
+    factor, unit = (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
+    return result.bench, every(force.size), factor, unit
 
 
-def _percent(share: float, place: int | None = None) -> str:
-    return f"{100 * share:g} %"
+def _percent(fraction: float, position: int | None = None) -> str:
+    return f"{100 * fraction:g} %"

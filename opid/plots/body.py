@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from opid.estimate import Estimate
+from opid.mechanics.truth import BodyTruth
 from opid.plots.style import (
     BEHIND,
     BLUE,
@@ -30,19 +31,17 @@ from opid.suspensions.result import BodyRatios, Candidate, Identification
 
 __all__ = ["plan_view", "structure_candidates", "suspension_parameters"]
 
-Truth = Mapping[str, Any]
-
 FARTHEST_DRAWN = 1e4
 """Residual over noise at which a structure stands whose fit ran away and left more; its number is written beside it."""
 
 
-def plan_view(result: Identification, ax: Any = None, *, truth: Truth | None = None) -> Axes:
+def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None = None) -> Axes:
     """Draw the body from above: suspensions, sensors, the centre of gravity with its intervals, and the loadings.
 
     Args:
         result: the identification.
         ax: one Axes, or None for a new figure.
-        truth: of a simulated aircraft, as in truth.json: its centre of gravity is drawn too.
+        truth: of a simulated aircraft: its centre of gravity is drawn too.
     """
     with house_style():
         ax = panels(ax, 1, height_in=4.6)[0, 0]
@@ -108,13 +107,13 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
     return ax
 
 
-def suspension_parameters(result: Identification, axes: Any = None, *, truth: Truth | None = None) -> np.ndarray:
+def suspension_parameters(result: Identification, axes: Any = None, *, truth: BodyTruth | None = None) -> np.ndarray:
     """Draw stiffness, damping and the amplitudes of the laws of all suspensions, with 95 % intervals.
 
     Args:
         result: the identification.
         axes: as many Axes as there are quantities, or None for a new figure.
-        truth: of a simulated aircraft, as in truth.json: drawn as bars.
+        truth: of a simulated aircraft: drawn as bars.
 
     Returns:
         (n_rows, n_columns) Axes, those of the last row that are not needed switched off.
@@ -157,8 +156,8 @@ def _room(ax: Axes) -> None:
     ax.set_aspect("equal", adjustable="box")
 
 
-def _note(ax: Axes, text: str, place: tuple[float, float], shift: tuple[float, float], **style: Any) -> None:
-    ax.annotate(text, place, shift, textcoords="offset points", **{"fontsize": 8.5, **style})
+def _note(ax: Axes, text: str, position: tuple[float, float], shift: tuple[float, float], **style: Any) -> None:
+    ax.annotate(text, position, shift, textcoords="offset points", **{"fontsize": 8.5, **style})
 
 
 def _sensor(ax: Axes, x: float, y: float) -> None:
@@ -168,8 +167,8 @@ def _sensor(ax: Axes, x: float, y: float) -> None:
 def _loadings(ax: Axes, result: Identification) -> None:
     colors = run_colors(len(result.runs))
     for run, color in zip(result.runs, colors, strict=True):
-        for place, (mass_kg, x, y) in enumerate(run.loading):
-            label = f"carried in run {run.name!r}" if place == 0 else None
+        for index, (mass_kg, x, y) in enumerate(run.loading):
+            label = f"carried in run {run.name!r}" if index == 0 else None
             size = float(np.clip(5 + 0.4 * np.sqrt(abs(mass_kg)), 6, 18))
             face = color if mass_kg >= 0 else "white"
             ax.plot(
@@ -187,14 +186,14 @@ def _loadings(ax: Axes, result: Identification) -> None:
             _note(ax, f"{mass_kg:+g} kg".replace("-", "−"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
 
 
-def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) -> None:
+def _centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None) -> None:
     assert isinstance(result.ratios, BodyRatios)  # one gear has no centre of gravity
     x, y = result.ratios.x_cg_m, result.ratios.y_cg_m
     if truth is not None:
-        true = truth["parameters"]
+        true = truth.parameters
         label = "centre of gravity, truth"
         ring: dict[str, Any] = {"marker": "o", "markersize": 15, "markerfacecolor": "none", "linestyle": "none"}
-        ax.plot([true["y_cg_m"]], [true["x_cg_m"]], color=GREEN, alpha=0.7, markeredgewidth=3, label=label, **ring)
+        ax.plot([true.y_cg_m], [true.x_cg_m], color=GREEN, alpha=0.7, markeredgewidth=3, label=label, **ring)
     if x.value is None or y.value is None:
         return
     for estimate, fixed, along in ((x, y.value, "x"), (y, x.value, "y")):
@@ -250,15 +249,15 @@ class _Quantity:
     true: tuple[float | None, ...]
 
 
-def _quantities(result: Identification, truth: Truth | None) -> Iterator[_Quantity]:
-    known = [None if truth is None else truth["interfaces"].get(each.name) for each in result.interfaces]
-    share = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth is not None and result.per_mass else 1.0
+def _quantities(result: Identification, truth: BodyTruth | None) -> Iterator[_Quantity]:
+    known = [None if truth is None else truth.interfaces.get(each.name) for each in result.interfaces]
+    scale = 1.0 / truth.parameters.sprung_mass_kg if truth is not None and result.per_mass else 1.0
     for key, title, unit, per_mass in (
         ("stiffness", "Stiffness K", "kN/m", "1/s^2"),
         ("damping", "Damping C", "kN s/m", "1/s"),
     ):
         suffix = "n_per_m" if key == "stiffness" else "n_s_per_m"
-        true = tuple(None if each is None else share * each[f"{key}_{suffix}"] for each in known)
+        true = tuple(None if each is None else scale * getattr(each, f"{key}_{suffix}") for each in known)
         values = tuple(getattr(each, key) for each in result.interfaces)
         shown = (f"{title} / M", f"[{pretty(per_mass)}]", 1.0) if result.per_mass else (title, f"[{unit}]", 1e-3)
         yield _Quantity(*shown, values, true)
@@ -271,8 +270,8 @@ def _quantities(result: Identification, truth: Truth | None) -> Iterator[_Quanti
     }
     for (kind, parameter), unit in amplitudes.items():
         values = tuple(each.law_estimates.get(kind, {}).get(parameter, Estimate()) for each in result.interfaces)
-        laws = [{} if each is None else each["law"]["parameters"].get(kind, {}) for each in known]
-        true = tuple(share * law[parameter] if parameter in law else None for law in laws)
+        laws = [{} if each is None else each.law.parameters.get(kind, {}) for each in known]
+        true = tuple(scale * law[parameter] if parameter in law else None for law in laws)
         per = f"{unit}/kg" if result.per_mass else unit
         what = parameter.partition("_")[0]
         yield _Quantity(kind.replace("_", " ").capitalize(), f"{what} [{pretty(per)}]", 1.0, values, true)
@@ -280,25 +279,25 @@ def _quantities(result: Identification, truth: Truth | None) -> Iterator[_Quanti
 
 def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
     labelled = False
-    for place, (estimate, true) in enumerate(zip(quantity.estimates, quantity.true, strict=True)):
+    for index, (estimate, true) in enumerate(zip(quantity.estimates, quantity.true, strict=True)):
         if true is not None:
             label = None if labelled else "truth"
             height = [quantity.scale * true] * 2
-            bar = [place - 0.32, place + 0.32]
+            bar = [index - 0.32, index + 0.32]
             ax.plot(bar, height, color=GREEN, linewidth=5, alpha=0.4, solid_capstyle="butt", label=label, zorder=1)
             labelled = True
         if estimate.value is None:
-            _note(ax, "–", (place, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
+            _note(ax, "–", (index, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
             continue
         value = quantity.scale * estimate.value
         ends = [value]
         if estimate.interval95 is not None:
             ends = [quantity.scale * end for end in estimate.interval95]
-            ax.plot([place, place], ends, color=BLUE, linewidth=2)
-            ax.plot([place, place], ends, color=BLUE, marker="_", markersize=8, linestyle="none")
-        ax.plot([place], [value], color=BLUE, marker="o", markersize=4, linestyle="none")
+            ax.plot([index, index], ends, color=BLUE, linewidth=2)
+            ax.plot([index, index], ends, color=BLUE, marker="_", markersize=8, linestyle="none")
+        ax.plot([index], [value], color=BLUE, marker="o", markersize=4, linestyle="none")
         text = _spread(estimate, quantity.scale).replace(" ± ", "\n± ")
-        _note(ax, text, (place, max(ends)), (0, 8), ha="center", fontsize=7.5)
+        _note(ax, text, (index, max(ends)), (0, 8), ha="center", fontsize=7.5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
     ax.margins(y=0.25)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.mechanics.laws.law import Law, law_from_parameters
+from opid.mechanics.laws.law import Law
+from opid.mechanics.truth import BodyTruth
 from opid.plots.body import further_sensors
 from opid.plots.style import (
     BLUE,
@@ -37,7 +38,7 @@ SMOOTHING_HZ = 0.5
 SHOWN_S = 4.0
 
 
-def suspension_forces(result: Identification, axes: Any = None, *, truth: Truth | None = None) -> np.ndarray:
+def suspension_forces(result: Identification, axes: Any = None, *, truth: BodyTruth | None = None) -> np.ndarray:
     """Draw the force of each suspension over velocity and over travel, and its nonlinear part.
 
     Suspensions that share one law share a row.
@@ -45,7 +46,7 @@ def suspension_forces(result: Identification, axes: Any = None, *, truth: Truth 
     Args:
         result: the identification.
         axes: two Axes for each row, or None for a new figure.
-        truth: of a simulated aircraft, as in truth.json: the true nonlinear part is drawn too.
+        truth: of a simulated aircraft: the true nonlinear part is drawn too.
 
     Returns:
         (n_rows, 2) Axes.
@@ -56,8 +57,8 @@ def suspension_forces(result: Identification, axes: Any = None, *, truth: Truth 
     require_answer(result)
     shown = [
         each
-        for place, each in enumerate(result.interfaces)
-        if not any(before.name in each.shared_with for before in result.interfaces[:place])
+        for index, each in enumerate(result.interfaces)
+        if not any(before.name in each.shared_with for before in result.interfaces[:index])
     ]
     with house_style():
         grid = panels(axes, len(shown), 2, height_in=0.5 + 2.4 * len(shown))
@@ -129,9 +130,9 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
     rows = -(-len(names) // columns)
     with house_style():
         grid = panels(axes, rows, columns, height_in=0.7 + 1.75 * rows, sharex=True, sharey=True)
-        for place, (ax, name) in enumerate(zip(grid.ravel(), names, strict=False)):
+        for index, (ax, name) in enumerate(zip(grid.ravel(), names, strict=False)):
             for run, color in zip(result.runs, run_colors(len(result.runs)), strict=True):
-                ax.plot(*_smoothed(run, place), color=color, linewidth=1.2, label=f"run {run.name!r}")
+                ax.plot(*_smoothed(run, index), color=color, linewidth=1.2, label=f"run {run.name!r}")
             ax.axhline(1.0, color=INK, linestyle="--", linewidth=1, label="noise")
             ax.set_title(name)
             ax.margins(x=0)
@@ -165,15 +166,14 @@ def sensor_names(result: Identification, n_sensors: int) -> list[str]:
         names += [f"above {interface.name}" for interface in result.interfaces if interface.name not in paired]
     elif result.structure == "rigid_body":
         names += further_sensors(result)
-    return [*names[:n_sensors], *(f"sensor {place + 1}" for place in range(len(names), n_sensors))]
+    return [*names[:n_sensors], *(f"sensor {index + 1}" for index in range(len(names), n_sensors))]
 
 
-def _true_law(interface: InterfaceEstimate, truth: Truth | None, per_mass: bool) -> Law | None:
-    true = None if truth is None else truth["interfaces"].get(interface.name)
+def _true_law(interface: InterfaceEstimate, truth: BodyTruth | None, per_mass: bool) -> Law | None:
+    true = None if truth is None else truth.interfaces.get(interface.name)
     if truth is None or true is None:
         return None
-    law = law_from_parameters(true["law"]["name"], true["law"]["parameters"])
-    return law.scaled(1.0 / truth["parameters"]["sprung_mass_kg"]) if per_mass else law
+    return true.law.scaled(1.0 / truth.parameters.sprung_mass_kg) if per_mass else true.law
 
 
 def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimate, true: Law | None) -> None:
@@ -186,10 +186,10 @@ def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimat
     ):
         line = np.linspace(-1.0, 1.0, 401) * (float(np.abs(visited).max()) if visited.size else 0.0)
         zero = np.zeros_like(line)
-        place = (zero, line) if along == "velocity" else (line, zero)
+        motion = (zero, line) if along == "velocity" else (line, zero)
         rms = factor * float(np.sqrt(np.mean(visited**2))) if visited.size else 0.0
         ax.axvspan(-rms, rms, color="#F1F1F1", zorder=0, label="± rms of the motion")
-        nonlinear, symbol = interface.law.force(*place), "C z′" if along == "velocity" else "K z"
+        nonlinear, symbol = interface.law.force(*motion), "C z′" if along == "velocity" else "K z"
         if slope is not None:
             linear = slope * line
             # where f is nothing both are one line: the dashed one lies on top of the wide one
@@ -197,7 +197,7 @@ def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimat
             ax.plot(factor * line, scale * (linear + nonlinear), color=SKY, linewidth=3.2, label=f"{symbol} + f")
         ax.plot(factor * line, scale * nonlinear, color=VERMILION, linewidth=2.0, label="nonlinear part f")
         if true is not None:
-            force = scale * true.force(*place)
+            force = scale * true.force(*motion)
             ax.plot(factor * line, force, color=GREEN, linewidth=4, alpha=0.45, label="f, truth", zorder=1.5)
         ax.margins(x=0)
     row[0].set_ylabel(f"force{' / M' * result.per_mass} [{unit}]")

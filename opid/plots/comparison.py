@@ -40,7 +40,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     series = [each for each in result.series if each.quantity.label == label]
     if not series:
         raise ValueError(f"no quantity is called {label!r}")
-    places = _places(result)
+    positions = _positions(result)
     references = [_reference(each, result.settings.clear_std) for each in series]
     relative = all(reference is not None for reference in references)
     with house_style():
@@ -51,8 +51,8 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
             name = each.quantity.gear or "all of the body"
             if relative and reference:
                 name += f": {_digits(reference)} {pretty(each.quantity.unit)}"
-            _draw(ax, each, places, scale, color, name, beside, alone=len(series) == 1)
-        _dates(ax, result, places)
+            _draw(ax, each, positions, scale, color, name, beside, alone=len(series) == 1)
+        _dates(ax, result, positions)
         unit = "% of what was expected" if relative else pretty(series[0].quantity.unit)
         ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
         # names stand between title and axes, where they hide nothing
@@ -72,7 +72,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
 def _draw(
     ax: Axes,
     series: Series,
-    places: np.ndarray,
+    positions: np.ndarray,
     scale: float,
     color: str,
     name: str,
@@ -83,7 +83,7 @@ def _draw(
     beside = offset_copy(ax.transData, figure_of(ax), x=beside_points, units="points")
     judged = [point for point in series.points if point.limits is not None]
     if judged:
-        x = [places[point.flight] for point in judged]
+        x = [positions[point.flight] for point in judged]
         low, high = (scale * np.array([point.limits[side] for point in judged if point.limits]) for side in (0, 1))
         # bands overlap, and fillings would mix: only one alone is filled, edges tell several apart
         if alone:
@@ -97,7 +97,7 @@ def _draw(
     # a value without an interval is hollow, for it was not judged
     for point, height in zip(known, scale * value, strict=True):
         ax.plot(
-            [places[point.flight]],
+            [positions[point.flight]],
             [height],
             marker="o",
             markersize=4.5,
@@ -108,7 +108,7 @@ def _draw(
         )
     ends = np.array([point.estimate.interval95 for point in bars], dtype=float).reshape(-1, 2)
     ax.vlines(
-        [places[point.flight] for point in bars],
+        [positions[point.flight] for point in bars],
         scale * ends[:, 0],
         scale * ends[:, 1],
         color=color,
@@ -116,23 +116,28 @@ def _draw(
         transform=beside,
     )
     # what is moved aside on paper does not count for the limits of the axes
-    ax.update_datalim([(places[point.flight], height) for point, height in zip(known, scale * value, strict=True)])
+    ax.update_datalim([(positions[point.flight], height) for point, height in zip(known, scale * value, strict=True)])
     ax.update_datalim(
-        [(places[point.flight], scale * end) for point, both in zip(bars, ends, strict=True) for end in both]
+        [(positions[point.flight], scale * end) for point, both in zip(bars, ends, strict=True) for end in both]
     )
     ax.autoscale_view()
     for point in series.points:
         if point.flagged:
             _mark(
-                ax, point, places[point.flight], scale, series.quantity.gear if _starts(series, point) else None, beside
+                ax,
+                point,
+                positions[point.flight],
+                scale,
+                series.quantity.gear if _starts(series, point) else None,
+                beside,
             )
 
 
-def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None, beside: Transform) -> None:
+def _mark(ax: Axes, point: Point, position: float, scale: float, name: str | None, beside: Transform) -> None:
     """A ring about a flagged value; the first of a change has the gear's name and its departure."""
     height = scale * (point.estimate.value or 0.0)
     ax.plot(
-        [place],
+        [position],
         [height],
         marker="o",
         markersize=10,
@@ -146,7 +151,7 @@ def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None, 
         up = (point.departure or 0.0) > 0
         ax.annotate(
             f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {verdict}".replace("-", "−"),
-            (place, height),
+            (position, height),
             (-5, 9 if up else -9),
             xycoords=beside,
             textcoords="offset points",
@@ -172,14 +177,14 @@ def _reference(series: Series, clear_std: float) -> float | None:
     return last.expected if abs(last.expected or 0.0) > clear_std * (last.std or 0.0) else None
 
 
-def _places(result: Comparison) -> np.ndarray:
+def _positions(result: Comparison) -> np.ndarray:
     if not result.dated:
         return np.arange(1.0, len(result.flights) + 1)
     days = [flight.date for flight in result.flights if flight.date is not None]
     return np.array([date2num(datetime.combine(day, time())) for day in days])
 
 
-def _dates(ax: Axes, result: Comparison, places: np.ndarray) -> None:
+def _dates(ax: Axes, result: Comparison, positions: np.ndarray) -> None:
     if result.dated:
         locator = AutoDateLocator(minticks=3, maxticks=8)
         ax.xaxis.set_major_locator(locator)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from opid.mechanics.laws.law import Law, law_from_parameters
+from opid.mechanics.laws.law import Law
+from opid.mechanics.truth import GearTruth
 from opid.plots.style import (
     COUNT_MAP,
     GREEN,
@@ -169,13 +169,13 @@ def _verdict(curve: SliceCurve, fit: LawFit) -> str:
     return f"amplitude {amplitude:.3g} m/s²\nscale {1e3 * inner if unit == 'mm' else inner:.3g} {unit}"
 
 
-def law_curves(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
-    """Draw the identified force over velocity (at z = 0) and over travel (at z' = 0), with its linear share.
+def law_curves(result: AnyIdentification, axes: Any = None, *, truth: GearTruth | None = None) -> np.ndarray:
+    """Draw the identified force over velocity (at z = 0) and over travel (at z' = 0), with its linear part.
 
     Args:
         result: the identification.
         axes: two Axes, or None for a new figure.
-        truth: of a simulated run, as in truth.json: its law is drawn too.
+        truth: of a simulated run: its law is drawn too.
 
     Returns:
         (1, 2) Axes.
@@ -187,9 +187,7 @@ def law_curves(result: AnyIdentification, axes: Any = None, *, truth: Mapping[st
     visited = result.restoring_force
     travelled, moved = _motion(result)
     stiffness, damping = _slopes(result)
-    true_law = None
-    if truth is not None and not visited.per_mass:
-        true_law = law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
+    true_law = None if truth is None or visited.per_mass else truth.law
     velocity, travel = (np.linspace(-1, 1, 401) * float(np.abs(part).max()) for part in (moved, travelled))
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.4)
@@ -229,8 +227,8 @@ def _law(
     rms: float,
 ) -> None:
     zero = np.zeros_like(position)
-    place = (position, zero) if along == "travel" else (zero, position)
-    nonlinear = law.force(*place)
+    motion = (position, zero) if along == "travel" else (zero, position)
+    nonlinear = law.force(*motion)
     coefficient, at, label = ("K₂ z", "z′ = 0", _TRAVEL) if along == "travel" else ("C₂ z′", "z = 0", _VELOCITY)
     ax.axvspan(-scale * rms, scale * rms, color="#F1F1F1", zorder=0, label="± rms of the motion")
     if slope is not None:
@@ -247,7 +245,7 @@ def _law(
     if true_law is not None:
         ax.plot(
             scale * position,
-            true_law.force(*place),
+            true_law.force(*motion),
             color=GREEN,
             linewidth=3.5,
             alpha=0.45,

@@ -193,7 +193,7 @@ def _spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
         floor = channel.noise_floor**2 / (0.5 * fs)
         ax.axhline(floor, color=GREY, linewidth=1.0, linestyle="--")
         low, high = min(low, floor), max(high, floor)
-        _write(ax, f"noise floor {channel.noise_floor:.2g} {unit} rms".replace("  ", " "), floor, color=GREY)
+        _write(ax, f"noise at most {channel.noise_floor:.2g} {unit} rms".replace("  ", " "), floor, color=GREY)
     decades = max(float(np.log10(high / low)), 1.0)
     others = [line for line in channel.lines if "mains" not in line.name]
     ax.set_ylim(low * 10 ** (-0.25 * decades), high * 10 ** ((0.45 if others else 0.1) * decades))
@@ -213,9 +213,9 @@ def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: st
         nearest_line = int(np.argmin(np.abs(frequency_hz - line.frequency_hz)))
         level = float(overview.psd[max(nearest_line - 1, 0) : nearest_line + 2].max())
         ax.plot([line.frequency_hz], [level], "o", color=color, markersize=3.5)
-        place = float(np.log10(line.frequency_hz))
-        if named and len(labelled) < MOST_LABELS and all(abs(place - one) > 0.055 * decades for one in labelled):
-            labelled.append(place)
+        position = float(np.log10(line.frequency_hz))
+        if named and len(labelled) < MOST_LABELS and all(abs(position - one) > 0.055 * decades for one in labelled):
+            labelled.append(position)
             text, at = f"{line.frequency_hz:.4g} Hz", (line.frequency_hz, level)
             how: Any = {"textcoords": "offset points", "rotation": 90, "ha": "center", "va": "bottom"}
             ax.annotate(text, at, (0, 4), fontsize=7, color=color, **how)

@@ -48,12 +48,12 @@ class _Suspension:
 
     def transmissibility(self, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
         """That at the mass of one run."""
-        share = 1 / (1 + self.inverse_mass * mass_change_kg)
+        scale = 1 / (1 + self.inverse_mass * mass_change_kg)
         return suspension_transmissibility(
             frequency_hz,
-            stiffness_per_mass=share * self.stiffness,
-            damping_per_mass=share * self.damping,
-            ground_stiffness_per_mass=share * self.ground,
+            stiffness_per_mass=scale * self.stiffness,
+            damping_per_mass=scale * self.damping,
+            ground_stiffness_per_mass=scale * self.ground,
         )
 
 
@@ -150,7 +150,7 @@ def _transmissibility(
 
 
 def _suspension(result: AnyIdentification) -> _Suspension | None:
-    """What all runs tell of the linear suspension; None where it is refused or not told."""
+    """What all runs tell of the linear suspension; None where it is refused or not determined."""
     if isinstance(result, PaperIdentification):
         joint = result.joint
         return None if result.is_refused else _Suspension(*(joint[name] for name in (*RATIOS, "inverse_mass")))
@@ -203,13 +203,13 @@ def _fit_of(result: AnyIdentification) -> tuple[Fit | JointFit, Sequence[LawStep
     return result.evidence[0].fit, result.evidence[0].ladder, result.evidence[0].noise
 
 
-def _noise_lines(fit: Fit | JointFit, place: int) -> tuple[np.ndarray, np.ndarray]:
+def _noise_lines(fit: Fit | JointFit, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Frequency and rms of the white noise on each channel, mm/s^2, that would make the residual of each line."""
     if isinstance(fit, JointFit):
-        frequency_hz, residual = fit.frequency_hz[place], fit.residual[place]
+        frequency_hz, residual = fit.frequency_hz[index], fit.residual[index]
     else:
-        frequency_hz = fit.model.runs[place].omega / (2 * np.pi)
-        residual = fit.model.level * fit.errors.lines[place].ravel() / np.sqrt(2)
+        frequency_hz = fit.model.runs[index].omega / (2 * np.pi)
+        residual = fit.model.level * fit.errors.lines[index].ravel() / np.sqrt(2)
     n = max(1, round(SMOOTHING_HZ / float(frequency_hz[1] - frequency_hz[0])))
     power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
     middle = np.convolve(frequency_hz, np.ones(n), "valid") / n

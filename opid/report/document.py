@@ -5,12 +5,9 @@ A document has no JSON of its own: result.json is what the result's own `to_dict
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
-
-Truth = Mapping[str, Any]
-"""Of a simulation, as in truth.json."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +107,13 @@ def _nothing() -> Iterable[Block]:
 
 @dataclass(frozen=True)
 class Document:
-    """What is told of one result.
+    """The report of one result.
 
     Args:
         title: headline.
         about: in a few words what was done or looked at; beside the title.
         answer: the most important in one sentence.
-        not_determined: why there is no answer; it is told in its place. Empty or None if there is one.
+        not_determined: why there is no answer, which is shown instead of one. Empty or None if there is one.
         blocks: what text and page tell, in their order.
         details: makes what the page alone has room for: its figures, and tables that few readers need.
         command: words of the command line that gives the result again; None where no command does.

@@ -8,7 +8,8 @@ from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.kinds import Parameter
 from opid.mechanics.laws.law import Law
 from opid.mechanics.laws.rows import unit_of_parameter
-from opid.report.document import Column, Truth, columns
+from opid.mechanics.truth import Truth
+from opid.report.document import Column, columns
 
 ROUNDING = 1e-12
 """A standard deviation that is a smaller part of its value is the rounding of numbers: the value is a constant."""
@@ -100,7 +101,7 @@ def law_rows(
         law: the law.
         estimates: {kind: {parameter: Estimate}} of it; a kind that is missing has no rows.
         of: whose law it is, for the headings.
-        per_mass: whether the force is told per kg.
+        per_mass: whether the force is per kg of the mass.
         true: {kind: {parameter: value}} of a simulated run.
         true_scale: its amplitudes are multiplied by this.
         has_truth: whether the table has columns for the truth.

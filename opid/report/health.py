@@ -1,4 +1,4 @@
-"""What is told of a log: what is in it, and what is wrong with it."""
+"""The report of a log: what is in it, and what is wrong with it."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ CHANNELS_A_FIGURE, MOST_FIGURES = 12, 2
 """A figure takes seconds: of a log with more channels than these hold the most telling are drawn."""
 
 FEW_CLOCKS = 6
-"""Clocks that are told in a sentence each; of more, a line each."""
+"""Clocks that get a sentence each; of more, a line each."""
+
+NO_LAG = "A lag needs a broad coherent band in which the phase is that of a delay; that of a suspension is not."
 
 LEAST_JITTER = 1e-6
 """Of the period; what is less is the rounding of numbers, not of stamps."""
 
 
 def document_of(health: Health) -> Document:
-    """Return what is told of a log: clocks, channels and pairs, then what is wrong, the worst first, and what to do.
+    """Return the report of a log: clocks, channels and pairs, then what is wrong, the worst first, and what to do.
 
     Args:
         health: from `opid.inspect`.
@@ -189,7 +191,7 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
     )
     yield Table(
         columns(
-            *("channel", *["no."] * has_numbers, "unit", "mean", "rms", "peak", "noise floor", "step", "drift"),
+            *("channel", *["no."] * has_numbers, "unit", "mean", "rms", "peak", "noise at most", "step", "drift"),
             left=(0, 1 + has_numbers),
         ),
         tuple(
@@ -274,6 +276,8 @@ def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
     if together:
         heads = columns("channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1))
         rows = tuple((_shown(p.first), _shown(p.second), *_pair_cells(p)) for p in together[:MOST_PAIRS])
+        if any(row[2] == "-" for row in rows):
+            notes.append(NO_LAG)
         yield Table(heads, rows, note=" ".join(notes))
     elif notes:
         yield Paragraph(" ".join(notes))
@@ -312,7 +316,7 @@ def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
         alike.setdefault(_without_numbers(message), []).append((message, channels))
     for messages in alike.values():
         concerned = list(dict.fromkeys(channel for _, channels in messages for channel in channels))
-        # what is wrong with one clock or channel in several places is told place by place
+        # what is wrong with one clock or channel at several times is said one by one
         many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
         for message, channels in messages[:1] if many else messages:
             where = _listed(channels)

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from opid.errors import InputError
 from opid.json_values import json_text
+from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
 from opid.provenance import traced
 from opid.report.as_text import as_text
-from opid.report.document import Document, Figure, Truth
+from opid.report.document import Document, Figure
 from opid.report.page import as_page, pictured
 from opid.result import Result
 from opid.signals.directory import write_together
@@ -26,24 +27,24 @@ class KindOfResult:
     Args:
         result: its class in `opid`, by its full name: nothing of a wing is loaded to know whose a result is.
         module: in `opid.report`, with `document_of`.
-        has_truth: whether that takes the truth of a simulation, too.
+        truths: that it takes, of a simulation.
     """
 
     result: str
     module: str
-    has_truth: bool = False
+    truths: tuple[type, ...] = ()
 
 
 KINDS = (
-    KindOfResult("suspensions.result.Identification", "suspensions.identification", has_truth=True),
-    KindOfResult("suspensions.paper.result.PaperIdentification", "suspensions.identification", has_truth=True),
+    KindOfResult("suspensions.result.Identification", "suspensions.identification", (GearTruth, BodyTruth)),
+    KindOfResult("suspensions.paper.result.PaperIdentification", "suspensions.identification", (GearTruth, BodyTruth)),
     KindOfResult("suspensions.own_structure.StructureIdentification", "suspensions.structure"),
     KindOfResult("suspensions.bench.law.BenchLaw", "suspensions.bench"),
     KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
     KindOfResult("signals.health.result.Health", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
-    KindOfResult("modal.result.ModalIdentification", "modal.modes", has_truth=True),
-    KindOfResult("updating.result.Updating", "updating.classes", has_truth=True),
+    KindOfResult("modal.result.ModalIdentification", "modal.modes", (ModalTruth,)),
+    KindOfResult("updating.result.Updating", "updating.classes", (UpdatingTruth,)),
 )
 
 
@@ -52,31 +53,32 @@ def text(result: Result, truth: Truth | None = None) -> str:
 
     Args:
         result: of any kind.
-        truth: of a simulation, as in truth.json: shown beside each estimate.
+        truth: of a simulation: shown beside each estimate.
 
     Raises:
-        InputError: what is no result, or a truth beside a result that is compared with none.
+        InputError: what is no result, or a truth that is none of such a result.
     """
     return as_text(document_of(result, truth))
 
 
 def document_of(result: Result, truth: Truth | None = None) -> Document:
-    """Return what is to be told of a result, from which its text and its page are made.
+    """Return the report of a result, from which its text and its page are made.
 
     Args:
         result: of any kind.
-        truth: of a simulation, as in truth.json: shown beside each estimate.
+        truth: of a simulation: shown beside each estimate.
 
     Raises:
-        InputError: what is no result, or a truth beside a result that is compared with none.
+        InputError: what is no result, or a truth that is none of such a result.
     """
     kind = _kind_of(result)
     make: Callable[..., Document] = import_module(f"opid.report.{kind.module}").document_of
-    if kind.has_truth:
-        return make(result, truth)
-    if truth is not None:
-        raise InputError(f"a {type(result).__name__} is compared with no truth: leave it out")
-    return make(result)
+    if truth is None:
+        return make(result)
+    if not isinstance(truth, kind.truths):
+        needed = " or ".join(f"a {each.__name__}" for each in kind.truths) or "no truth"
+        raise InputError(f"a {type(result).__name__} is compared with {needed}: the truth is a {type(truth).__name__}")
+    return make(result, truth)
 
 
 def write_report(
@@ -96,14 +98,13 @@ def write_report(
     Args:
         result: of any kind.
         directory: made if it is not there.
-        truth: of a simulation, as in truth.json: shown beside the estimates.
+        truth: of a simulation: shown beside the estimates.
         command: words of the command that gave the result; where left out, of one that gives the same.
         figures: whether they are drawn; where not, those of an older report are deleted.
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: what is no result, a truth beside a result that is compared with none, or a place that cannot be
-            written to.
+        InputError: what is no result, a truth that is none of such a result, or a place that cannot be written to.
     """
     document = document_of(result, truth)
     every = tuple(document.details())

@@ -32,7 +32,7 @@ class Recording:
         channels: one `Channel` a column.
         start_s: time of the first sample, s.
         history: what was done to the samples since they were read, in order.
-        files: that the samples were read from.
+        files: that the samples were read from, and those that say what they mean (the study, say).
 
     Raises:
         InputError: fewer than two samples, a column count that does not match the channels,

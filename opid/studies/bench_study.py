@@ -12,7 +12,7 @@ from opid.signals.log_settings import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
 from opid.studies.channels import CHANNEL, ChannelTable, as_table, sources_of
 from opid.studies.kinds import TEST_BENCH
-from opid.studies.run_files import RunFiles, run_from_files
+from opid.studies.run_files import RunFiles, read_beside, run_from_files
 from opid.studies.schema import Document, Say, fields_of, prefixed, read_tables, recast, text_of
 from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.study import Run
@@ -50,7 +50,8 @@ def build_bench_study(document: Document, source: Path, say: Say) -> BenchStudy:
     study, faults = bench_tables(document)
     refuse(faults, source)
     with prefixed(f"{source}: "):
-        return _read(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
+        read = _read(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
+        return replace(read, recording=read_beside(read.recording, source))
 
 
 def bench_tables(document: Document) -> tuple[_Study, list[str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings, LogSettings
@@ -26,6 +26,7 @@ class ChannelTable(ChannelSettings):
         given: the keys that stand in it.
     """
 
+    ELSEWHERE: ClassVar[dict[str, str]] = {"name": "write `channel` for the name of the channel in the log"}
     channel: str | int | None = None  # type: ignore[assignment]
     log: LogSettings | None = None
     given: Annotated[frozenset[str], NO_KEY] = frozenset()

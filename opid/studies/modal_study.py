@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +20,7 @@ from opid.signals.recording import Recording
 from opid.signals.units import to_si
 from opid.studies.channels import CHANNEL, ChannelTable, as_table
 from opid.studies.kinds import MODAL_TESTS
+from opid.studies.run_files import read_beside
 from opid.studies.schema import (
     NO_KEY,
     Document,
@@ -111,8 +112,9 @@ def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
     for each in study.tests:
         say(each.log)
         with noted(faults, f"test {each.called!r}: "):
-            own = modes[each.modes or study.modes.file]
-            test = _test(each, source.parent, own, settings["drive_point"], study.log, channels)
+            file = each.modes or study.modes.file
+            test = _test(each, source.parent, modes[file], settings["drive_point"], study.log, channels)
+            test = replace(test, recording=read_beside(test.recording, source, source.parent / file))
             tests.append(StudyTest(test, each.use or ("decay" if each.force is None else "fit"), each.mode))
     refuse(faults, source)
     title = source.stem if study.title is None else study.title
@@ -198,7 +200,7 @@ def _force_seen(log: Log) -> str:
                 if channel.unit and to_si(channel.unit)[1] == "N":
                     return channel.name
             except InputError:
-                continue  # a unit nobody knows is told when the channel is used
+                continue  # an unknown unit is refused when the channel is used
     return ""
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError
+from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.health.inspection import inspect, without_spikes
 from opid.signals.health.result import Finding, Health
@@ -131,6 +132,11 @@ def run_from_files(
     return Run(files.name, recording, files.mass_change_kg, (*findings, *more))
 
 
+def read_beside(recording: Recording, *files: Path) -> Recording:
+    """Return a recording that also names the files that say what its samples mean: the study, loadings, modes."""
+    return replace(recording, files=(*map(read_file, files), *recording.files))
+
+
 def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
     """Return the runs at the lowest of their rates."""
     fs = min((run.recording.fs for run in runs), default=0.0)
@@ -217,9 +223,9 @@ def _without_spikes(recording: Recording) -> Recording:
     """Single spikes mended at the rate at which they were recorded: a filter would make long ones of them."""
     columns, history = [], list(recording.history)
     for channel, samples in zip(recording.channels, recording.samples.T, strict=True):
-        mended, places = without_spikes(samples, fs=recording.fs)
+        mended, spikes = without_spikes(samples, fs=recording.fs)
         columns.append(mended)
-        history += [f"{channel.name}: {places.size} spike(s) mended"] * (places.size > 0)
+        history += [f"{channel.name}: {spikes.size} spike(s) mended"] * (spikes.size > 0)
     return replace(recording, samples=np.stack(columns, axis=1), history=tuple(history))
 
 

@@ -70,13 +70,13 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     of) and `most_terms`. `[log]` says how logs are to be read, `[channels.NAME]` what a channel means, and its file.
 
     **Modal tests** (`ModalStudy`): `title`, a table `[modes]` and one table `[[tests]]` for each log. `[modes]` gives
-    `file` (npz or CSV, see `read_modes`), `drive_point` (the sensor at whose place the force acts), `nonlinear` (modes
+    `file` (npz or CSV, see `read_modes`), `drive_point` (the sensor where the force acts), `nonlinear` (modes
     counted from 1; those that the level tests show where left out), `stiffness_order` and `damping_order` (chosen by
     cross-validation where left out), `free_linear` (true or false; decided by the data where left out),
-    `frequency_threshold` and `damping_threshold` (of the level tests, shares; 0.002 and 0.15 where left out); all but
-    `file` may stand beside the tables as well. A test gives `log` (path beside the study file), `force` (its channel;
-    left out of a free decay), `use` ("fit", "truth", "level" or "decay"; "fit" where left out, "decay" without a
-    force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the linear modes that hold during
+    `frequency_threshold` and `damping_threshold` (of the level tests, as fractions; 0.002 and 0.15 where left out); all
+    but `file` may stand beside the tables as well. A test gives `log` (path beside the study file), `force` (its
+    channel; left out of a free decay), `use` ("fit", "truth", "level" or "decay"; "fit" where left out, "decay" without
+    a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the linear modes that hold during
     this test), `start_s` and `stop_s`. `[log]` says how logs are to be read, `[channels.NAME]` what their channels mean
     (the fields of `ChannelSettings`), where a channel is not called as its sensor.
 

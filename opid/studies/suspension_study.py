@@ -20,7 +20,7 @@ from opid.signals.logs import write_log
 from opid.studies.channels import CHANNEL, ChannelTable, as_table, sources_of
 from opid.studies.kinds import SUSPENSIONS, kind_of
 from opid.studies.loading_file import read_loading
-from opid.studies.run_files import RunFiles, Source, at_one_rate, run_from_files
+from opid.studies.run_files import RunFiles, Source, at_one_rate, read_beside, run_from_files
 from opid.studies.schema import (
     NO_KEY,
     Document,
@@ -225,10 +225,10 @@ def suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]]:
         ]
     else:
         known, right = study.sensor_channels, "[channels.NAME] of a sensor of an interface or of the body"
-    places = [("channels", channels, known), *(("runs.channels", run.channels, []) for run in study.runs or ())]
+    tables = [("channels", channels, known), *(("runs.channels", run.channels, []) for run in study.runs or ())]
     faults += [
         f"{fact!r} stands in [{where}.{name}], give it in {right}"
-        for where, entries, sensors in places
+        for where, entries, sensors in tables
         for name, entry in entries.items()
         if isinstance(entry, _Channel) and name not in sensors
         for fact in FACTS
@@ -247,7 +247,7 @@ class LogReading:
     Args:
         settings: of the log.
         channels: those taken from it, by the names that they will have; None for all, as the log calls them.
-        runs: names of the runs that take channels from it; the first is the one that is told here.
+        runs: names of the runs that take channels from it; the first is the one that is described here.
     """
 
     settings: LogSettings
@@ -265,13 +265,16 @@ def build_suspension_study(document: Document, source: Path, say: Say) -> Study:
     faults: list[str] = []
     for each, files in zip(study.runs, all_files, strict=True):
         rows, loading = each.loading, tuple[PointMass, ...]()
+        beside = [source]
         with noted(faults, f"run {files.name!r}: "):
-            loading = (
-                read_loading(source.parent / rows) if isinstance(rows, str) else tuple(PointMass(*row) for row in rows)
-            )
+            if isinstance(rows, str):
+                loading = read_loading(source.parent / rows)
+                beside.append(source.parent / rows)
+            else:
+                loading = tuple(PointMass(*row) for row in rows)
         with noted(faults, f"run {files.name!r}: "):
             run = run_from_files(files, fs_hz=study.fs_hz, progress=say)
-            runs.append(replace(run, loading=loading))
+            runs.append(replace(run, loading=loading, recording=read_beside(run.recording, *beside)))
     refuse(faults, source)
     return recast(
         Study,
@@ -333,11 +336,11 @@ def _with_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Body
 def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
     """Say of runs that they are one flight: what differs from flight to flight is not seen between them."""
     found: list[Run] = []
-    for place, (run, own) in enumerate(zip(runs, files, strict=True)):
+    for index, (run, own) in enumerate(zip(runs, files, strict=True)):
         logs = {each.file for each in own.sources.values()}
         alike = [
             other.name
-            for other, theirs in zip(runs[:place], files, strict=False)
+            for other, theirs in zip(runs[:index], files, strict=False)
             if other.masses == run.masses and not logs.isdisjoint(each.file for each in theirs.sources.values())
         ]
         words = (
@@ -436,23 +439,23 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     study = _sound_body(document, source)
     with prefixed(f"{source}: "):
         all_files = [_run_files(study, run, source.parent) for run in study.runs]
-    users = [(files.name, taken) for files in all_files if (taken := _taken(files, _place(log)))]
+    users = [(files.name, taken) for files in all_files if (taken := _taken(files, _real_path(log)))]
     if not users:
         return (LogReading(study.log),)
     runs = tuple(name for name, _ in users)
     return tuple(LogReading(how, channels, runs) for how, channels in users[0][1].items())
 
 
-def _taken(files: RunFiles, place: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
-    """The channels that a run takes from the file at this place, those that are read alike together."""
+def _taken(files: RunFiles, path: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
+    """The channels that a run takes from the file with this path, those that are read alike together."""
     taken: dict[LogSettings, dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
-        if _place(source.file) == place:
+        if _real_path(source.file) == path:
             taken.setdefault(source.settings, {})[name] = source.channel
     return taken
 
 
-def _place(path: str | os.PathLike[str]) -> str:
+def _real_path(path: str | os.PathLike[str]) -> str:
     """The one path of a file, which need not be there."""
     try:
         return os.path.realpath(path)
@@ -519,8 +522,8 @@ def _body_of(study: Study) -> _Body:
     channels: dict[str, str | int | _Channel] = {**_further_channels(study, known)}
     channels |= {name: recast(_Channel, facts, channel=name) for name, facts in known.items() if stated(facts)}
     leaks = tuple(
-        _Leak(channel=channel, into=study.channels(side)[place], tolerance=tolerance)
-        for channel, side, place, tolerance in study.leaks()
+        _Leak(channel=channel, into=study.channels(side)[index], tolerance=tolerance)
+        for channel, side, index, tolerance in study.leaks()
     )
     return recast(
         _Body,

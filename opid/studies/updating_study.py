@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
 from opid.mechanics.laws.kinds import LAWS
+from opid.provenance import read_file
 from opid.studies.kinds import BACKBONES
-from opid.studies.schema import Document, Say, noted, read_tables, text_of
+from opid.studies.schema import Document, Say, fields_of, noted, read_tables, text_of
 from opid.updating.checks import backbone_faults, shortened
-from opid.updating.likelihood.curves import Form
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
 from opid.updating.model_class import Family, ModelClass, Prior
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import checked_structure, write_structure
-from opid.updating.study import Sampler, UpdatingSettings, UpdatingStudy
+from opid.updating.study import UpdatingSettings, UpdatingStudy
 
 FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 """Of a factor of the linear structure where the study names none: from a twentieth of nominal to five times."""
@@ -34,6 +34,12 @@ _FORCE = {"": 1.0, "k": 1e3, "M": 1e6}
 
 _Dof = str | int
 _Ends = Annotated[tuple[_Dof, _Dof], "the two degrees of freedom that the joint lies between"]
+
+
+def _settings(*names: str) -> Any:
+    """The fields of the settings with these names, None where a study says nothing."""
+    others = [each.name for each in fields(UpdatingSettings) if each.name not in names]
+    return fields_of(UpdatingSettings, *others, **dict.fromkeys(names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,17 +110,13 @@ class ClassTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Sampling:
-    sampler: Sampler | None = None
+class _Sampling(_settings("sampler", "seed")):  # type: ignore[misc]
     samples: int | None = None
-    seed: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Study:
+class _Study(_settings("form", "harmonics")):  # type: ignore[misc]
     title: str | None = None
-    form: Form | None = None
-    harmonics: Annotated[tuple[int, ...] | None, "a list of harmonics of the model like [1, 3]"] = None
     structure: Annotated[_Structure, BACKBONES.needs["structure"]]
     log: _Log | None = None
     backbones: Annotated[tuple[_Backbone, ...], BACKBONES.needs["backbones"]]
@@ -132,7 +134,7 @@ class _Study:
             "seed": self.sampling.seed,
             "n_internal": self.structure and self.structure.internal_modes,
         }
-        return UpdatingSettings(**{name: value for name, value in named.items() if value is not None})  # type: ignore[arg-type]
+        return UpdatingSettings(**{name: value for name, value in named.items() if value is not None})
 
 
 def build_updating_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
@@ -141,10 +143,11 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
     # what is sound is read even so, to say its faults with the others
     parameters, wrong = _parameters(document.get("structure"))
     faults += wrong
-    structure = None
+    structure, files = None, [source]
     if study.structure:
         say("the matrices")
         structure, wrong = _structure(study.structure, source.parent)
+        files += _files_of(study.structure, source.parent)
         faults += [f"[structure]: {fault}" for fault in wrong]
     backbones = []
     alike: dict[str, list[str]] = {}
@@ -162,10 +165,11 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
         faults += study.settings.setting_faults
     refuse(faults, source)
     assert structure is not None  # or it would have been refused
+    beside = tuple(map(read_file, files))
     return UpdatingStudy(
         title=source.stem if study.title is None else study.title,
         structure=structure,
-        backbones=tuple(backbones),
+        backbones=tuple(replace(each, files=(*beside, *each.files)) for each in backbones),
         classes=tuple(each.model for each in study.classes),
         parameters=parameters,
         noise=study.noise,
@@ -213,6 +217,12 @@ def _parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
         with noted(faults, f"[structure.priors] {name!r}: "):
             found[name] = Prior(*row)
     return found, faults
+
+
+def _files_of(table: _Structure, directory: Path) -> list[Path]:
+    """The files of the matrices, and that of the names of their degrees of freedom if there is one."""
+    matrices = [table.matrices] if isinstance(table.matrices, str) else [*table.matrices.values()]
+    return [directory / name for name in (*matrices, *([table.dofs] if isinstance(table.dofs, str) else []))]
 
 
 def _structure(table: _Structure, directory: Path) -> tuple[AffineStructure | None, list[str]]:

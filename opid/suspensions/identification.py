@@ -21,12 +21,12 @@ from opid.suspensions.answer.warnings import Answer, collect_warnings
 from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.fitting.faults import ground_imitations
 from opid.suspensions.fitting.noise import known_noise, measure_whiteness, over_noise
-from opid.suspensions.fitting.search import METHODS_OF_LAW, Question
+from opid.suspensions.fitting.search import Question
 from opid.suspensions.law_search.force_surface import force_surface
 from opid.suspensions.law_search.pursuit import alternatives, library
 from opid.suspensions.model.driven_model import noise_level
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
-from opid.suspensions.settings import Settings
+from opid.suspensions.settings import METHODS, METHODS_OF_LAW, Settings
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-METHODS = ("model", "classical", "paper")
 IN_WORDS = {"single": "each gear alone", "pair": "the mean of left and right", "rigid_body": "one rigid body"}
 
 # of a run in a figure

@@ -7,6 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+METHODS = ("model", "classical", "paper")
+"""Of identification: the driven model, the mended chain of the paper, its printed formula."""
+
+METHODS_OF_LAW = ("pursuit", "sparse regression", "both")
+"""Of searching the law of the driven model."""
+
 
 @dataclass(frozen=True)
 class Verdicts:

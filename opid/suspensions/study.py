@@ -245,7 +245,7 @@ class Study:
 
     @property
     def files(self) -> tuple[ReadFile, ...]:
-        """The logs of the runs, as they were when they were read."""
+        """The study file, loading tables and logs of the runs, as they were when they were read."""
         return tuple(file for run in self.runs for file in run.recording.files)
 
     def channels(self, side: Side) -> tuple[str, ...]:

@@ -46,7 +46,7 @@ class MeasuredBackbone:
         amplitude: (n_points, n_sensors) first-harmonic amplitude of displacement, m, with the sign of the phase;
             columns in the order of `sensors`.
         sensors: names of the sensors.
-        file: that it was read from, if there is one.
+        files: that it was read from, and those of the study that it belongs to.
 
     Raises:
         InputError: too few points, counts that do not match, values that are not finite or not positive, or an
@@ -59,7 +59,7 @@ class MeasuredBackbone:
     frequency_hz: FloatArray
     amplitude: FloatArray
     sensors: tuple[str, ...]
-    file: ReadFile | None = None
+    files: tuple[ReadFile, ...] = ()
 
     def __post_init__(self) -> None:
         frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))
@@ -156,7 +156,7 @@ def read_backbone(
         raise InputError(f"there is no backbone {path}: check the name")
     try:
         read = _read(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
-        return replace(read, file=read_file(source))
+        return replace(read, files=(read_file(source),))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except OSError as error:

@@ -238,8 +238,8 @@ class Updating(Result):
 
     @property
     def files(self) -> tuple[ReadFile, ...]:
-        """The files of the backbones, as they were when they were read."""
-        return tuple(each.file for each in self.measured if each.file is not None)
+        """The study, the matrices and the backbones, as they were when they were read."""
+        return tuple(file for each in self.measured for file in each.files)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, which `docs/schemas/updating-1.schema.json` describes."""

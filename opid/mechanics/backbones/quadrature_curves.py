@@ -36,7 +36,7 @@ class Specimen:
         system: its modes, as its sensors and joints see them.
         laws: one law a joint; a single `Law` counts for all.
         damping_ratio: (n_modes,) zeta of each mode, or one number for all.
-        drive: name of the sensor at whose place the force acts.
+        drive: name of the sensor where the force acts.
         shaker: None for a force that acts directly; else the feedback moves its armature, and the force is that in its
             stinger. Its amplifier is taken as linear.
 

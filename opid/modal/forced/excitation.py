@@ -204,7 +204,7 @@ def beat_over_drive_point_peak(
     drive_point: str,
     *,
     response: FrequencyResponse | None = None,
-    share: float = 0.05,
+    fraction: float = 0.05,
     level_db: float | None = None,
     window: Window = "blackmanharris",
     amplitude: float = 1.0,
@@ -221,7 +221,7 @@ def beat_over_drive_point_peak(
         mode: number of the mode to excite, from 1.
         drive_point: the sensor at which the shaker acts.
         response: measured response to a force there; that of the linear modes where left out.
-        share: of the imaginary part at its peak.
+        fraction: of the imaginary part at its peak.
         level_db: level of the main lobe that is as wide as the band, dB; between its first minima where None.
         window: as in `SineBeat`.
         amplitude: peak of the window, V.
@@ -237,15 +237,15 @@ def beat_over_drive_point_peak(
     3.49
     """
     centre = _elastic_frequency(modes, mode)
-    if not 0 < share < 1:
-        raise InputError(f"share is {share}: give a number between 0 and 1, e.g. 0.05")
-    low, high = _peak_band(modes, mode, drive_point, response, share)
+    if not 0 < fraction < 1:
+        raise InputError(f"fraction is {fraction}: give a number between 0 and 1, e.g. 0.05")
+    low, high = _peak_band(modes, mode, drive_point, response, fraction)
     width = high - low
     duration = main_lobe_width_hz(window, 1.0, level_db=level_db) / width
     part = "between its first minima" if level_db is None else f"at {level_db:g} dB"
     reason = (
         f"main lobe ({part}) of {width:.4g} Hz: there the imaginary part at {drive_point!r} exceeds "
-        f"{100 * share:g} % of its value at mode {mode}"
+        f"{100 * fraction:g} % of its value at mode {mode}"
     )
     beat = _design(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
     return BeatDesign(beat, centre - low, high - centre, first_minimum_hz(window, duration), width, reason)
@@ -400,7 +400,7 @@ def _design(
 
 
 def _peak_band(
-    modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, share: float
+    modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, fraction: float
 ) -> tuple[float, float]:
     """Where the imaginary part of the drive point's response is large around a mode, Hz."""
     index = modes.index(mode)
@@ -429,7 +429,7 @@ def _peak_band(
         raise InputError(f"the response has {line.size} line(s) around mode {mode}: give one that is finer or longer")
     peak = int(np.nanargmin(np.abs(line - centre)))
     near = slice(max(0, peak - 2), peak + 3)  # the mode may lie between two lines
-    level = share * float(np.nanmax(height[near]))
+    level = fraction * float(np.nanmax(height[near]))
     low, high = _crossing(line[peak::-1], height[peak::-1], level), _crossing(line[peak:], height[peak:], level)
     if np.count_nonzero((line > low) & (line < high)) < 3:
         raise InputError(f"the peak of mode {mode} is narrower than the lines of the response: give a longer record")

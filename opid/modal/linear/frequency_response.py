@@ -24,7 +24,7 @@ class FrequencyResponse:
         frequency_hz: (n,) lines, Hz.
         value: (n, n_sensors) complex accelerance, m/s^2/N; nan at a line without any force.
         sensors: names of the columns.
-        drive_point: the sensor at whose place and in whose direction the force acts.
+        drive_point: the sensor where and in whose direction the force acts.
         n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
         coherence: (n, n_sensors) in 0..1; None where nothing was averaged, for it is 1 by construction then.
     """
@@ -98,7 +98,7 @@ def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str)
     Args:
         modes: the linear modes.
         frequency_hz: (n,) lines, Hz.
-        drive_point: the sensor at whose place and in whose direction the force acts.
+        drive_point: the sensor where and in whose direction the force acts.
 
     Raises:
         InputError: no such sensor, lines that are no finite numbers from 0 up, or one on the resonance of an undamped

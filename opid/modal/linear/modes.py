@@ -132,11 +132,11 @@ def modal_filter(modes: LinearModes) -> FloatArray:
 
 
 def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:
-    """Return Phi^T e, (n_modes,) kg^-1/2: one force at a sensor's place -> modal forces (Pacini eq. 3).
+    """Return Phi^T e, (n_modes,) kg^-1/2: one force at a sensor -> modal forces (Pacini eq. 3).
 
     Args:
         modes: the modes.
-        drive_point: name of the sensor at whose place and in whose direction the force acts.
+        drive_point: name of the sensor where and in whose direction the force acts.
 
     Raises:
         InputError: no such sensor.
@@ -224,7 +224,7 @@ class ModalTest:
         acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
         force: (n,) force at the drive point, N; None for a free decay.
         modes: linear modes that belong to this test.
-        drive_point: the sensor at whose place the force acts; None for a free decay.
+        drive_point: the sensor where the force acts; None for a free decay.
     """
 
     name: str
@@ -271,7 +271,7 @@ def modal_test(
         modes: linear modes that describe the structure during this test.
         name: of the test.
         force: channel of the force, in N; None for a free decay.
-        drive_point: the sensor at whose place and in whose direction it acts; needed with a force.
+        drive_point: the sensor where and in whose direction it acts; needed with a force.
 
     Raises:
         InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force that is no

@@ -74,7 +74,7 @@ class Appropriation:
     Args:
         mode: number of the mode that was held at resonance, from 1.
         modes: the linear modes through which the sensors were filtered.
-        drive_point: the sensor at whose place the force acts.
+        drive_point: the sensor where the force acts.
         levels: one a voltage.
         range_hz: lowest and highest frequency that the loop could take, Hz.
         settings: of the loop.
@@ -172,18 +172,18 @@ class Interaction:
         mode: the other mode, from 1.
         harmonic: of the drive frequency, 2 to 5.
         voltage_v: (n,) of the levels, V.
-        shares: (n, n_modes, 5) amplitude of each harmonic of each modal acceleration over the fundamental of the
+        fractions: (n, n_modes, 5) amplitude of each harmonic of each modal acceleration over the fundamental of the
             target's.
-        share: (n,) that of this harmonic of this mode.
+        fraction: (n,) that of this harmonic of this mode.
         assurance: (n, n_modes) MAC of each mode's shape with the deflection shape of this harmonic at the sensors.
-        driven_share: (n,) what the measured force would make of the mode at this harmonic if it stood alone, over what
-            is observed.
+        driven_fraction: (n,) what the measured force would make of the mode at this harmonic if it stood alone,
+            over what is observed.
         holds: (n,) levels that locked and at which all conditions hold.
         flagged: whether they hold at enough levels.
         first_level: the first of these levels, counted from 1; None where there is none.
-        least_share: `share` that was asked for.
+        least_fraction: `fraction` that was asked for.
         least_assurance: MAC that was asked for.
-        most_driven: largest `driven_share` allowed.
+        most_driven: largest `driven_fraction` allowed.
         statement: what was found, or what was looked at, in plain words.
     """
 
@@ -191,14 +191,14 @@ class Interaction:
     mode: int
     harmonic: int
     voltage_v: FloatArray
-    shares: FloatArray
-    share: FloatArray
+    fractions: FloatArray
+    fraction: FloatArray
     assurance: FloatArray
-    driven_share: FloatArray
+    driven_fraction: FloatArray
     holds: NDArray[np.bool_]
     flagged: bool
     first_level: int | None
-    least_share: float
+    least_fraction: float
     least_assurance: float
     most_driven: float
     statement: str
@@ -280,7 +280,7 @@ def levels_for(
     top_m_per_s2: float,
     rng: np.random.Generator,
     n_levels: int = 70,
-    lowest_share: float = 0.02,
+    lowest_fraction: float = 0.02,
     drive_point: str | None = None,
     noise_share: float = 0.01,
     settings: PhaseLock | None = None,
@@ -296,7 +296,7 @@ def levels_for(
         top_m_per_s2: amplitude of the fundamental at the drive point, m/s^2.
         rng: source of the noise.
         n_levels: number of voltages, two or more.
-        lowest_share: the first voltage over the last.
+        lowest_fraction: the first voltage over the last.
         drive_point: as for `appropriate_force`.
         noise_share: likewise.
         settings: likewise.
@@ -305,9 +305,9 @@ def levels_for(
         InputError: a value out of range, or as `appropriate_force`.
         NotDeterminedError: the amplitude is not reached: the loop does not lock below it.
     """
-    if not 0.0 < top_m_per_s2 < np.inf or n_levels < 2 or not 0.0 < lowest_share < 1.0:
+    if not 0.0 < top_m_per_s2 < np.inf or n_levels < 2 or not 0.0 < lowest_fraction < 1.0:
         raise InputError(
-            f"{n_levels} levels up to {top_m_per_s2} m/s^2 from {lowest_share} of the last are wanted: give two or "
+            f"{n_levels} levels up to {top_m_per_s2} m/s^2 from {lowest_fraction} of the last are wanted: give two or "
             "more levels, a positive amplitude and a fraction between 0 and 1"
         )
     control = make_controller(
@@ -316,12 +316,12 @@ def levels_for(
     loop, index, point = control.at_rest(), modes.index(mode), modes.sensors.index(control.drive_point)
     # a force that is surely too low: at the linear damping, and with nothing lost in the shaker
     lowest_n = 2.0 * modes.damping_ratio[index] * top_m_per_s2 / modes.shapes[point, index] ** 2
-    voltage = lowest_share * lowest_n / (rig.shaker.force_per_volt_n if rig.shaker else 1.0)
+    voltage = lowest_fraction * lowest_n / (rig.shaker.force_per_volt_n if rig.shaker else 1.0)
     for _ in range(_MOST_TRIALS):
         level, loop = _level(control, loop, voltage)
         reached = float(np.abs(level.sensors[point, 0]))
         if level.locked and abs(reached / top_m_per_s2 - 1.0) < 0.01:
-            return np.geomspace(lowest_share * voltage, voltage, n_levels)
+            return np.geomspace(lowest_fraction * voltage, voltage, n_levels)
         if not level.locked:
             break
         voltage *= float(np.clip(top_m_per_s2 / reached, 0.5, 2.5))
@@ -335,7 +335,7 @@ def modal_interaction(
     appropriation: Appropriation,
     modes: LinearModes | None = None,
     *,
-    least_share: float = 0.5,
+    least_fraction: float = 0.5,
     least_assurance: float = 0.9,
     most_driven: float = 0.2,
     least_levels: int = 3,
@@ -346,12 +346,12 @@ def modal_interaction(
     deflect at this harmonic in that mode's shape; and the force cannot have driven it, for at this harmonic the
     measured force F_h makes of a mode that stands alone only phi_d F_h times its accelerance,
     -(h omega)^2 / (omega_0^2 - (h omega)^2 + 2 j zeta omega_0 h omega). Of all modes and harmonics the one at which the
-    conditions hold most often is returned, and among equals the one with the largest share.
+    conditions hold most often is returned, and among equals the one with the largest fraction.
 
     Args:
         appropriation: see `opid.modal.appropriate_force`.
         modes: for shapes, frequencies and damping; those of the appropriation where left out.
-        least_share: of the target's fundamental; in the paper 0.5.
+        least_fraction: of the target's fundamental; in the paper 0.5.
         least_assurance: least MAC of the deflection shape with the mode's shape; in the paper 0.9.
         most_driven: most that the force may have driven, as a fraction of what is observed.
         least_levels: number of levels at which all this must hold.
@@ -359,9 +359,9 @@ def modal_interaction(
     Raises:
         InputError: a threshold out of range, or modes that do not match those of the appropriation.
     """
-    if not (0.0 < least_share < np.inf and 0.0 < least_assurance < 1.0 and 0.0 < most_driven < np.inf):
+    if not (0.0 < least_fraction < np.inf and 0.0 < least_assurance < 1.0 and 0.0 < most_driven < np.inf):
         raise InputError(
-            f"least_share is {least_share}, least_assurance {least_assurance}, most_driven {most_driven}: give "
+            f"least_fraction is {least_fraction}, least_assurance {least_assurance}, most_driven {most_driven}: give "
             "positive numbers, and a MAC below 1"
         )
     if least_levels != int(least_levels) or least_levels < 1:
@@ -372,19 +372,19 @@ def modal_interaction(
 
     target, locked = known.index(appropriation.mode), appropriation.locked
     amplitude = np.abs(appropriation.modal)
-    shares = amplitude / amplitude[:, target, :1, np.newaxis]
+    fractions = amplitude / amplitude[:, target, :1, np.newaxis]
     driven = _drive_modes(appropriation, known) / np.maximum(amplitude, np.finfo(float).tiny)
     assurance = np.stack([modal_assurance(known.shapes, of_level) for of_level in appropriation.sensors])
-    holds = (shares > least_share) & (assurance >= least_assurance) & (driven <= most_driven)
+    holds = (fractions > least_fraction) & (assurance >= least_assurance) & (driven <= most_driven)
     holds &= locked[:, np.newaxis, np.newaxis]
     # the fundamental is no harmonic, and rigid-body modes have no resonance to meet
-    others = np.ones(shares.shape[1:], dtype=bool) & known.elastic[:, np.newaxis]
+    others = np.ones(fractions.shape[1:], dtype=bool) & known.elastic[:, np.newaxis]
     others[target], others[:, 0] = False, False
     if not others.any():
         raise InputError("there is no other elastic mode: an interaction takes two")
-    # where the conditions hold at most levels, and of these the largest share
+    # where the conditions hold at most levels, and of these the largest fraction
     times = np.where(others, holds.sum(axis=0), -1)
-    largest = np.where(times == times.max(), (shares[locked] if locked.any() else shares).max(axis=0), -1.0)
+    largest = np.where(times == times.max(), (fractions[locked] if locked.any() else fractions).max(axis=0), -1.0)
     index, line = (int(each) for each in np.unravel_index(np.argmax(np.where(others, largest, -1.0)), largest.shape))
     held = holds[:, index, line]
     found = Interaction(
@@ -392,14 +392,14 @@ def modal_interaction(
         mode=index + 1,
         harmonic=line + 1,
         voltage_v=appropriation.voltage_v,
-        shares=shares,
-        share=shares[:, index, line],
+        fractions=fractions,
+        fraction=fractions[:, index, line],
         assurance=assurance[:, :, line],
-        driven_share=driven[:, index, line],
+        driven_fraction=driven[:, index, line],
         holds=held,
         flagged=bool(held.sum() >= least_levels),
         first_level=int(np.argmax(held)) + 1 if held.any() else None,
-        least_share=least_share,
+        least_fraction=least_fraction,
         least_assurance=least_assurance,
         most_driven=most_driven,
         statement="",
@@ -424,17 +424,17 @@ def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int)
         least_mac = np.floor(100.0 * found.mac[held].min()) / 100.0
         return (
             f"Mode {found.target} works on mode {found.mode}: from level {found.first_level} on, at "
-            f"{int(held.sum())} of {n} levels, {name} exceeds {found.least_share:.0%} of the fundamental of mode "
-            f"{found.target} (up to {found.share[held].max():.0%}), the deflection has its shape (MAC of "
+            f"{int(held.sum())} of {n} levels, {name} exceeds {found.least_fraction:.0%} of the fundamental of mode "
+            f"{found.target} (up to {found.fraction[held].max():.0%}), the deflection has its shape (MAC of "
             f"{least_mac:.2f} or more, with other modes {found.mac_of_others[held].max():.2f} at most), and the force "
-            f"can have driven {found.driven_share[held].max():.1%} of it at most."
+            f"can have driven {found.driven_fraction[held].max():.1%} of it at most."
         )
-    at = int(np.argmax(np.where(locked, found.share, -1.0)))
+    at = int(np.argmax(np.where(locked, found.fraction, -1.0)))
     return (
         f"No interaction is seen: of all harmonics 2 to {N_HARMONICS} of the other modes at {int(locked.sum())} locked "
-        f"levels, {name} comes to {found.share[at]:.0%} of the fundamental of mode {found.target} at level {at + 1}, "
-        f"its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have driven "
-        f"{found.driven_share[at]:.0%} of it; needed are more than {found.least_share:.0%}, a MAC of "
+        f"levels, {name} comes to {found.fraction[at]:.0%} of the fundamental of mode {found.target} at level "
+        f"{at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have driven "
+        f"{found.driven_fraction[at]:.0%} of it; needed are more than {found.least_fraction:.0%}, a MAC of "
         f"{found.least_assurance:g} and at most {found.most_driven:.0%}, at {least_levels} levels."
     )
 

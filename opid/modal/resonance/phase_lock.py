@@ -31,7 +31,7 @@ class PhaseLock:
     Args:
         tolerance_deg: the phase error must stay within it, degrees,
         hold_periods: for so many periods in a row, and for 1 / (zeta omega), in which the mode forgets.
-        steady_share: the amplitude at the drive point must move by less than this fraction of it over that time; the
+        steady_fraction: the amplitude at the drive point must move by less than this fraction of it over that time; the
             phase may stand long before the amplitude does.
         longest_s: time in which a level must lock, s.
         record_periods: whole periods that are recorded after that, at a frequency that is held.
@@ -47,7 +47,7 @@ class PhaseLock:
 
     tolerance_deg: float = 1.0
     hold_periods: int = 30
-    steady_share: float = 0.005
+    steady_fraction: float = 0.005
     longest_s: float = 10.0
     record_periods: int = 50
     samples_per_period: int = 64
@@ -61,7 +61,7 @@ class PhaseLock:
             value = getattr(self, name)
             if value != int(value) or value < least:
                 raise InputError(f"{name} of the phase lock is {value}: give a whole number, {least} or more")
-        for name in ("tolerance_deg", "steady_share", "longest_s", "proportional", "integral"):
+        for name in ("tolerance_deg", "steady_fraction", "longest_s", "proportional", "integral"):
             value = getattr(self, name)
             if not 0.0 < value < np.inf:
                 raise InputError(f"{name} of the phase lock is {value}: give a positive number")
@@ -165,7 +165,7 @@ class Controller:
             errors.append(phase_error(acceleration, force))
             amplitudes.append(abs(acceleration))
             within = within + 1 if abs(errors[-1]) <= np.radians(settings.tolerance_deg) else 0
-            locked = within >= hold and _drift(amplitudes[-hold:]) <= settings.steady_share
+            locked = within >= hold and _drift(amplitudes[-hold:]) <= settings.steady_fraction
             time_s += 1.0 / loop.frequency_hz
             loop = self._controlled(replace(loop, state=state), errors[-1])
         return Locking(loop, locked, time_s, np.degrees(errors[-hold:]), _drift(amplitudes[-hold:]))

@@ -78,29 +78,29 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
 
 
 def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
-    """Draw the modal harmonics that exceed the wanted share of the target's fundamental anywhere (Fig. 13b of Pacini).
+    """Draw the modal harmonics that anywhere exceed the wanted fraction of the target's fundamental (Pacini Fig. 13b).
 
     Args:
         interaction: what the appropriation shows.
         ax: one Axes, or None for a new figure.
     """
-    shares = interaction.shares.copy()
-    shares[:, interaction.target - 1, 0] = 0.0
-    largest = shares.max(axis=0)
+    fractions = interaction.fractions.copy()
+    fractions[:, interaction.target - 1, 0] = 0.0
+    largest = fractions.max(axis=0)
     order = np.argsort(-largest, axis=None)[:N_SHOWN]
     highest = list(zip(*np.unravel_index(order, largest.shape), strict=True))
-    index = np.arange(1, len(shares) + 1)
+    index = np.arange(1, len(fractions) + 1)
     with house_style():
         ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
         ax.axhline(1.0, color=INK, linewidth=1.4, label=f"mode {interaction.target}, harmonic 1")
-        shown = [each for each in highest if largest[each] > interaction.least_share] or highest[:1]
+        shown = [each for each in highest if largest[each] > interaction.least_fraction] or highest[:1]
         for color, (mode, harmonic) in zip(RUN_COLORS, shown, strict=False):
             label = f"mode {mode + 1}, harmonic {harmonic + 1}"
-            ax.plot(index, shares[:, mode, harmonic], color=color, label=label)
-        ax.axhline(interaction.least_share, color=GREY, linestyle="--", linewidth=1.0, label="share asked for")
+            ax.plot(index, fractions[:, mode, harmonic], color=color, label=label)
+        ax.axhline(interaction.least_fraction, color=GREY, linestyle="--", linewidth=1.0, label="fraction asked for")
         ax.set_ylim(bottom=0)
         _over_levels(ax)
-        ax.set_ylabel("share of the fundamental")
+        ax.set_ylabel("fraction of the fundamental")
         ax.set_title("Interaction" if interaction.flagged else "No interaction")
         thick(ax.legend(loc="best", fontsize=7.5))
     return ax

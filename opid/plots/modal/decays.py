@@ -13,9 +13,9 @@ from opid.plots.style import BLUE, INK, PALE, VERMILION, house_style, panels, th
 
 __all__ = ["free_decay_figure"]
 
-# heights are chosen for values known to this share of how far the well-known half of them ranges
+# heights are chosen for values known to this fraction of how far the well-known half of them ranges
 KNOWN = 0.5
-# room above and below them, share of their range
+# room above and below them, fraction of their range
 ROOM = 0.08
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from opid.mechanics.truth import ModeTruth
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.result import ModalIdentification
 from opid.plots.modal.shapes import number_modes
@@ -61,14 +61,12 @@ def sine_beats(result: ModalIdentification, mode: int, axes: Any = None) -> np.n
     return grid
 
 
-def mode_restoring_force(
-    fit: ModeFit, axes: Any = None, *, truth: Mapping[str, Sequence[float]] | None = None
-) -> np.ndarray:
+def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | None = None) -> np.ndarray:
     """Draw the stiffness and the damping force of a mode with its band, and its frequency and damping over amplitude.
 
     Args:
         fit: of the mode.
-        truth: of a simulated test: `amplitude`, and `frequency_hz` and `damping_ratio` there, all other modes at rest.
+        truth: of a simulated test.
         axes: six Axes, or None for a new figure.
 
     Returns:
@@ -88,7 +86,7 @@ def mode_restoring_force(
             ax.axhline(linear, color=BLUE, linestyle="--", linewidth=1.1, label="linear, as given")
             ax.plot(factor * amplitude, scale * values, color=VERMILION, linewidth=2.0, label="over amplitude")
             if truth is not None:
-                at, known = np.asarray(truth["amplitude"]), scale * np.asarray(truth[name])
+                at, known = np.asarray(truth.amplitude), scale * np.asarray(getattr(truth, name))
                 shown = at <= 1.02 * amplitude[-1]
                 dots = {"color": GREEN, "linewidth": 0, "marker": ".", "markersize": 6}
                 ax.plot(factor * at[shown], known[shown], **dots, label="truth, other modes at rest")

@@ -20,7 +20,7 @@ N_PERIODS = 5
 AROUND = 256
 # height of the panel at the peak, in peaks of measurement and nonlinear model
 ROOM = 2.0
-# the spectrum is shown down to this share of its peak
+# the spectrum is shown down to this fraction of its peak
 LEAST_SHOWN = 1e-4
 # points of a curve that stand for many samples or lines, and the fewest that still show its shape
 N_CRESTS = 400

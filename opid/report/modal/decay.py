@@ -1,4 +1,4 @@
-"""What is told of a free decay."""
+"""The report of a free decay."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from opid.report.estimates import estimate_columns, estimate_row
 
 
 def document_of(decay: Decay) -> Document:
-    """Return what is told of a free decay: frequency and damping over amplitude, and the law.
+    """Return the report of a free decay: frequency and damping over amplitude, and the law.
 
     Args:
         decay: from `free_decay`.

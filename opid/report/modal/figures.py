@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from opid import plots
+from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
@@ -15,7 +16,7 @@ from opid.modal.linear.modes import ModalTest
 from opid.modal.model import TruthTest
 from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS
-from opid.report.document import Figure, Truth
+from opid.report.document import Figure
 
 N_SENSORS_SHOWN = 3
 """Sensors of a truth test with a row of their own."""
@@ -27,7 +28,7 @@ ABOVE_MODES = 1.15
 """Times the highest natural frequency: so far the mode indicators are shown."""
 
 
-def figures_of(result: ModalIdentification, truth: Truth | None) -> Iterator[Figure]:
+def figures_of(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Figure]:
     """Yield the figures in the order in which the model is made, those that have something to show.
 
     Args:
@@ -76,7 +77,7 @@ def figures_of(result: ModalIdentification, truth: Truth | None) -> Iterator[Fig
         yield from _figures_of_truth_test(result, number, test)
 
 
-def _figures_of_mode(result: ModalIdentification, fit: ModeFit, truth: Truth | None) -> Iterator[Figure]:
+def _figures_of_mode(result: ModalIdentification, fit: ModeFit, truth: ModalTruth | None) -> Iterator[Figure]:
     known = (
         " Green dots are the truth of the simulation: frequency and damping of this mode while all others are at rest."
         if _true_mode(fit, truth)
@@ -165,7 +166,7 @@ def _shown(result: ModalIdentification, test: TruthTest) -> list[str]:
     return list(dict.fromkeys([*drive, moves_most, test.worst_sensors[0]]))[:N_SENSORS_SHOWN]
 
 
-def _true_mode(fit: ModeFit, truth: Truth | None) -> dict[str, Any] | None:
+def _true_mode(fit: ModeFit, truth: ModalTruth | None) -> ModeTruth | None:
     """Frequency and damping of a mode over its amplitude, as a simulation knows them."""
-    known = truth["nonlinear"].get(str(fit.mode), {}) if truth else {}
-    return known if {"amplitude", "frequency_hz", "damping_ratio"} <= set(known) else None
+    known = truth.nonlinear.get(fit.mode) if truth else None
+    return known if known and known.amplitude else None

@@ -1,4 +1,4 @@
-"""What is told of a nonlinear modal model: modes, level shifts, decays, coefficients and truth tests."""
+"""The report of a nonlinear modal model: modes, level shifts, decays, coefficients and truth tests."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from opid.estimate import Estimate
+from opid.mechanics.truth import ModalTruth
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.model import TruthTest
 from opid.modal.power_laws import unit_of
 from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS, ModalStudy
-from opid.report.document import Block, Column, Document, Paragraph, Table, Truth, columns, counted, warnings
+from opid.report.document import Block, Column, Document, Paragraph, Table, columns, counted, warnings
 from opid.report.estimates import estimate_columns, estimate_row
 from opid.report.modal.figures import figures_of
 
@@ -23,8 +24,8 @@ MOST_SENSORS = 8
 PACINI = "B. R. Pacini, Industrial applications of nonlinear modal modeling: two case studies."
 
 
-def document_of(result: ModalIdentification, truth: Truth | None = None) -> Document:
-    """Return what is told of a nonlinear modal model.
+def document_of(result: ModalIdentification, truth: ModalTruth | None = None) -> Document:
+    """Return the report of a nonlinear modal model.
 
     Args:
         result: from `identify_modes`.
@@ -141,7 +142,7 @@ def _decay_table(result: ModalIdentification) -> Table:
     )
 
 
-def _coefficients(result: ModalIdentification, truth: Truth | None) -> Iterator[Block]:
+def _coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Block]:
     """The coefficients with their intervals, mode by mode; nothing where there are none."""
     rows = [row for fit in result.fits for row in _rows_of(fit, truth)]
     rows += [row for mode in sorted(result.decay_laws) for row in _rows_of_decays(result, mode, truth)]
@@ -159,18 +160,18 @@ def _coefficients(result: ModalIdentification, truth: Truth | None) -> Iterator[
         )
 
 
-def _with_coefficients(truth: Truth | None) -> Truth | None:
+def _with_coefficients(truth: ModalTruth | None) -> ModalTruth | None:
     """The truth if it has coefficients to compare with; joints that are no power laws have none."""
-    return truth if truth and any(law["k"] or law["c"] for law in truth["nonlinear"].values()) else None
+    return truth if truth and any(law.k or law.c for law in truth.nonlinear.values()) else None
 
 
-def _rows_of(fit: ModeFit, truth: Truth | None) -> Iterator[tuple[str, ...]]:
+def _rows_of(fit: ModeFit, truth: ModalTruth | None) -> Iterator[tuple[str, ...]]:
     free = "k0 and c0 corrected (k1, c1)" if fit.free_linear else "k0 and c0 as given"
     yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {100 * fit.damping_ratio:.3g} % of critical damping: {free}",)
     yield from _powers(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
 
 
-def _rows_of_decays(result: ModalIdentification, mode: int, truth: Truth | None) -> Iterator[tuple[str, ...]]:
+def _rows_of_decays(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[tuple[str, ...]]:
     """What the free decays of a mode give together; k1 and c1 are k0 and c0 themselves, of which no truth is known."""
     law = result.decay_laws[mode]
     names = [decay.name for decay in result.decays if decay.mode == mode]
@@ -180,15 +181,19 @@ def _rows_of_decays(result: ModalIdentification, mode: int, truth: Truth | None)
 
 
 def _powers(
-    mode: int, stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], truth: Truth | None, *, lowest: int
+    mode: int,
+    stiffness: Mapping[int, Estimate],
+    damping: Mapping[int, Estimate],
+    truth: ModalTruth | None,
+    *,
+    lowest: int,
 ) -> Iterator[tuple[str, ...]]:
     """A row for each power; the truth is known from the lowest on."""
-    true = truth["nonlinear"].get(str(mode), {}) if truth else {}
-    for letter, estimates in (("k", stiffness), ("c", damping)):
+    true = truth.nonlinear.get(mode) if truth else None
+    for letter, estimates, known in (("k", stiffness, true and true.k), ("c", damping, true and true.c)):
         # what the truth's law lacks is zero; a joint that is no power law has no coefficients
-        known = true.get(letter)
         for power, estimate in sorted(estimates.items()):
-            value = float(known.get(str(power), 0.0)) if known and power >= lowest else None
+            value = known.get(power, 0.0) if known and power >= lowest else None
             yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
 
 

@@ -1,1 +1,1 @@
-"""What is told of masses, suspensions and laws, of a test bench, and of many flights."""
+"""The report of masses, suspensions and laws, of a test bench, and of many flights."""

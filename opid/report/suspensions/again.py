@@ -145,7 +145,7 @@ def _number(value: float) -> str:
 
 
 def _changed(settings: Settings) -> tuple[str, set[str]]:
-    """The settings other than the default as arguments, and the names that they need; the band is told by itself."""
+    """The settings other than the default as arguments, and the names that they need; the band stands by itself."""
     standard = Settings()
     settings = replace(settings, runs=replace(settings.runs, band_hz=standard.runs.band_hz))
     changed, names = [], {"Settings"}

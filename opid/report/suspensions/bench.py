@@ -1,4 +1,4 @@
-"""What is told of the law of a test bench."""
+"""The report of the law of a test bench."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LABELS = {
 
 
 def document_of(result: BenchLaw) -> Document:
-    """Return what is told of the law of a test bench: the numbers, how good it is, and what to doubt.
+    """Return the report of the law of a test bench: the numbers, how good it is, and what to doubt.
 
     Args:
         result: from `law_of_bench`.
@@ -73,7 +73,7 @@ def _figures(result: BenchLaw) -> Iterable[Figure]:
         yield Figure(
             "bench_curves",
             "The law",
-            "Its share of the force over velocity and over travel; grey dots are the measured force less the rest of "
+            "Its part of the force over velocity and over travel; grey dots are the measured force less the rest of "
             "the law. Beyond them the law is an extrapolation. Of a law that remembers a loop is drawn: that of a sine "
             "as large and as fast as the record.",
             lambda: plots.bench_curves(result),
@@ -81,7 +81,7 @@ def _figures(result: BenchLaw) -> Iterable[Figure]:
     yield Figure(
         "bench_ladder",
         "Which law",
-        "Share of the force that each law leaves unexplained, on the samples it was fitted to (hollow) and on "
+        "Fraction of the force that each law leaves unexplained, on the samples it was fitted to (hollow) and on "
         "stretches of time that were left out (full): the chosen law in colour, those on the way to it in black. "
         "No law of travel and velocity predicts better than the dashed line, but for one that remembers.",
         lambda: plots.bench_ladder(result),

@@ -1,4 +1,4 @@
-"""What is told of results of many flights against each other."""
+"""The report of results of many flights against each other."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from opid.suspensions.flights.departures import Point, Series
 
 
 def document_of(result: Comparison) -> Document:
-    """Return what is told of a comparison: what changed, the last flight against those before, and what to doubt.
+    """Return the report of a comparison: what changed, the last flight against those before, and what to doubt.
 
     Args:
         result: from `compare`.
@@ -97,7 +97,7 @@ def _rows(result: Comparison) -> Iterator[tuple[str, ...]]:
 
 def _row(series: Series) -> tuple[str, ...]:
     quantity = series.quantity
-    # a kind of friction is told where it is looked for, and here there are 80 characters
+    # which kind of friction it is stands elsewhere, for a line has 80 characters
     label = quantity.label.split(" (")[0]
     if not series.judged:
         return (label, quantity.unit, "-", "-", "-", "-", "-", "not judged")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from opid import plots
-from opid.report.document import Figure, Truth
+from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
+from opid.report.document import Figure
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 
 
-def figures_of(result: AnyIdentification, truth: Truth | None = None) -> Iterator[Figure]:
+def figures_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Iterator[Figure]:
     """Yield the figures in the order of the page, those that have something to show.
 
     Nothing is drawn of a fit that is refused, and no step of the paper where they cannot be taken on all runs.
@@ -21,12 +22,12 @@ def figures_of(result: AnyIdentification, truth: Truth | None = None) -> Iterato
         truth: of a simulated field test, drawn beside it.
     """
     if result.study.is_one_gear:
-        yield from _of_gear(result, truth)
+        yield from _of_gear(result, truth if isinstance(truth, GearTruth) else None)
     elif isinstance(result, Identification):
-        yield from _of_body(result, truth)
+        yield from _of_body(result, truth if isinstance(truth, BodyTruth) else None)
 
 
-def _of_gear(result: AnyIdentification, truth: Truth | None) -> Iterator[Figure]:
+def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Figure]:
     chain = chain_of(result)
     yield Figure(
         "accelerations",
@@ -103,8 +104,9 @@ def _of_gear(result: AnyIdentification, truth: Truth | None) -> Iterator[Figure]
         yield Figure(
             "transmissibility",
             "Transmissibility",
-            "Ratio of airframe to spindle. With the nonlinear force taken out it should follow the dashed curve of the "
-            "fitted suspension, which has one resonance; other peaks of the measured ratio are friction and chance.",
+            "Motion of the airframe over that of the spindle, frequency by frequency. Grey is what was measured; its "
+            "peaks (triangles) are of the suspension, of friction or of chance. In colour the nonlinear force is taken "
+            "out: if the law is right, that curve lies on the dashed one, of a suspension without the law.",
             lambda: plots.transmissibilities(result),
         )
     if not result.is_refused:
@@ -127,7 +129,7 @@ def _of_gear(result: AnyIdentification, truth: Truth | None) -> Iterator[Figure]
         )
 
 
-def _of_body(result: Identification, truth: Truth | None) -> Iterator[Figure]:
+def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure]:
     yield Figure(
         "plan_view",
         "Where everything is",

@@ -1,12 +1,14 @@
-"""What is told of an identification: of one gear, by any method, or of a body on several suspensions."""
+"""The report of an identification: of one gear, by any method, or of a body on several suspensions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 
 from opid.estimate import Estimate, rounded
-from opid.mechanics.laws.law import Law, law_from_parameters
+from opid.mechanics.laws.law import Law
+from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import depends_on_travel
 from opid.report.document import (
     Block,
@@ -14,7 +16,6 @@ from opid.report.document import (
     Paragraph,
     Remarks,
     Table,
-    Truth,
     columns,
     counted,
     ended,
@@ -63,16 +64,16 @@ MOST_NAMED = 6
 """Kinds of law that are named one by one."""
 
 Row = tuple[str, ...]
-Known = tuple[Truth | None, Truth | None]
+Known = tuple[GearTruth | SuspensionTruth | None, TaxiTruth | None]
 """What is true of one suspension, and of the whole simulation."""
 
 
-def document_of(result: AnyIdentification, truth: Truth | None = None) -> Document:
-    """Return what is told of an identification: the numbers, what they rest on, and what to doubt.
+def document_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Document:
+    """Return the report of an identification: the numbers, what they rest on, and what to doubt.
 
     Args:
         result: of one gear, by any method, or of a body on several suspensions.
-        truth: of a simulation, as in truth.json: shown beside each estimate.
+        truth: of a simulation: shown beside each estimate.
     """
     day = f", runs of {result.date}" if result.date else ""
     return Document(
@@ -80,7 +81,7 @@ def document_of(result: AnyIdentification, truth: Truth | None = None) -> Docume
         f"{_kind(result)}, from accelerations alone{day}",
         _answer(result),
         result.not_determined,
-        (*_blocks(result, truth), warnings(result.warnings)),
+        tuple(_blocks(result, truth)),
         lambda: _details(result, truth),
         command_of(result),
         python_of(result),
@@ -120,7 +121,7 @@ def _laws_in_words(result: AnyIdentification) -> Iterator[str]:
         yield f"the law of {'each suspension' if len(names) == 1 else ' and '.join(whose)} is {law}"
 
 
-def _blocks(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
+def _blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
     simulated = " The runs were simulated: truth, error, and whether the interval held the truth, are known."
     about_body = (
         " Values are those of the reference loading; inertias about the centre of gravity, x forward, y to the left."
@@ -133,6 +134,7 @@ def _blocks(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
         + about_body * (not result.study.is_one_gear)
         + " The force of a suspension is K z + C z′ + f(z, z′), z the travel of the body less that below.",
     )
+    yield warnings(result.warnings)
     yield Paragraph(_limits(result))
     if isinstance(result, Identification):
         if result.candidates and not result.study.is_one_gear:
@@ -142,7 +144,7 @@ def _blocks(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
     yield Remarks("Law", result.alternative_laws)
 
 
-def _details(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
+def _details(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
     yield _runs(result)
     yield from figures_of(result, truth)
 
@@ -150,7 +152,7 @@ def _details(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
 # ---- the table of numbers --------------------------------------------------------------------------
 
 
-def _rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+def _rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     """Parameters, suspensions, and what needs no known mass, which may be all that a body is known by."""
     yield from _parameter_rows(result, truth)
     if result.study.is_one_gear:
@@ -160,20 +162,22 @@ def _rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
     elif isinstance(result, Identification):
         yield from _ratio_rows(result, truth)
         if result.place_corrections:
-            yield ("Places: what is to be added to the coordinates stated",)
+            yield ("Coordinates: what is to be added to those stated",)
         for name, estimate in result.place_corrections.items():
-            yield estimate_row(_place(name), "m", estimate, None, truth is not None)
+            yield estimate_row(_coordinate(name), "m", estimate, None, truth is not None)
         yield from _suspension_rows(result, truth)
 
 
-def _parameter_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
-    true = truth["parameters"] if truth else {}
+def _parameter_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
+    true = truth.parameters if truth else None
     ratios = dict(result.ratios.items())
     # gears alone have no inertia, and what one loading alone gives stands among the ratios
     is_told = isinstance(result.parameters, GearParameters) or _is_rigid(result)
     for name, estimate in result.parameters.items():
         if estimate.value is not None or name == "sprung_mass_kg" or (is_told and name not in ratios):
-            yield estimate_row(_label(name, result), UNITS[name], estimate, true.get(name), truth is not None)
+            yield estimate_row(
+                _label(name, result), UNITS[name], estimate, getattr(true, name, None), truth is not None
+            )
 
 
 def _is_rigid(result: AnyIdentification) -> bool:
@@ -186,31 +190,31 @@ def _label(name: str, result: AnyIdentification) -> str:
     return LABELS[name]
 
 
-def _ratio_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+def _ratio_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     given = dict(result.parameters.items())
-    told = {name: each for name, each in result.ratios.items() if name not in given or given[name].value is None}
-    if not (result.study.is_one_gear or any(estimate.value is not None for estimate in told.values())):
+    shown = {name: each for name, each in result.ratios.items() if name not in given or given[name].value is None}
+    if not (result.study.is_one_gear or any(estimate.value is not None for estimate in shown.values())):
         return
     is_model = isinstance(result, Identification)
     true = _true_ratios(truth, at_rest=is_model) if truth else {}
     yield ("Ratios to the mass of the reference run" if result.study.is_one_gear else "What needs no known mass",)
-    for name, estimate in told.items():
+    for name, estimate in shown.items():
         if name == "natural_frequency_hz" and estimate.value is not None and isinstance(result, Identification):
             belongs_to = FREQUENCY_OF[result.frequency_of]
             yield from [(belongs_to,)] * bool(belongs_to)
         yield estimate_row(LABELS[name], UNITS[name], estimate, true.get(name), truth is not None)
 
 
-def _true_ratios(truth: Truth, *, at_rest: bool) -> dict[str, float]:
+def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
     """What is true of the ratios of a gear or a body; its frequency is that on the tangent stiffness `at_rest`."""
-    true = truth["parameters"]
-    mass = true["sprung_mass_kg"]
-    if "law" not in truth:
-        radii = {part: math.sqrt(true[f"{part}_inertia_kg_m2"] / mass) for part in ("roll", "pitch")}
-        return {**true, **{f"{part}_radius_m": radius for part, radius in radii.items()}}
-    stiffness, damping = true["suspension_stiffness_n_per_m"], true["suspension_damping_n_s_per_m"]
-    ground, law = true["ground_stiffness_n_per_m"], truth["law"]
-    slope = law_from_parameters(law["name"], law["parameters"]).gradient(0.0, 0.0)[0] if at_rest else 0.0
+    mass = truth.parameters.sprung_mass_kg
+    if isinstance(truth, BodyTruth):
+        body = truth.parameters
+        radii = {"roll_radius_m": body.roll_inertia_kg_m2 / mass, "pitch_radius_m": body.pitch_inertia_kg_m2 / mass}
+        return asdict(body) | {name: math.sqrt(square) for name, square in radii.items()}
+    gear = truth.parameters
+    stiffness, damping = gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m
+    ground, slope = gear.ground_stiffness_n_per_m, truth.law.gradient(0.0, 0.0)[0] if at_rest else 0.0
     omega = math.sqrt((stiffness + ground + float(slope)) / mass)
     return {
         "stiffness_per_mass": stiffness / mass,
@@ -231,7 +235,7 @@ def _equivalent_rows(result: AnyIdentification, *, has_truth: bool) -> Iterator[
             yield estimate_row(LABELS[name], UNITS[name], getattr(each, name), None, has_truth)
 
 
-def _place(name: str) -> str:
+def _coordinate(name: str) -> str:
     """A coordinate in words: "sensor_x_m[left]" is "left, sensor x"."""
     what, _, whose = name.rstrip("]").partition("[")
     return f"{whose}, {what.removesuffix('_m').replace('_', ' ')}" if whose else name
@@ -240,13 +244,14 @@ def _place(name: str) -> str:
 # ---- suspensions -----------------------------------------------------------------------------------
 
 
-def _law_of_gear(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
-    yield from _law(result, "", result.law, result.law_estimates, (truth, truth))
+def _law_of_gear(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
+    true = truth if isinstance(truth, GearTruth) else None
+    yield from _law(result, "", result.law, result.law_estimates, (true, truth))
     if isinstance(result, Identification):
         yield from _rest_rows(result, result.interfaces[0], has_truth=truth is not None)
 
 
-def _suspension_rows(result: Identification, truth: Truth | None) -> Iterator[Row]:
+def _suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterator[Row]:
     shown: set[str] = set()
     for interface in result.interfaces:
         like = next((name for name in interface.shared_with if name in shown), None)
@@ -254,7 +259,7 @@ def _suspension_rows(result: Identification, truth: Truth | None) -> Iterator[Ro
             yield (f"Suspension {interface.name}: as {like}, shared",)
             yield _residual_row(interface, has_truth=False)
         else:
-            true = truth["interfaces"].get(interface.name) if truth else None
+            true = truth.interfaces.get(interface.name) if isinstance(truth, BodyTruth) else None
             springs = _spring_rows(result, interface, (true, truth))
             yield from _law(result, interface.name, interface.law, interface.law_estimates, (true, truth), springs)
             yield from _rest_rows(result, interface, has_truth=truth is not None)
@@ -270,7 +275,8 @@ def _spring_rows(result: Identification, interface: InterfaceEstimate, known: Kn
     )
     yield _residual_row(interface, has_truth=truth is not None)
     for label, name, estimate in springs if interface.ground_stiffness.value else springs[:2]:
-        value = true[name] * _scale(result, truth) if true and name in true else None
+        known_value = getattr(true, name, None)
+        value = None if known_value is None else known_value * _scale(result, truth)
         unit = result.units["damping" in name]
         yield estimate_row(f"{label}{'/M' * result.per_mass}", unit, estimate, value, truth is not None)
 
@@ -285,7 +291,7 @@ def _law(
 ) -> Iterator[Row]:
     """The name of a law, the springs beside it, and its parameters; of one gear the suspension has no name."""
     true, truth = known
-    other = f"; truth: {true['law']['name']}" if true and true["law"]["name"] != law.name else ""
+    other = f"; truth: {true.law.name}" if true and true.law.name != law.name else ""
     symbol = "f" if not result.per_mass else "f/M" if suspension else "f/M2"
     yield (f"{f'Suspension {suspension}' if suspension else 'Law'}: {law_in_words(law, symbol)}{other}",)
     yield from springs
@@ -294,15 +300,15 @@ def _law(
         estimates,
         of=suspension,
         per_mass=result.per_mass,
-        true=true["law"]["parameters"] if true else None,
+        true=true.law.parameters if true else None,
         true_scale=_scale(result, truth),
         has_truth=truth is not None,
     )
 
 
-def _scale(result: AnyIdentification, truth: Truth | None) -> float:
-    """What the true stiffness is multiplied by: forces may be told per kg."""
-    return 1.0 / float(truth["parameters"]["sprung_mass_kg"]) if truth and result.per_mass else 1.0
+def _scale(result: AnyIdentification, truth: TaxiTruth | None) -> float:
+    """What the true stiffness is multiplied by: forces may be per kg."""
+    return 1.0 / truth.parameters.sprung_mass_kg if truth and result.per_mass else 1.0
 
 
 def _residual_row(interface: InterfaceEstimate, *, has_truth: bool) -> Row:
@@ -398,10 +404,10 @@ def _runs(result: AnyIdentification) -> Table:
     chain = chain_of(result) if result.study.is_one_gear else None
     steps = chain.runs if chain is not None else ()
 
-    def cells(place: int) -> Row:
-        surface = steps[place].surface
+    def cells(index: int) -> Row:
+        surface = steps[index].surface
         travel, velocity = 1e3 * float(surface.travel.std()), float(surface.velocity.std())
-        return f"{travel:.3g}", f"{velocity:.3g}", f"{steps[place].T.spectra.n_averages:.1f}"
+        return f"{travel:.3g}", f"{velocity:.3g}", f"{steps[index].T.spectra.n_averages:.1f}"
 
     heads = ("travel rms [mm]", "velocity rms [m/s]", "averages")
     return Table(
@@ -412,9 +418,9 @@ def _runs(result: AnyIdentification) -> Table:
                 f"{run.mass_change_kg:+g}" if run.mass_change_kg else "0",
                 f"{run.recording.duration_s:.4g}",
                 f"{run.recording.fs:g}",
-                *(cells(place) if steps else ()),
+                *(cells(index) if steps else ()),
             )
-            for place, run in enumerate(result.study.runs)
+            for index, run in enumerate(result.study.runs)
         ),
         "Runs",
     )
@@ -474,7 +480,7 @@ def _limits_of_body(result: Identification) -> str:
     n_sensors = max((len(run.measured) for run in result.runs), default=n_gears)
     n_loadings = len({run.loading for run in result.runs})
     scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
-    # of gears that were fitted one by one, each has a share of its own
+    # of gears that were fitted one by one, each has a part of the mass
     mass = result.parameters.sprung_mass_kg if len(result.evidence) == 1 else Estimate()
     is_pushed = result.limited_by == "unmeasured forces"
     alike = (limits_of_mass(each.repeatability, each.fit, mass, is_pushed=is_pushed) for each in result.evidence[:1])

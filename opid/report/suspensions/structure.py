@@ -1,4 +1,4 @@
-"""What is told of a user's own structure."""
+"""The report of a user's own structure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from opid.suspensions.result import SpringEstimate, units_of_suspensions
 
 
 def document_of(result: StructureIdentification) -> Document:
-    """Return what is told of a structure: masses, suspensions with their laws, joints, and what they rest on.
+    """Return the report of a structure: masses, suspensions with their laws, joints, and what they rest on.
 
     Args:
         result: from `identify_structure`.

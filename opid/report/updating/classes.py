@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator
 
 from opid.mechanics.laws.law import LAWS
-from opid.report.document import Document, Paragraph, Remarks, Table, Truth, columns, counted, warnings
+from opid.mechanics.truth import UpdatingTruth
+from opid.report.document import Document, Paragraph, Remarks, Table, columns, counted, warnings
 from opid.report.estimates import estimate_columns, estimate_row, formula
 from opid.report.updating.figures import figures_of, true_theta
 from opid.report.updating.reduction import reduction_sentences
@@ -35,7 +36,7 @@ _SIMULATED = (
 )
 
 
-def document_of(result: Updating, truth: Truth | None = None) -> Document:
+def document_of(result: Updating, truth: UpdatingTruth | None = None) -> Document:
     """Return what is said of an updating.
 
     Args:
@@ -124,7 +125,7 @@ def _class_table(result: Updating) -> Table:
     return Table(heads, tuple(rows), "Model classes")
 
 
-def _coefficient_table(result: Updating, truth: Truth | None) -> Table:
+def _coefficient_table(result: Updating, truth: UpdatingTruth | None) -> Table:
     """The parameters of every class, and the coefficients that they are in SI units (Song Table 4)."""
     return Table(
         estimate_columns(truth),
@@ -136,7 +137,7 @@ def _coefficient_table(result: Updating, truth: Truth | None) -> Table:
     )
 
 
-def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[tuple[str, ...]]:
+def _rows_of(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[tuple[str, ...]]:
     own = posterior.model_class
     several = len(own.kinds) > 1
     names = [f"k{number}" if several else "k" for number in range(1, len(own.kinds) + 1)]
@@ -153,9 +154,9 @@ def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[tuple[s
         yield estimate_row(short_kind(kind), unit, coefficient, known, truth is not None)
 
 
-def _linear_table(result: Updating, truth: Truth | None) -> Table:
+def _linear_table(result: Updating, truth: UpdatingTruth | None) -> Table:
     """The linear parameters, factors of the nominal values (Song Table 1)."""
-    true = truth["linear"] if truth else {}
+    true = truth.linear if truth else {}
     rows = (
         estimate_row(name, "of nominal", estimate, true.get(name), truth is not None)
         for name, estimate in (result.linear.estimates.items() if result.linear is not None else ())

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from opid import plots
-from opid.mechanics.laws.law import FloatArray, Law, Term
-from opid.report.document import Figure, Truth
+from opid.mechanics.laws.law import FloatArray
+from opid.mechanics.truth import UpdatingTruth
+from opid.report.document import Figure
 from opid.report.updating.reduction import order_sentences, reduction_sentences
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 
@@ -18,7 +19,7 @@ N_DRAWS = 200  # of the samples, for the band of a force
 N_EXTENSIONS = 200  # at which a force is drawn
 
 
-def figures_of(result: Updating, truth: Truth | None) -> Iterator[Figure]:
+def figures_of(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
     """Yield the figures in the order of the work, those that have something to show.
 
     Args:
@@ -48,7 +49,7 @@ def _measured_figure(result: Updating, mode: int) -> Figure:
     )
 
 
-def _linear_figures(linear: LinearPosterior, truth: Truth | None) -> Iterator[Figure]:
+def _linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
     yield Figure(
         "linear_updating",
         "The linear structure, before and after",
@@ -64,7 +65,7 @@ def _linear_figures(linear: LinearPosterior, truth: Truth | None) -> Iterator[Fi
         lambda: plots.parameter_samples(
             linear.samples,
             [f"{name} [of nominal]" for name in linear.names],
-            truth=[truth["linear"].get(name) for name in linear.names] if truth else None,
+            truth=[truth.linear.get(name) for name in linear.names] if truth else None,
         ),
     )
     yield Figure(
@@ -88,7 +89,7 @@ def _reduction_figure(result: Updating) -> Figure:
     )
 
 
-def _class_figures(result: Updating, truth: Truth | None) -> Iterator[Figure]:
+def _class_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
     yield Figure(
         "log_evidences",
         "Which class",
@@ -107,7 +108,7 @@ def _class_figures(result: Updating, truth: Truth | None) -> Iterator[Figure]:
         yield from _figures_of_class(number, posterior, truth)
 
 
-def _figures_of_class(number: int, posterior: ClassPosterior, truth: Truth | None) -> Iterator[Figure]:
+def _figures_of_class(number: int, posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
     name = posterior.model_class.name
     labels = posterior.labels
     yield Figure(
@@ -140,7 +141,7 @@ def _predicted_figure(result: Updating, mode: int) -> Figure:
     )
 
 
-def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | None]:
+def true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[float | None]:
     """Return the true value of each parameter of a class; None for each where the class lacks a part of the true law.
 
     Args:
@@ -148,13 +149,13 @@ def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | N
         truth: of a simulated test, or None.
     """
     own = posterior.model_class
-    law = truth["law"] if truth else None
+    law = {term.name: term.amplitude for term in truth.law.terms} if truth else None
     if law is None or not set(law) <= set(own.kinds):
         return [None] * own.n_parameters
     return [law.get(kind, 0.0) / scale + 0.0 for kind, scale in zip(own.kinds, own.scales, strict=True)]
 
 
-def _draw_forces(result: Updating, truth: Truth | None) -> Any:
+def _draw_forces(result: Updating, truth: UpdatingTruth | None) -> Any:
     reached = result.reached_extension
     # joints that the tests do not extend have laws all the same
     extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
@@ -162,7 +163,7 @@ def _draw_forces(result: Updating, truth: Truth | None) -> Any:
         extension,
         [_force_band(each, extension) for each in result.classes],
         best=result.best_class,
-        truth=_force(truth["law"], extension) if truth else None,
+        truth=truth.law.force(extension, 0.0) if truth else None,
         reached=reached,
     )
 
@@ -173,10 +174,6 @@ def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
     draws = np.array([own.law(theta).force(extension, 0.0) for theta in thinned])
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
-
-
-def _force(coefficients: Mapping[str, float], extension: FloatArray) -> FloatArray:
-    return Law(tuple(Term(kind, (value,)) for kind, value in coefficients.items())).force(extension, 0.0)
 
 
 def _moving(result: Updating, mode: int) -> list[str]:

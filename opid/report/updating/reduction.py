@@ -24,25 +24,25 @@ def reduction_sentences(result: Updating) -> tuple[str, ...]:
 
 def order_sentences(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
     """Return why the modal assurance criterion is small where it is: what is true of these reductions."""
-    return tuple(place for each in reductions for place in _places(each))
+    return tuple(reason for each in reductions for reason in _reasons(each))
 
 
 def _kept(errors: ReductionErrors, tested: Sequence[int]) -> str:
     n = errors.relative.size
-    shares = []
+    parts = []
     compared = [mode for mode in tested if mode <= n]
     if compared:
         worst = float(np.abs(errors.relative[np.array(compared) - 1]).max())
-        shares.append(f"frequency of {_modes(compared)} off by at most {100 * worst:.1g} %")
+        parts.append(f"frequency of {_modes(compared)} off by at most {100 * worst:.1g} %")
     beyond = np.flatnonzero(np.abs(errors.relative) >= KEPT)
     n_kept = int(beyond[0]) if beyond.size else n
     if n_kept:
-        shares.append(f"{_modes(range(1, n_kept + 1))} by less than {100 * KEPT:g} %")
+        parts.append(f"{_modes(range(1, n_kept + 1))} by less than {100 * KEPT:g} %")
     cut = f" ({counted(errors.n_cut, 'direction')} cut off)" if errors.n_cut else ""
-    return f"{counted(errors.n_dof, 'coordinate')}{cut}, {_BASES[errors.method]}: {', '.join(shares)}"
+    return f"{counted(errors.n_dof, 'coordinate')}{cut}, {_BASES[errors.method]}: {', '.join(parts)}"
 
 
-def _places(errors: ReductionErrors) -> Iterator[str]:
+def _reasons(errors: ReductionErrors) -> Iterator[str]:
     """Why a modal assurance criterion is small: the order of the modes has changed, or a mode is like no single one."""
     number = np.arange(1, errors.nearest.size + 1)
     moved = np.flatnonzero((errors.nearest > 0) & (errors.nearest != number))

@@ -284,7 +284,8 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     if high[0] < SWAP_RATIO * high[1] and not _lags_behind(frequency_hz, below, above):
         message = (
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
-            f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung"
+            f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung, "
+            f"sprung = {names[0]!r} and unsprung = {names[1]!r}"
         )
         findings.append(Finding("warning", names[0], message))
     return tuple(findings)

@@ -145,7 +145,7 @@ class ChannelHealth:
         number: of the channel in its log, counted from 1, whatever of it was asked for; 0 where unknown.
         missing: values that are not there (NaN).
         drift: range of the slow offset (means of long stretches), in the unit.
-        noise_floor: rms of white noise as quiet as the quietest part of the spectrum.
+        noise_floor: rms of white noise as quiet as the quietest part of the spectrum; the sensor's own is no larger.
         lines: what stands out of the spectrum, the strongest first.
         stretches: where something is wrong, the first hundred of each kind.
         overview: what a picture shows.

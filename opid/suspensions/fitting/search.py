@@ -52,7 +52,6 @@ from opid.suspensions.settings import SearchSettings, Settings
 
 Say = Callable[[str], None]
 Ladder = tuple[LawStep[Fit], ...]
-METHODS_OF_LAW = ("pursuit", "sparse regression", "both")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from opid.errors import InputError, NotDeterminedError
+from opid.signals.files import nearest_beside
 from opid.suspensions.flights.result_file import RESULT_FILE, Flight, read_flight
 
 STUDY_FILE = "study.toml"
@@ -122,7 +123,7 @@ def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list
     files, unfinished = [], []
     for path in map(Path, paths):
         if not path.exists():
-            raise InputError(f"there is no file or folder {path}: check the name")
+            raise InputError(f"there is no file or folder {path}{nearest_beside(path)}")
         if not path.is_dir():
             files.append(path)
             continue

@@ -1,45 +1,15 @@
-"""What is true of virtual backbones, and their matrices in the files of other finite-element codes."""
+"""The matrices of virtual backbones in the files of other finite-element codes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from opid.mechanics.laws.law import Law
 from opid.signals.files import written_whole
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import PART
-from opid.virtual.files.truth import TruthKind
-
-
-def _check(truth: dict[str, Any]) -> None:
-    for name in ("linear", "law"):
-        truth[name] = {str(key): float(value) for key, value in truth[name].items()}
-
-
-UPDATING_TRUTH = TruthKind("opid.updating-truth/1", "simulated backbones", "opid simulate backbones", _check)
-
-
-def updating_truth(
-    law: Law, linear: Mapping[str, float], *, structure: str = "", settings: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
-    """Return what is true of virtual backbones.
-
-    Args:
-        law: of the joints, a sum of springs with one coefficient each.
-        linear: true factors of the linear structure by name.
-        structure: what was tested, in one sentence.
-        settings: what it was simulated with, kept as they are.
-
-    Returns:
-        `schema`, `structure`, `linear` {name: factor}, `law` {kind: coefficient in SI units}, `settings`.
-    """
-    return UPDATING_TRUTH.content(
-        settings, structure=structure, linear=dict(linear), law={term.name: term.amplitude for term in law.terms}
-    )
 
 
 def replace_matrices(structure: AffineStructure, directory: Path, kind: Literal["mat", "mtx"]) -> None:

@@ -1,16 +1,29 @@
-"""A simulated test on disk: the study with its logs, and its truth.json; written and read in one way for every kind."""
+"""A simulated test on disk: the study with its logs, and its truth.json; the one place where truths are JSON."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from opid.errors import InputError
 from opid.json_values import json_text, plain
+from opid.mechanics.laws.law import Law, Term, law_from_parameters
+from opid.mechanics.truth import (
+    BodyNumbers,
+    BodyTruth,
+    GearNumbers,
+    GearTruth,
+    LinearModesTruth,
+    ModalTruth,
+    ModeTruth,
+    SuspensionTruth,
+    Truth,
+    UpdatingTruth,
+)
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
 from opid.studies.study_file import write_study
@@ -18,39 +31,26 @@ from opid.studies.study_file import write_study
 if TYPE_CHECKING:
     from opid.studies.study_file import AnyStudy
 
+T = TypeVar("T", GearTruth, BodyTruth, ModalTruth, UpdatingTruth)
+
 
 @dataclass(frozen=True)
-class TruthKind:
-    """A kind of truth.json.
-
-    Args:
-        schema: that it has.
-        what: was simulated, for messages.
-        command: that makes such a file, likewise.
-        check: takes what a file holds, and makes numbers of what must be numbers; may raise anything.
-    """
+class _Kind:
+    """A kind of truth.json: its schema, what was simulated by which command, and how it is read and written."""
 
     schema: str
     what: str
     command: str
-    check: Callable[[dict[str, Any]], None]
-
-    def content(self, settings: Mapping[str, Any] | None, **known: Any) -> dict[str, Any]:
-        """Return the content of such a file, ready for JSON.
-
-        Args:
-            settings: what it was simulated with, kept as they are.
-            known: what is true.
-        """
-        return plain({"schema": self.schema, **known, "settings": dict(settings or {})})
+    read: Callable[[Mapping[str, Any]], Truth]
+    tables: Callable[[Any], Mapping[str, Any]]
 
 
-def write_field_test(study: AnyStudy, truth: Mapping[str, Any], directory: str | os.PathLike[str]) -> Path:
+def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike[str]) -> Path:
     """Write the logs or other files of a study, study.toml and truth.json, and return the path of the study.
 
     Args:
         study: what was measured.
-        truth: what is true of it, of one of the kinds.
+        truth: what is true of it.
         directory: made if it is not there.
 
     Raises:
@@ -59,29 +59,36 @@ def write_field_test(study: AnyStudy, truth: Mapping[str, Any], directory: str |
     target = made_directory(directory)
     write_study(study, target / "study.toml")
     with written_whole(target / "truth.json") as file:
-        file.write(json_text(truth))
+        file.write(json_text(truth_table(truth)))
     return target / "study.toml"
 
 
-def read_truth(path: str | os.PathLike[str], kind: TruthKind) -> dict[str, Any]:
+def truth_table(truth: Truth) -> dict[str, Any]:
+    """Return the content of truth.json: `schema`, what is true under the names of the record, `settings`."""
+    kind = _KINDS[type(truth)]
+    return plain({"schema": kind.schema, **kind.tables(truth), "settings": dict(truth.settings)})
+
+
+def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
     """Read a truth.json.
 
     Args:
         path: the file.
-        kind: that it must be of.
+        record: what it must hold.
 
     Raises:
         InputError: no such file, another schema, or a content that is not of that command's making.
     """
+    kind = _KINDS[record]
     remedy = f"give the truth.json that `{kind.command}` wrote beside the study"
     try:
-        truth = json.loads(Path(path).read_text(encoding="utf-8"))
-        if truth["schema"] != kind.schema:
+        table = json.loads(Path(path).read_text(encoding="utf-8"))
+        if table["schema"] != kind.schema:
             raise InputError(
-                f"{path} has the schema {truth['schema']!r} where {kind.schema!r} is needed: it is no truth of "
+                f"{path} has the schema {table['schema']!r} where {kind.schema!r} is needed: it is no truth of "
                 f"{kind.what}; {remedy}"
             )
-        kind.check(truth)
+        return kind.read(table)  # type: ignore[return-value]
     except OSError as error:
         raise InputError(
             f"cannot read the truth {path}: {error.strerror or error}: {remedy}, or leave it out"
@@ -97,4 +104,89 @@ def read_truth(path: str | os.PathLike[str], kind: TruthKind) -> dict[str, Any]:
             else "a value in it is not what such a file holds"
         )
         raise InputError(f"{path} is no truth of {kind.what}, {why}: {remedy}") from error
-    return truth
+
+
+def _numbers(record: Any, table: Mapping[str, Any], **others: Any) -> Any:
+    """The record of the numbers that a table holds, and of others that are given."""
+    names = [each.name for each in fields(record) if each.name not in others]
+    return record(**{name: float(table[name]) for name in names}, **others)
+
+
+def _law(table: Mapping[str, Any]) -> Law:
+    return law_from_parameters(table["name"], table["parameters"])
+
+
+def _law_table(law: Law) -> dict[str, Any]:
+    return {"name": law.name, "parameters": law.parameters}
+
+
+def _read_gear(table: Mapping[str, Any]) -> GearTruth:
+    numbers = _numbers(GearNumbers, table["parameters"])
+    return GearTruth(numbers, _law(table["law"]), float(table.get("mass_change_kg", 0.0)), table.get("settings", {}))
+
+
+def _gear_tables(truth: GearTruth) -> dict[str, Any]:
+    return {
+        "parameters": asdict(truth.parameters),
+        "law": _law_table(truth.law),
+        "mass_change_kg": truth.mass_change_kg,
+    }
+
+
+def _read_body(table: Mapping[str, Any]) -> BodyTruth:
+    loadings = {run: tuple((*map(float, row),) for row in rows) for run, rows in table.get("loadings", {}).items()}
+    return BodyTruth(
+        _numbers(BodyNumbers, table["parameters"]),
+        {name: _numbers(SuspensionTruth, each, law=_law(each["law"])) for name, each in table["interfaces"].items()},
+        loadings,  # type: ignore[arg-type]
+        table.get("settings", {}),
+    )
+
+
+def _body_tables(truth: BodyTruth) -> dict[str, Any]:
+    interfaces = {name: vars(each) | {"law": _law_table(each.law)} for name, each in truth.interfaces.items()}
+    return {"parameters": asdict(truth.parameters), "interfaces": interfaces, "loadings": dict(truth.loadings)}
+
+
+def _read_modes(table: Mapping[str, Any]) -> ModalTruth:
+    nonlinear = {}
+    for mode, each in table["nonlinear"].items():
+        k, c = ({int(power): float(value) for power, value in each[letter].items()} for letter in ("k", "c"))
+        nonlinear[int(mode)] = ModeTruth(k, c, **_series(each))
+    linear = LinearModesTruth(**_series(table.get("linear_modes", {})))
+    return ModalTruth(nonlinear, linear, table.get("structure", ""), table.get("settings", {}))
+
+
+def _series(table: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    names = ("amplitude", "frequency_hz", "damping_ratio")
+    return {name: tuple(map(float, table[name])) for name in names if name in table}
+
+
+def _modal_tables(truth: ModalTruth) -> dict[str, Any]:
+    nonlinear = {str(mode): asdict(each) for mode, each in truth.nonlinear.items()}
+    for each in nonlinear.values():
+        each |= {letter: {str(power): value for power, value in each[letter].items()} for letter in ("k", "c")}
+    return {"structure": truth.structure, "linear_modes": asdict(truth.linear_modes), "nonlinear": nonlinear}
+
+
+def _read_backbones(table: Mapping[str, Any]) -> UpdatingTruth:
+    linear = {name: float(value) for name, value in table["linear"].items()}
+    law = Law(tuple(Term(kind, (float(value),)) for kind, value in table["law"].items()))
+    return UpdatingTruth(linear, law, table.get("structure", ""), table.get("settings", {}))
+
+
+def _updating_tables(truth: UpdatingTruth) -> dict[str, Any]:
+    law = {term.name: term.amplitude for term in truth.law.terms}
+    return {"structure": truth.structure, "linear": dict(truth.linear), "law": law}
+
+
+_KINDS: dict[type, _Kind] = {
+    GearTruth: _Kind("opid.truth/1", "a simulated field test", "opid simulate", _read_gear, _gear_tables),
+    BodyTruth: _Kind("opid.body-truth/1", "a simulated aircraft", "opid simulate aircraft", _read_body, _body_tables),
+    ModalTruth: _Kind(
+        "opid.modal-truth/1", "a simulated modal test", "opid simulate sine-beats", _read_modes, _modal_tables
+    ),
+    UpdatingTruth: _Kind(
+        "opid.updating-truth/1", "simulated backbones", "opid simulate backbones", _read_backbones, _updating_tables
+    ),
+}

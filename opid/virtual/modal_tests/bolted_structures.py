@@ -22,7 +22,7 @@ from opid.modal.linear.modes import LinearModes, modes_of_structure
 
 _AXES = ("x", "y", "z")
 
-# the case and its components: masses, places about the centre of the case, and the mounts along x, y, z
+# the case and its components: masses, positions about the centre of the case, and the mounts along x, y, z
 _CASE_KG, _CASE_M = 40.0, (0.6, 0.4, 0.3)
 _COMPONENT_KG = (6.0, 4.5, 3.2, 2.2)
 _COMPONENT_PLACE_M = ((0.17, 0.07, 0.06), (-0.18, 0.09, -0.05), (-0.10, -0.11, 0.07), (0.14, -0.10, -0.07))
@@ -34,7 +34,7 @@ _MOUNT_N_PER_M = (
 )
 # loss of each mount, 2 zeta of the mode that it carries
 _MOUNT_LOSS = ((0.008, 0.007, 0.006), (0.006, 0.008, 0.010), (0.005, 0.011, 0.007), (0.006, 0.014, 0.009))
-# mounts that slip (component, axis): share of their stiffness in sliders, and the slip force
+# mounts that slip (component, axis): fraction of their stiffness in sliders, and the slip force
 _SLIPPING_MOUNTS = {
     (0, 2): (0.12, 150.0),
     (1, 0): (0.11, 130.0),
@@ -89,7 +89,7 @@ class BoltedStructure:
         structure: masses, springs and joints.
         sensors: (n_sensors, n_dof), each row the reading of a sensor for unit motion of each degree of freedom.
         sensor_names: of the sensors.
-        drive_point: the sensor at whose place and in whose direction a force acts.
+        drive_point: the sensor where and in whose direction a force acts.
         nonlinear_modes: modes that shift with the level, counted from 1.
         text: what it is, in one sentence.
     """
@@ -141,27 +141,27 @@ def component_assembly() -> BoltedStructure:
     >>> natural_frequencies(component_assembly().structure).frequency_hz[6:9].round()
     array([ 86., 118., 146.])
     """
-    places = np.array(_COMPONENT_PLACE_M)
-    n_dof = 6 + 3 * len(places)
+    positions = np.array(_COMPONENT_PLACE_M)
+    n_dof = 6 + 3 * len(positions)
     half = np.array(_CASE_M) / 2
     squares = (2 * half) ** 2
     inertia = _CASE_KG / 12.0 * (squares.sum() - squares)
     mass = np.diag(np.concatenate([np.full(3, _CASE_KG), inertia, np.repeat(_COMPONENT_KG, 3)]))
 
-    def on_case(place: FloatArray) -> FloatArray:
-        return np.hstack([_rigid_motion(place), np.zeros((3, n_dof - 6))])
+    def on_case(position: FloatArray) -> FloatArray:
+        return np.hstack([_rigid_motion(position), np.zeros((3, n_dof - 6))])
 
-    components = np.eye(n_dof)[6:].reshape(len(places), 3, n_dof)
+    components = np.eye(n_dof)[6:].reshape(len(positions), 3, n_dof)
     joints = tuple(
-        _mount(component, axis, components[component, axis] - on_case(place)[axis])
-        for component, place in enumerate(places)
+        _mount(component, axis, components[component, axis] - on_case(position)[axis])
+        for component, position in enumerate(positions)
         for axis in range(3)
     )
     corners = [on_case(half * corner) for corner in _CORNERS]
     drive = np.array(_DRIVE_DIRECTION) / np.linalg.norm(_DRIVE_DIRECTION) @ on_case(half * _DRIVE_CORNER)
-    bodies = [f"component{k + 1}" for k in range(len(places))] + [f"case{k + 1}" for k in range(len(corners))]
+    bodies = [f"component{k + 1}" for k in range(len(positions))] + [f"case{k + 1}" for k in range(len(corners))]
     zero = np.zeros((n_dof, n_dof))
-    names = [*(f"case_{axis}" for axis in (*_AXES, "rx", "ry", "rz")), *_per_axis(bodies[: len(places)])]
+    names = [*(f"case_{axis}" for axis in (*_AXES, "rx", "ry", "rz")), *_per_axis(bodies[: len(positions)])]
     return BoltedStructure(
         structure=Structure(mass, zero, zero, joints, tuple(names)),
         sensors=np.vstack([*components, *corners, drive]),
@@ -331,20 +331,20 @@ def _squares(structure: Structure, shape: FloatArray, amplitude: float, omega: f
 def _mount(component: int, axis: int, direction: FloatArray) -> Joint:
     stiffness = _MOUNT_N_PER_M[component][axis]
     omega = np.sqrt(stiffness / _COMPONENT_KG[component])
-    share, slip_force_n = _SLIPPING_MOUNTS.get((component, axis), (0.0, 0.0))
-    sliders = iwan(stiffness_n_per_m=share * stiffness, slip_force_n=slip_force_n) if share else None
+    fraction, slip_force_n = _SLIPPING_MOUNTS.get((component, axis), (0.0, 0.0))
+    sliders = iwan(stiffness_n_per_m=fraction * stiffness, slip_force_n=slip_force_n) if fraction else None
     return Joint(
         f"mount {component + 1} along {_AXES[axis]}",
         direction,
-        stiffness_n_per_m=(1.0 - share) * stiffness,
+        stiffness_n_per_m=(1.0 - fraction) * stiffness,
         damping_n_s_per_m=_MOUNT_LOSS[component][axis] * stiffness / omega,
         sliders=sliders,
     )
 
 
-def _rigid_motion(place: FloatArray) -> FloatArray:
+def _rigid_motion(position: FloatArray) -> FloatArray:
     """(3, 6): what a point of a rigid body does for each translation and rotation."""
-    x, y, z = place
+    x, y, z = position
     return np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])
 
 

@@ -106,14 +106,14 @@ def with_bending(
         raise InputError(
             f"the beam is {length} m long and has {beam_mass_share} of the airframe's mass: give positive numbers"
         )
-    place = np.linspace(0.0, 1.0, 101)
-    arc = _BEAM_WAVE * place
+    position = np.linspace(0.0, 1.0, 101)
+    arc = _BEAM_WAVE * position
     shape = np.cosh(arc) + np.cos(arc) - _BEAM_RATIO * (np.sinh(arc) + np.sin(arc))
     bending = BendingMode(
         frequency_hz=frequency_hz,
         damping_ratio=damping_ratio,
         modal_mass_kg=0.25 * beam_mass_share * airframe.mass_kg,
-        stations_m=tuple((airframe.x_cg_m + (place - 0.5) * length).tolist()),
+        stations_m=tuple((airframe.x_cg_m + (position - 0.5) * length).tolist()),
         shape=tuple((0.5 * shape).tolist()),
     )
     return replace(airframe, bending=bending)

@@ -44,8 +44,8 @@ class Gear:
         sliders: of the strut, beside the law; None for none.
 
     Raises:
-        InputError: the name of a motion of the airframe, a place that is not finite, a mass or tyre stiffness that is
-            not positive, a suspension without any spring, another value that is negative.
+        InputError: the name of a motion of the airframe, a position that is not finite, a mass or tyre stiffness
+            that is not positive, a suspension without any spring, another value that is negative.
     """
 
     name: str
@@ -128,7 +128,7 @@ class BendingMode:
         frequency_hz: sqrt(k/m)/(2 pi) with heave, roll and pitch held: without coupling that of the free airframe.
         damping_ratio: c/(2 sqrt(k m)).
         modal_mass_kg: m, for the shape as it is given.
-        stations_m: places along x, ascending.
+        stations_m: positions along x, ascending.
         shape: upward motion at each station for a unit of the mode.
         coupling: mass that it shares with heave (kg), roll and pitch (kg m), sum of dm shape j; zero for a free mode of
             the airframe, until masses are put on it.
@@ -174,15 +174,15 @@ class BendingMode:
         return 4.0 * np.pi * self.damping_ratio * self.frequency_hz * self.modal_mass_kg
 
     def deflection(self, x_m: ArrayLike) -> FloatArray:
-        """Return the shape at places x, m; InputError beyond the stations."""
-        place = np.asarray(x_m, dtype=np.float64)
+        """Return the shape at positions x, m; InputError beyond the stations."""
+        position = np.asarray(x_m, dtype=np.float64)
         first, last = self.stations_m[0], self.stations_m[-1]
-        if not ((place >= first) & (place <= last)).all():
+        if not ((position >= first) & (position <= last)).all():
             raise InputError(
-                f"the bending shape goes from {first:g} to {last:g} m, a place is at {place} m: "
+                f"the bending shape goes from {first:g} to {last:g} m, a position is at {position} m: "
                 "give it further stations"
             )
-        return np.asarray(np.interp(place, self.stations_m, self.shape))
+        return np.asarray(np.interp(position, self.stations_m, self.shape))
 
 
 @dataclass(frozen=True)
@@ -273,29 +273,29 @@ class Loading:
 
 
 def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
-    """Return how far places go up for a unit of each motion of the airframe, (1, y, -x) and the bending shape.
+    """Return how far positions go up for a unit of each motion of the airframe, (1, y, -x) and the bending shape.
 
     Args:
         airframe: the airframe.
-        places_m: (n, 2) x and y of each place, m.
+        places_m: (n, 2) x and y of each position, m.
 
     Returns:
         (n, n_body), n_body 3, or 4 if it bends, or 1 of a gear alone.
 
     Raises:
-        InputError: places of another shape or not finite; one beyond the stations of the bending shape.
+        InputError: positions of another shape or not finite; one beyond the stations of the bending shape.
 
     >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
     >>> place_directions(default_aircraft(), [(2.0, 1.5)])
     array([[ 1. ,  1.5, -2. ]])
     """
     try:
-        places = np.asarray(places_m, dtype=np.float64)
+        positions = np.asarray(places_m, dtype=np.float64)
     except ValueError:
-        places = np.empty(0)
-    if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
-        raise InputError(f"the places are {places_m!r}: give a pair of finite numbers, x and y in m, for each")
-    x, y = places.T
+        positions = np.empty(0)
+    if positions.ndim != 2 or positions.shape[1] != 2 or not np.isfinite(positions).all():
+        raise InputError(f"the positions are {places_m!r}: give a pair of finite numbers, x and y in m, for each")
+    x, y = positions.T
     bent = [airframe.bending.deflection(x)] if airframe.bending else []
     return np.stack([np.ones(x.size), y, -x, *bent][: len(airframe.body_motions)], axis=1)
 
@@ -351,7 +351,7 @@ def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
     if not _is_positive(mass):
         raise InputError(
             f"loadings of {[loading.mass_kg for loading in given]} kg leave a mass matrix that is not positive "
-            "definite: less mass or inertia is there to be taken off, check signs and places"
+            "definite: less mass or inertia is there to be taken off, check signs and positions"
         )
     total = float(mass[0, 0])
     if airframe.is_one_gear:

@@ -23,7 +23,7 @@ class Sensor:
         noise_m_per_s2: rms of the white noise, m/s^2.
         gain: reading over truth, 1 for a perfect calibration.
         corner_hz: corner of the first-order AC coupling, Hz; 0 for DC coupling.
-        cross_axis: share of the motion across the axis that leaks in.
+        cross_axis: fraction of the motion across the axis that leaks in.
         lag_s: delay of this channel, s.
         bits: resolution of the converter over +- range; None for a fine one.
         range_m_per_s2: readings beyond +- this are clipped, m/s^2; None for no limit.
