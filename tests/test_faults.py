@@ -10,7 +10,7 @@ from law_runs import MASS_KG, STIFFNESS, fitted, runs_of, study_of
 from opid.mechanics.laws.law import LINEAR
 from opid.signals.recording import Recording
 from opid.suspensions.candidates import fit_rigid, gear_body
-from opid.suspensions.fitting.faults import Hypothesis, let_in, promising_coupling
+from opid.suspensions.fitting.faults import Hypothesis, _hypotheses, _is_plausible, let_in, promising_coupling
 from opid.suspensions.fitting.fit import carried_over, fit_model
 from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
@@ -111,6 +111,18 @@ def test_a_fault_far_beyond_what_sensors_do_is_not_let_in():
     assert "gain_sprung" not in {demand.name for demand in demands}
     for fault in fit.model.faults:
         assert abs(fit.value(fault.name) - fault.nominal) < FaultSettings().plausible_std * fault.std
+
+
+@pytest.mark.parametrize(("corners_hz", "is_one"), [((1e-3, 2e-4), False), ((1e-3, 0.01), True)])
+def test_an_ac_coupling_with_no_corner_is_none(corners_hz, is_one):
+    """It would only free the offsets of the sensors, which mend whatever is slow."""
+    fit, _ = first_fit()
+    (coupling,) = (each for each in _hypotheses(fit.model, False, FaultSettings()) if each.is_coupling)
+    model = coupling.added_to(fit.model)
+    corners = dict(zip(("corner_unsprung_hz", "corner_sprung_hz"), corners_hz, strict=True))
+    theta = carried_over(fit, model, corners)
+    grown = replace(fit, model=model, theta=theta, errors=model.evaluate(theta))
+    assert _is_plausible(grown, coupling) == is_one
 
 
 def test_an_ac_coupling_is_let_in_where_a_spring_to_the_ground_stood_in_its_place():
