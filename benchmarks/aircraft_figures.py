@@ -205,13 +205,16 @@ def figures(aircraft: Airframe, found: AircraftIdentification) -> Figures:
     }
     right = True
     for gear, each in zip(aircraft.gears, found.interfaces, strict=True):
+        right = right and each.law.name == gear.law.name
+        if found.per_mass:
+            # without a mass they have other units
+            continue
         truths[f"K {gear.name}"] = (each.stiffness, gear.suspension_stiffness_n_per_m)
         truths[f"C {gear.name}"] = (each.damping, gear.suspension_damping_n_s_per_m)
         friction = each.law_estimates.get("arctan_velocity", {}).get("amplitude_n", Estimate())
         truths[f"F {gear.name}"] = (friction, gear.law.parameters["arctan_velocity"]["amplitude_n"])
         if gear.ground_stiffness_n_per_m and hasattr(each, "ground_stiffness"):
             truths[f"G {gear.name}"] = (each.ground_stiffness, gear.ground_stiffness_n_per_m)
-        right = right and each.law.name == gear.law.name
     out["law right"] = float(right)
     for name, (estimate, truth) in truths.items():
         out[name] = 100 * abs(estimate.value / truth - 1) if estimate.value is not None else np.nan
