@@ -22,6 +22,7 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.json_values import json_text
 from opid.mechanics.laws.law import law
+from opid.mechanics.truth import UpdatingTruth
 from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
@@ -289,7 +290,9 @@ def test_what_is_no_result_is_refused(tmp_path):
 
 def test_a_truth_is_refused_where_nothing_is_compared_with_it():
     with pytest.raises(InputError, match="a Health is compared with no truth: leave it out"):
-        opid.text(sound_health(), {"parameters": {}})
+        opid.text(sound_health(), UpdatingTruth({}, law("linear")))
+    with pytest.raises(InputError, match="a ModalIdentification is compared with a ModalTruth, not with a Updating"):
+        opid.text(small_result(), UpdatingTruth({}, law("linear")))
 
 
 @pytest.mark.parametrize("maker", [bench, flights, health, modal, updating], ids=lambda maker: maker.__name__)

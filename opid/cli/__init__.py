@@ -14,8 +14,7 @@ from opid.cli.logs import inspect
 from opid.cli.modal import modal
 from opid.cli.studies import identify
 from opid.cli.update import update
-from opid.cli.virtual_backbones import backbones
-from opid.cli.virtual_beats import sine_beats
+from opid.cli.virtual_structures import backbones, sine_beats
 from opid.cli.virtual_tests import aircraft, demo, simulate, taxi
 
 __all__ = [

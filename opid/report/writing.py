@@ -76,8 +76,9 @@ def document_of(result: Result, truth: Truth | None = None) -> Document:
     if truth is None:
         return make(result)
     if not isinstance(truth, kind.truths):
-        needed = " or ".join(f"a {each.__name__}" for each in kind.truths) or "no truth"
-        raise InputError(f"a {type(result).__name__} is compared with {needed}: the truth is a {type(truth).__name__}")
+        known = " or ".join(f"a {each.__name__}" for each in kind.truths)
+        remedy = f"{known}, not with a {type(truth).__name__}" if known else "no truth: leave it out"
+        raise InputError(f"a {type(result).__name__} is compared with {remedy}")
     return make(result, truth)
 
 

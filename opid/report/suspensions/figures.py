@@ -106,7 +106,8 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             "Transmissibility",
             "Motion of the airframe over that of the spindle, frequency by frequency. Grey is what was measured; its "
             "peaks (triangles) are of the suspension, of friction or of chance. In colour the nonlinear force is taken "
-            "out: if the law is right, that curve lies on the dashed one, of a suspension without the law.",
+            "out: if the law is right, that curve lies on the dashed one, of a suspension without the law, but for the "
+            "tip of the resonance, which few averages blunt.",
             lambda: plots.transmissibilities(result),
         )
     if not result.is_refused:

@@ -13,6 +13,8 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.mechanics.rig import FORCE, Rig, RigRun, impact, rig_run
+from opid.mechanics.structure import Structure
+from opid.mechanics.truth import LinearModesTruth, ModalTruth, ModeTruth
 from opid.modal.forced.excitation import (
     SineBeat,
     beat_between_neighbours,
@@ -23,11 +25,17 @@ from opid.modal.forced.excitation import (
 )
 from opid.modal.linear.modes import LinearModes, force_projection, modal_filter, modal_test
 from opid.modal.model import NonlinearModalModel
-from opid.modal.power_laws import power_law
+from opid.modal.power_laws import DAMPING_KINDS, STIFFNESS_KINDS, power_law
 from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.signals.recording import FloatArray
 from opid.signals.units import STANDARD_GRAVITY
-from opid.virtual.modal_tests.bolted_structures import CASE_SHAKER, CaseStudy, case_study_1, case_study_2
+from opid.virtual.modal_tests.bolted_structures import (
+    CASE_SHAKER,
+    CaseStudy,
+    case_study_1,
+    case_study_2,
+    level_dependence,
+)
 
 Say = Callable[[str], None]
 Truth = Literal["sweep", "beat"]
@@ -49,6 +57,9 @@ CUBIC_MODE, CUBIC_STIFFNESS, CUBIC_DAMPING = 3, {3: -1.8e11}, {2: 20.0}
 
 CUBIC_TOP = 5e-4
 """Its largest displacement, m kg^1/2."""
+
+N_AMPLITUDES = 25
+"""At which the truth has frequency and damping of a nonlinear mode, up to 1.5 times its highest level."""
 
 LEVELS_2 = (0.1, 0.25, 0.45, 0.65, 0.85, 1.0)
 """Of case 2, whose highest beat is the truth test: the fit ends at 0.85 of it."""
@@ -324,3 +335,45 @@ def _cubic(shaker: bool) -> CaseStudy:
         nonlinear_modes=(CUBIC_MODE,),
         text=f"four modes at six sensors, of which mode {CUBIC_MODE} has k3 q^3 and c2 q'|q'|",
     )
+
+
+# ---- what is true of it ---------------------------------------------------------------------------
+
+
+def modal_truth(series: VirtualSeries, *, settings: Mapping[str, Any] | None = None) -> ModalTruth:
+    """Return what is true of a virtual series of modal tests.
+
+    Args:
+        series: what was tested.
+        settings: what it was simulated with, kept as they are.
+    """
+    case = series.case
+    modes = case.modes
+    return ModalTruth(
+        {mode: _true_mode(series, mode) for mode in case.nonlinear_modes},
+        LinearModesTruth(tuple(modes.frequency_hz.tolist()), tuple(modes.damping_ratio.tolist())),
+        case.text,
+        dict(settings or {}),
+    )
+
+
+def _true_mode(series: VirtualSeries, mode: int) -> ModeTruth:
+    structure = series.case.rig.structure
+    largest = 1.5 * top_displacement(series, mode)
+    found = level_dependence(structure, mode=mode, amplitude=np.linspace(0, largest, N_AMPLITUDES + 1)[1:])
+    curves = (tuple(each.tolist()) for each in (found.amplitude, found.frequency_hz, found.zeta))
+    return ModeTruth(*_powers(structure, mode), *curves)
+
+
+def _powers(structure: Structure, mode: int) -> tuple[dict[int, float], dict[int, float]]:
+    """The coefficients k and c of a mode whose joint is a sum of powers in its own coordinate."""
+    own = np.eye(structure.n_dof)[mode - 1]
+    k: dict[int, float] = {}
+    c: dict[int, float] = {}
+    for joint in structure.joints:
+        if joint.sliders is not None or not np.array_equal(joint.direction, own):
+            continue
+        for values, kinds in ((k, STIFFNESS_KINDS), (c, DAMPING_KINDS)):
+            powers = {name: power for power, name in kinds.items()}
+            values |= {powers[each.name]: float(each.values[0]) for each in joint.law.terms if each.name in powers}
+    return k, c
