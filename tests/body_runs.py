@@ -15,9 +15,9 @@ from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureS
 from opid.virtual.taxi_tests import taxiing
 from opid.virtual.taxi_tests.aircraft import default_aircraft, with_bending
 from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.virtual.taxi_tests.road import iso8608_tracks
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
-from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
 
 NOISE = 5e-3
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}

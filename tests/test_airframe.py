@@ -20,10 +20,9 @@ from opid.virtual.taxi_tests.airframe import (
     loaded,
     place_directions,
 )
-from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road, iso8608_tracks
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test, tyre_forces
-from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
 
 BESIDE = {"nose": (4.4, 0.3), "left": (0.2, 1.1), "right": (-0.5, -1.9)}
 FURTHER = {"tail": (-4.5, 0.0), "cabin": (2.0, 0.4)}

@@ -3,8 +3,7 @@ import pytest
 from scipy import integrate
 
 from opid.errors import InputError
-from opid.virtual.taxi_tests.road import iso8608_road, road_psd
-from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks, track_correlation
+from opid.virtual.taxi_tests.road import iso8608_road, iso8608_tracks, road_psd, track_correlation
 
 LATERAL_M = (0.0, 1.6, -0.3)
 N_DRAWS = 10

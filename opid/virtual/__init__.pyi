@@ -42,6 +42,8 @@ from .taxi_tests.airframe import (
 from .taxi_tests.road import (
     SpeedProfile as SpeedProfile,
     iso8608_road as iso8608_road,
+    iso8608_tracks as iso8608_tracks,
+    track_correlation as track_correlation,
 )
 from .taxi_tests.sensors import (
     Sensor as Sensor,
@@ -53,8 +55,4 @@ from .taxi_tests.taxiing import (
     taxi_run as taxi_run,
     taxi_test as taxi_test,
     tyre_forces as tyre_forces,
-)
-from .taxi_tests.wheel_tracks import (
-    iso8608_tracks as iso8608_tracks,
-    track_correlation as track_correlation,
 )

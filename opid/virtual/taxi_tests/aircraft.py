@@ -91,7 +91,7 @@ def with_bending(
         airframe: the airframe; a bending mode that it has is replaced.
         frequency_hz: of the mode.
         damping_ratio: of the mode.
-        length_m: of the beam; where left out, 2.5 times the way from the centre of gravity to the farthest gear.
+        length_m: of the beam; where left out, 2.5 times the distance from the centre of gravity to the farthest gear.
         beam_mass_share: mass of the beam over that of the airframe.
 
     Raises:

@@ -1,7 +1,8 @@
-"""A rough runway and the speed at which a wheel goes over it."""
+"""A rough runway, the speed at which a wheel goes over it, and the tracks of wheels side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +17,12 @@ ROAD_CLASSES = {name: 16e-6 * 4.0**k for k, name in enumerate("ABCDEFGH")}
 
 REFERENCE_CYCLES_PER_M = 0.1
 _GRID_POINTS_PER_CYCLE = 16
+_POINTS_PER_M = 64  # sixteen to the shortest wave of a road
 
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """Elevation of the road under the tyre, a cubic spline, so that elevation and slope agree at every place.
+    """Elevation of the road under the tyre, a cubic spline, so that elevation and slope agree everywhere.
 
     Attributes:
         length_m: after this length the road repeats itself.
@@ -31,13 +33,13 @@ class Road:
     footprint_m: float
     _spline: CubicSpline = field(repr=False)
 
-    def elevation(self, place_m: ArrayLike) -> FloatArray:
-        """Return the elevation, m, at places along the road, m."""
-        return self._spline(place_m)
+    def elevation(self, position_m: ArrayLike) -> FloatArray:
+        """Return the elevation, m, at positions along the road, m."""
+        return self._spline(position_m)
 
-    def slope(self, place_m: ArrayLike) -> FloatArray:
+    def slope(self, position_m: ArrayLike) -> FloatArray:
         """Return the derivative of the elevation along the road, m/m."""
-        return self._spline(place_m, 1)
+        return self._spline(position_m, 1)
 
 
 def road_psd(road_class: str, cycles_per_m: ArrayLike) -> FloatArray:
@@ -104,8 +106,8 @@ def iso8608_road(
     spectrum = np.zeros(cycles_per_m.size, dtype=np.complex128)
     spectrum[inside] = 0.5 * n_grid * amplitude * np.exp(2j * np.pi * rng.random(n.size))
     profile = np.fft.irfft(spectrum, n_grid)
-    place_m = np.linspace(0.0, length_m, n_grid + 1)
-    spline = CubicSpline(place_m, np.append(profile, profile[0]), bc_type="periodic")
+    position_m = np.linspace(0.0, length_m, n_grid + 1)
+    spline = CubicSpline(position_m, np.append(profile, profile[0]), bc_type="periodic")
     return Road(length_m, float(footprint_m), spline)
 
 
@@ -147,10 +149,103 @@ class SpeedProfile:
         )
 
     def position_m(self, time_s: ArrayLike) -> FloatArray:
-        """Return the way covered since time 0, m (negative before)."""
+        """Return the distance covered since time 0, m (negative before)."""
         time = np.asarray(time_s, dtype=np.float64)
         inside = np.clip(time, 0.0, self.duration_s)
         slope = (self.stop_m_per_s - self.start_m_per_s) / self.duration_s
         braking = self.start_m_per_s * inside + 0.5 * slope * inside**2
         constant = np.where(time < 0.0, self.start_m_per_s, self.stop_m_per_s) * (time - inside)
         return braking + constant
+
+
+# ---- wheels side by side ---------------------------------------------------------------------------
+
+
+def track_correlation(cycles_per_m: ArrayLike, distance_m: ArrayLike) -> FloatArray:
+    """Return cross-PSD over PSD of two parallel tracks of an isotropic surface whose PSD falls with n^-2.
+
+    g = x K_1(x), x = 2 pi n b, K_1 the modified Bessel function of the second kind: 1 for waves much longer than the
+    distance b of the tracks, 0 for much shorter ones (Kamash and Robson, J. Sound Vib. 57 (1978) 89). It is real; the
+    coherence, a squared magnitude, is g^2.
+
+    Args:
+        cycles_per_m: spatial frequencies n along the tracks, cycles/m.
+        distance_m: b, m; broadcast against `cycles_per_m`.
+
+    >>> track_correlation([0.02, 0.1, 1.0], 3.0).round(4)
+    array([0.8839, 0.3071, 0.    ])
+    """
+    from scipy.special import k1
+
+    n, b = np.broadcast_arrays(np.asarray(cycles_per_m, dtype=np.float64), np.asarray(distance_m, dtype=np.float64))
+    x = 2.0 * np.pi * np.abs(n * b)
+    # x K_1(x) goes to 1 as x goes to 0, where K_1 is infinite
+    correlation = np.ones(x.shape)
+    np.multiply(x, k1(np.maximum(x, 1e-12)), out=correlation, where=x > 1e-12)
+    return correlation
+
+
+def iso8608_tracks(
+    road_class: str,
+    *,
+    lateral_m: Sequence[float],
+    length_m: float,
+    rng: np.random.Generator,
+    footprint_m: float = 0.3,
+    coherent: bool = True,
+) -> tuple[Road, ...]:
+    """Return the roads under wheels that stand side by side, each of the PSD of an ISO 8608 class.
+
+    Independent roads are mixed wave by wave with the square root of the matrix of `track_correlation`. The PSD of a
+    mixed road is that of the class in the mean over draws; that of a road alone is so in each draw.
+
+    Args:
+        road_class: "A" to "H".
+        lateral_m: where the wheels stand across the runway; wheels at the same position have the same road.
+        length_m: the shortest length before the roads may repeat.
+        rng: source of the phases; each of several roads has a stream of its own.
+        footprint_m: length of the contact patch, m; 0 for a point.
+        coherent: whether they lie on one isotropic surface; if not, different positions have independent roads.
+
+    Returns:
+        One road a wheel, in the order of `lateral_m`.
+
+    Raises:
+        InputError: no position or one that is not finite; an unknown class, a length that is not positive.
+
+    >>> tracks = iso8608_tracks("B", lateral_m=(0.0, 1.5, -1.5, 1.5), length_m=500.0, rng=np.random.default_rng(1))
+    >>> tracks[1] is tracks[3], tracks[1] is tracks[2]
+    (True, False)
+    """
+    lateral = np.asarray(lateral_m, dtype=np.float64)
+    if lateral.ndim != 1 or lateral.size == 0 or not np.isfinite(lateral).all():
+        raise InputError(f"lateral_m is {lateral_m!r}: give one finite number a wheel, m")
+    positions, which = np.unique(lateral, return_inverse=True)
+    roads = tuple(
+        iso8608_road(road_class, length_m=length_m, rng=stream, footprint_m=footprint_m)
+        for stream in (rng.spawn(positions.size) if positions.size > 1 else [rng])
+    )
+    if coherent and positions.size > 1:
+        roads = _mixed(roads, np.abs(positions[:, None] - positions))
+    return tuple(roads[k] for k in which)
+
+
+def _mixed(roads: tuple[Road, ...], distance_m: FloatArray) -> tuple[Road, ...]:
+    """Mix independent roads so that any two correlate as tracks at their distance."""
+    length_m, footprint_m = roads[0].length_m, roads[0].footprint_m
+    n_grid = int(np.ceil(_POINTS_PER_M * length_m))
+    position_m = np.linspace(0.0, length_m, n_grid + 1)
+    spectra = np.fft.rfft([road.elevation(position_m[:-1]) for road in roads], axis=1)
+    # without the mean, which a road has none of
+    waves = np.flatnonzero(np.abs(spectra).max(axis=0) > 1e-9 * np.abs(spectra).max())
+    correlation = track_correlation((waves / length_m)[:, None, None], distance_m)
+    values, vectors = np.linalg.eigh(correlation)
+    # tracks close together leave eigenvalues that rounding makes negative
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
+    mixed = np.zeros_like(spectra)
+    mixed[:, waves] = np.einsum("nij,jn->in", root, spectra[:, waves])
+    profiles = np.fft.irfft(mixed, n_grid, axis=1)
+    return tuple(
+        Road(length_m, footprint_m, CubicSpline(position_m, np.append(profile, profile[0]), bc_type="periodic"))
+        for profile in profiles
+    )

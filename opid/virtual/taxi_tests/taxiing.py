@@ -26,9 +26,8 @@ from opid.virtual.taxi_tests.airframe import (
     loaded,
     place_directions,
 )
-from opid.virtual.taxi_tests.road import Road, SpeedProfile
+from opid.virtual.taxi_tests.road import Road, SpeedProfile, iso8608_tracks
 from opid.virtual.taxi_tests.sensors import DEFAULT_SENSOR, Sensor, decimate, measure
-from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
 
 Place = tuple[float, float]
 # most of the start from rest has decayed before the record begins: exp(-8) in the bounce of a gear, exp(-2.5) in the
@@ -112,9 +111,9 @@ def tyre_forces(
     forces = np.empty((travelled_m.size, len(airframe.gears)))
     rearmost_m = min(gear.x_m for gear in airframe.gears)
     for column, (gear, road) in enumerate(zip(airframe.gears, tracks, strict=True)):
-        place_m = travelled_m + (gear.x_m - rearmost_m)
-        forces[:, column] = gear.tyre_stiffness_n_per_m * road.elevation(place_m)
-        forces[:, column] += gear.tyre_damping_n_s_per_m * road.slope(place_m) * speed_m_per_s
+        position_m = travelled_m + (gear.x_m - rearmost_m)
+        forces[:, column] = gear.tyre_stiffness_n_per_m * road.elevation(position_m)
+        forces[:, column] += gear.tyre_damping_n_s_per_m * road.slope(position_m) * speed_m_per_s
     return forces
 
 
@@ -354,10 +353,12 @@ def _roll(
     """Return the response from `lead_in_s` before the record to a little after it, at a multiple of fs."""
     gears = airframe.gears
     begin_m = float(speed.position_m(-lead_in_s))
-    way_m = float(speed.position_m(speed.duration_s + _TAIL_S)) - begin_m
+    distance_m = float(speed.position_m(speed.duration_s + _TAIL_S)) - begin_m
     wheel_base_m = max(gear.x_m for gear in gears) - min(gear.x_m for gear in gears)
     lateral_m = [gear.y_m for gear in gears]
-    tracks = iso8608_tracks(lateral_m=lateral_m, length_m=max(way_m + wheel_base_m, 1.0), rng=rng, **track_settings)
+    tracks = iso8608_tracks(
+        lateral_m=lateral_m, length_m=max(distance_m + wheel_base_m, 1.0), rng=rng, **track_settings
+    )
 
     def road(time_s: FloatArray) -> FloatArray:
         time = time_s - lead_in_s
