@@ -9,17 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import (
-    REPORT,
-    Output,
-    example,
-    free_directory,
-    main,
-    progress,
-    show_next,
-    with_force,
-    with_output,
-)
+from opid.cli.group import REPORT, Output, example, free_directory, main, progress, show_next, with_force, with_output
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law

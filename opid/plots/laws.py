@@ -127,11 +127,7 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             known = np.isfinite(section.mean)
             band = 2 * section.standard_error
             ax.fill_between(
-                x[known],
-                (section.mean - band)[known],
-                (section.mean + band)[known],
-                color=PALE,
-                label="measured, 95 %",
+                x[known], (section.mean - band)[known], (section.mean + band)[known], color=PALE, label="measured, 95 %"
             )
             ax.plot(x, section.mean, color=INK, marker="o", markersize=3.5, linestyle="none", label="measured")
             ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")

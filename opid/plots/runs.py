@@ -7,18 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.plots.style import (
-    GREY,
-    INK,
-    PALE,
-    RUN_COLORS,
-    house_style,
-    panels,
-    pretty,
-    run_colors,
-    run_title,
-    thick,
-)
+from opid.plots.style import GREY, INK, PALE, RUN_COLORS, house_style, panels, pretty, run_colors, run_title, thick
 from opid.signals.recording import Recording
 from opid.signals.spectra import cross_spectra
 from opid.suspensions.paper.chain import RunEvidence
@@ -79,11 +68,7 @@ def integration(run: RunEvidence, axes: Any = None) -> np.ndarray:
                 ax.plot(run.time_s, 1e3 * literal.displacement, color=RUN_COLORS[1], label=label)
             label = f"band above {sound.high_pass_hz:g} Hz, {_rms_mm(sound.displacement[inside])} rms"
             ax.plot(
-                run.time_s[inside],
-                1e3 * sound.displacement[inside],
-                color=RUN_COLORS[0],
-                linewidth=0.7,
-                label=label,
+                run.time_s[inside], 1e3 * sound.displacement[inside], color=RUN_COLORS[0], linewidth=0.7, label=label
             )
             ax.set_ylabel("travel z [mm]")
             ax.margins(x=0.01)

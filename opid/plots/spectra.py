@@ -105,7 +105,7 @@ def _transmissibility(
     fitted_at = np.geomspace(LOWEST_HZ, highest, 400)
     averages = f"{measured.spectra.n_averages:.1f} averages"
     lines: list[tuple[str, np.ndarray, np.ndarray, dict[str, Any]]] = [
-        (f"measured, {averages}", frequency_hz, measured.value[shown], {"color": GREY, "linewidth": 0.9}),
+        (f"measured, {averages}", frequency_hz, measured.value[shown], {"color": GREY, "linewidth": 0.9})
     ]
     if with_law:
         subtracted, look = run.T_subtracted.value[shown], {"color": color, "linewidth": 1.0, "alpha": 0.45}

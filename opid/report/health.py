@@ -6,18 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 
-from opid.report.document import (
-    Block,
-    Document,
-    Figure,
-    Paragraph,
-    Remarks,
-    Table,
-    columns,
-    counted,
-    ended,
-    sentence,
-)
+from opid.report.document import Block, Document, Figure, Paragraph, Remarks, Table, columns, counted, ended, sentence
 from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
 
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12

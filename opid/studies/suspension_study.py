@@ -479,12 +479,7 @@ def _is_told_by_channels(study: Study) -> bool:
     """Whether a study file with [channels] says all that is known."""
     first = study.interfaces[0]
     plain = MeasuredInterface(
-        "gear",
-        first.sprung,
-        first.unsprung,
-        facts=first.facts,
-        axis=first.axis,
-        piston_area_m2=first.piston_area_m2,
+        "gear", first.sprung, first.unsprung, facts=first.facts, axis=first.axis, piston_area_m2=first.piston_area_m2
     )
     return study.is_one_gear and first == plain and study.structure == StructureSettings()
 

@@ -167,10 +167,7 @@ def _mode_table(
 
 
 def _doubts(
-    data: Sequence[LinearData],
-    table: Sequence[LinearMode],
-    backbones: Sequence[MeasuredBackbone],
-    errors: LinearErrors,
+    data: Sequence[LinearData], table: Sequence[LinearMode], backbones: Sequence[MeasuredBackbone], errors: LinearErrors
 ) -> list[str]:
     """What to doubt: a poor estimate of scatter, a mode or a shape that is missed, lowest points that are nonlinear."""
     doubts, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)

@@ -18,11 +18,7 @@ N_DRAWS, N_AMPLITUDES = 200, 40  # curves that are drawn, and points of each ban
 
 
 def predict(
-    data: BackboneData,
-    posterior: ClassPosterior,
-    measured: tuple[MeasuredBackbone, ...],
-    *,
-    rng: np.random.Generator,
+    data: BackboneData, posterior: ClassPosterior, measured: tuple[MeasuredBackbone, ...], *, rng: np.random.Generator
 ) -> tuple[BackboneBand, ...]:
     """Return the 95 % band of each mode for one more point of one more curve (Song eq. 18).
 

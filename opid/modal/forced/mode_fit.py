@@ -12,14 +12,7 @@ from opid.errors import InputError, refuse
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.forced.equation import ModeLines, mode_lines
-from opid.modal.forced.mode_tests import (
-    WIDEST,
-    check_shapes,
-    check_test,
-    find_band,
-    warn_of_other_modes,
-    warn_of_rates,
-)
+from opid.modal.forced.mode_tests import WIDEST, check_shapes, check_test, find_band, warn_of_other_modes, warn_of_rates
 from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,

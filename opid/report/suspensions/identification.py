@@ -10,18 +10,7 @@ from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import depends_on_travel
-from opid.report.document import (
-    Block,
-    Document,
-    Paragraph,
-    Remarks,
-    Table,
-    columns,
-    counted,
-    ended,
-    sentence,
-    warnings,
-)
+from opid.report.document import Block, Document, Paragraph, Remarks, Table, columns, counted, ended, sentence, warnings
 from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
 from opid.report.suspensions.again import command_of, python_of
 from opid.report.suspensions.figures import figures_of

@@ -155,11 +155,7 @@ def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
 
 
 def _mode_data(
-    system: JointedModes,
-    curves: Sequence[MeasuredBackbone],
-    noise: NoiseSettings,
-    cov: float,
-    form: Form,
+    system: JointedModes, curves: Sequence[MeasuredBackbone], noise: NoiseSettings, cov: float, form: Form
 ) -> ModeData:
     mode = curves[0].mode
     linear = float(system.eigenvalue[system.place(mode)])

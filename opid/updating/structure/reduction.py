@@ -120,11 +120,7 @@ def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, F
 
 
 def craig_bampton(
-    structure: AffineStructure,
-    factors: Mapping[str, float] | None = None,
-    *,
-    n_modes: int = 15,
-    method: str = "fixed",
+    structure: AffineStructure, factors: Mapping[str, float] | None = None, *, n_modes: int = 15, method: str = "fixed"
 ) -> ReducedStructure:
     """Reduce a structure to its boundary (sensors, then ends of joints that are no sensors) and internal modes.
 
@@ -204,11 +200,7 @@ def modes_of(reduced: ReducedStructure) -> JointedModes:
 
 
 def reduction_errors(
-    structure: AffineStructure,
-    reduced: ReducedStructure,
-    n: int = 15,
-    *,
-    factors: Mapping[str, float] | None = None,
+    structure: AffineStructure, reduced: ReducedStructure, n: int = 15, *, factors: Mapping[str, float] | None = None
 ) -> ReductionErrors:
     """Compare the first n modes of a reduced structure with those of the full one (Song Fig. 7).
 

@@ -50,10 +50,7 @@ class RitzModel:
 
 
 def ritz_model(
-    structure: AffineStructure,
-    *,
-    box: Mapping[str, tuple[float, float]],
-    modes: Sequence[int],
+    structure: AffineStructure, *, box: Mapping[str, tuple[float, float]], modes: Sequence[int]
 ) -> RitzModel:
     """Return a small model whose modes are those of the structure everywhere in a box of parameters.
 

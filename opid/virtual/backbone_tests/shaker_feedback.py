@@ -87,12 +87,7 @@ class Record:
 
 
 def closed_loop(
-    specimen: Specimen,
-    mode: int,
-    *,
-    damping_ratio: float,
-    stiffness_fraction: float = 0.0,
-    modal_filter: bool = True,
+    specimen: Specimen, mode: int, *, damping_ratio: float, stiffness_fraction: float = 0.0, modal_filter: bool = True
 ) -> ClosedLoop:
     """Return a structure on its shaker under a feedback that holds one mode.
 

@@ -8,14 +8,7 @@ from datetime import date
 from typing import Any
 
 from opid.mechanics.truth import BodyNumbers, BodyTruth, GearNumbers, GearTruth, SuspensionTruth, TaxiTruth
-from opid.suspensions.study import (
-    BodySensor,
-    MeasuredInterface,
-    PointMass,
-    Run,
-    StructureSettings,
-    Study,
-)
+from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
 from opid.virtual.taxi_tests.taxiing import TaxiTest
 
 

@@ -304,9 +304,7 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
     )
     damping = 2.0 * modes.zeta[mode - 1] * omega + squares.imag / np.sqrt(stiffness)
     return LevelDependence(
-        amplitude=amplitudes,
-        frequency_hz=np.sqrt(stiffness) / (2.0 * np.pi),
-        zeta=damping / (2.0 * np.sqrt(stiffness)),
+        amplitude=amplitudes, frequency_hz=np.sqrt(stiffness) / (2.0 * np.pi), zeta=damping / (2.0 * np.sqrt(stiffness))
     )
 
 

@@ -143,9 +143,7 @@ class SpeedProfile:
     def speed_m_per_s(self, time_s: ArrayLike) -> FloatArray:
         """Return the speed, m/s, at times, s."""
         return np.interp(
-            np.asarray(time_s, dtype=np.float64),
-            (0.0, self.duration_s),
-            (self.start_m_per_s, self.stop_m_per_s),
+            np.asarray(time_s, dtype=np.float64), (0.0, self.duration_s), (self.start_m_per_s, self.stop_m_per_s)
         )
 
     def position_m(self, time_s: ArrayLike) -> FloatArray:

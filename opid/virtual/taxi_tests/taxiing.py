@@ -293,12 +293,7 @@ def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departu
         lifted_kg = lifted_kg - each.mass_kg * place_directions(airframe, [(each.x_m, each.y_m)])[0, rigid]
     laws = laws_at_rest(struts, airframe.strut_directions[:, rigid], GRAVITY_M_PER_S2 * lifted_kg)
     gears = (
-        replace(
-            gear,
-            suspension_stiffness_n_per_m=strut.stiffness,
-            suspension_damping_n_s_per_m=strut.damping,
-            law=law,
-        )
+        replace(gear, suspension_stiffness_n_per_m=strut.stiffness, suspension_damping_n_s_per_m=strut.damping, law=law)
         for gear, strut, law in zip(airframe.gears, struts, laws, strict=True)
     )
     return replace(loaded(airframe, loadings), gears=tuple(gears))
