@@ -156,8 +156,8 @@ def test_the_reported_mass_is_the_one_at_no_change_even_if_never_flown():
     # both runs said to be 500 kg heavier than the reference
     shifted = [replace(line, mass_change_kg=line.mass_change_kg + 500.0) for line in lines]
     found = absolute_parameters(_fit(shifted, 1000.0), [500.0, 280.0])
-    np.testing.assert_allclose(found["sprung_mass_kg"], 1350, rtol=0.01)
-    np.testing.assert_allclose(found["suspension_stiffness_n_per_m"], 3.9e5, rtol=0.01)
+    np.testing.assert_allclose(found.sprung_mass_kg, 1350, rtol=0.01)
+    np.testing.assert_allclose(found.slopes[0], 3.9e5, rtol=0.01)
 
 
 def test_a_mass_change_that_did_not_happen_is_seen():

@@ -126,7 +126,7 @@ def test_the_strongest_credible_pair_is_taken(result):
 
 def test_the_chain_takes_the_law_of_any_fit(study, result):
     joint = result.joint
-    settings = {"law_per_mass": joint.law, "inverse_mass": joint["inverse_mass"]}
+    settings = {"law_per_mass": joint.law, "inverse_mass": joint.inverse_mass}
     again = compute_chain(study, **settings)
     for run, other in zip(result.chain.runs, again.runs, strict=True):
         np.testing.assert_array_equal(run.T_without_force.value, other.T_without_force.value)

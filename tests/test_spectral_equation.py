@@ -38,10 +38,10 @@ def test_a_linear_gear_without_noise_is_found_exactly_at_every_damping(zeta, gro
     damping = 2 * zeta * np.sqrt(3.9e5 * 1850)
     gear = LandingGear(suspension_damping_n_s_per_m=damping, ground_stiffness_n_per_m=ground, law=Law())
     fit = fit_equation(_lines(_test(gear)), Law(), **START, inverse_mass=1 / 1000)
-    np.testing.assert_allclose(1 / fit["inverse_mass"], 1850, rtol=2e-4)
-    np.testing.assert_allclose(fit["stiffness_per_mass"], 3.9e5 / 1850, rtol=2e-4)
-    np.testing.assert_allclose(fit["damping_per_mass"], damping / 1850, rtol=1e-3)
-    np.testing.assert_allclose(fit["ground_stiffness_per_mass"], ground / 1850, atol=0.03)
+    np.testing.assert_allclose(1 / fit.inverse_mass, 1850, rtol=2e-4)
+    np.testing.assert_allclose(fit.ratios[0], 3.9e5 / 1850, rtol=2e-4)
+    np.testing.assert_allclose(fit.ratios[1], damping / 1850, rtol=1e-3)
+    np.testing.assert_allclose(fit.ratios[2], ground / 1850, atol=0.03)
 
 
 def test_stated_errors_are_the_spread_and_the_noise_is_recovered():
@@ -63,7 +63,7 @@ def test_ignoring_the_noise_of_the_regressors_shrinks_the_mass():
     for seed in range(4):
         runs = _lines(_test(LandingGear(law=Law()), seed, lower_sensor=noisy, upper_sensor=noisy))
         fit = fit_equation(runs, Law(), **START, inverse_mass=1 / 1000)
-        errors["in_variables"].append(abs(1 / fit["inverse_mass"] / 1850 - 1))
+        errors["in_variables"].append(abs(1 / fit.inverse_mass / 1850 - 1))
         stiffness = []
         for run in runs:
             columns = np.stack([run.sprung - run.unsprung, 1j * run.omega * (run.sprung - run.unsprung)], 1)
@@ -88,7 +88,7 @@ def test_runs_of_unequal_length_weigh_by_their_lines(order):
     np.testing.assert_allclose(fit.noise_m_per_s2, Sensor().noise_m_per_s2, rtol=0.05)
     for residual in fit.residual:
         np.testing.assert_allclose(np.sqrt(np.mean(np.abs(residual) ** 2)), Sensor().noise_m_per_s2, rtol=0.1)
-    np.testing.assert_allclose(1 / fit["inverse_mass"], 1850, rtol=0.01)
+    np.testing.assert_allclose(1 / fit.inverse_mass, 1850, rtol=0.01)
 
 
 def test_time_shift_and_units_change_nothing():
@@ -100,8 +100,8 @@ def test_time_shift_and_units_change_nothing():
     np.testing.assert_allclose(scaled.noise_m_per_s2, 7 * plain.noise_m_per_s2, rtol=1e-5)
     # played backwards in time a dissipative gear has negative damping, and the same stiffness
     back = fit_equation([equation_lines(x1[::-1], x2[::-1], fs=256)], Law(), **START)
-    np.testing.assert_allclose(back["stiffness_per_mass"], plain["stiffness_per_mass"], rtol=2e-3)
-    np.testing.assert_allclose(back["damping_per_mass"], -plain["damping_per_mass"], rtol=2e-2)
+    np.testing.assert_allclose(back.ratios[0], plain.ratios[0], rtol=2e-3)
+    np.testing.assert_allclose(back.ratios[1], -plain.ratios[1], rtol=2e-2)
 
 
 def test_the_search_finds_friction_and_its_scale():
@@ -114,7 +114,7 @@ def test_the_search_finds_friction_and_its_scale():
     ladder = search_law(runs, surfaces, inverse_mass=1 / 1500)
     best = chosen(ladder).fit
     assert best.law.name == "arctan_velocity"
-    np.testing.assert_allclose(best.law.scaled(1 / best["inverse_mass"]).vector, [400, 0.02], rtol=0.03)
+    np.testing.assert_allclose(best.law.scaled(1 / best.inverse_mass).vector, [400, 0.02], rtol=0.03)
     assert ladder[0].law_name == "linear"
     assert ladder[0].fit.noise_m_per_s2 > 10 * best.noise_m_per_s2
     direct = fit_law(runs, surfaces, "arctan_velocity", inverse_mass=1 / 1500)
@@ -145,4 +145,4 @@ def test_a_law_weighs_its_own_noise():
     gear = LandingGear(law=law("cubic_stiffness", stiffness_n_per_m3=3e9))
     runs = _lines(weightless_test(gear, duration_s=20, fs=256))
     true = fit_equation(runs, law("cubic_stiffness", stiffness_n_per_m3=1e6), **START, inverse_mass=1 / 1850)
-    np.testing.assert_allclose(true["stiffness_per_mass"], 3.9e5 / 1850, rtol=0.02)
+    np.testing.assert_allclose(true.ratios[0], 3.9e5 / 1850, rtol=0.02)

@@ -140,8 +140,9 @@ def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], f
     if isinstance(result, PaperIdentification) and result.method == "paper":
         joint, added = result.joint, result.added_mass
         std = dict(zip(joint.names, joint.std, strict=True))
-        mass = Estimate() if added is None else Estimate.normal(added["sprung_mass_kg"], added.std[0])
-        return mass, [Estimate.normal(joint[name], std.get(name)) for name in RATIOS], joint["inverse_mass"]
+        mass = Estimate() if added is None else Estimate.normal(added.sprung_mass_kg, added.std[0])
+        over_mass = [Estimate.normal(value, std.get(name)) for name, value in zip(RATIOS, joint.ratios, strict=True)]
+        return mass, over_mass, joint.inverse_mass
     mass, ratios = result.parameters.sprung_mass_kg, result.ratios
     assert isinstance(ratios, GearRatios)  # a body has no such chain
     over_mass = [ratios.stiffness_per_mass, ratios.damping_per_mass, ratios.ground_stiffness_per_mass]

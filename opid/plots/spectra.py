@@ -26,7 +26,7 @@ from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.law_search.pursuit import LawStep
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
-from opid.suspensions.paper.spectral_equation import RATIOS, JointFit
+from opid.suspensions.paper.spectral_equation import JointFit
 from opid.suspensions.paper.transmissibility import suspension_transmissibility
 from opid.suspensions.result import GearRatios
 
@@ -153,7 +153,7 @@ def _suspension(result: AnyIdentification) -> _Suspension | None:
     """What all runs tell of the linear suspension; None where it is refused or not determined."""
     if isinstance(result, PaperIdentification):
         joint = result.joint
-        return None if result.is_refused else _Suspension(*(joint[name] for name in (*RATIOS, "inverse_mass")))
+        return None if result.is_refused else _Suspension(*joint.ratios, joint.inverse_mass)
     ratios, mass = result.ratios, result.parameters.sprung_mass_kg.value
     assert isinstance(ratios, GearRatios)  # a body has no such chain
     stiffness, damping = ratios.stiffness_per_mass.value, ratios.damping_per_mass.value

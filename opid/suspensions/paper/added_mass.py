@@ -68,6 +68,16 @@ class AddedMass(FittedValues):
     law: Law
     fit: JointFit
 
+    @property
+    def sprung_mass_kg(self) -> float:
+        """M2, kg."""
+        return float(self.value[0])
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """K2, N/m, and C2, N s/m."""
+        return float(self.value[1]), float(self.value[2])
+
 
 def two_peak_mass(
     reference: Peak,
@@ -157,7 +167,7 @@ def absolute_parameters(
     """
     if "inverse_mass" not in fit.names:
         raise InputError("the fit has no free mass: fit runs of at least two masses with inverse_mass given")
-    mu, mu_std = fit["inverse_mass"], fit.std_of("inverse_mass")
+    mu, mu_std = fit.inverse_mass, fit.std_of("inverse_mass")
     if not mu > settings.mass_seen_above * mu_std:
         opposite = mu < -settings.mass_seen_above * mu_std
         raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit)
@@ -172,9 +182,9 @@ def absolute_parameters(
 
 def _absolute(fit: JointFit) -> AddedMass:
     """Scale the ratios by the mass, with the covariance by the delta method."""
-    mu, last = fit["inverse_mass"], fit.names.index("inverse_mass")
+    mu, last = fit.inverse_mass, fit.names.index("inverse_mass")
     of_law = tuple(f"law[{i}]" for i in range(fit.law.vector.size))
-    per_mass = np.array([fit[name] for name in (*RATIOS, *of_law)])
+    per_mass = np.array([*fit.ratios, *fit.law.vector])
     is_scaled = np.array([True] * 3 + [parameter.role == "amplitude" for parameter in fit.law.parameter_list])
     factor = np.where(is_scaled, 1 / mu, 1.0)
     jacobian = np.zeros((1 + per_mass.size, len(fit.names)))

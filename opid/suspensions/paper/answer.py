@@ -16,7 +16,7 @@ from opid.suspensions.answer.refusals import ConfoundedTerm, straight_term
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.result import PaperIdentification
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.paper.spectral_equation import RATIOS, FittedValues, JointFit
+from opid.suspensions.paper.spectral_equation import RATIOS, FittedRatios, JointFit
 from opid.suspensions.result import GearParameters, GearRatios
 
 
@@ -37,17 +37,17 @@ def gain_like_fraction(joint: JointFit, settings: PaperSettings) -> float:
     """
     if RATIOS[2] not in joint.names:
         return 0.0
-    fraction = abs(joint[RATIOS[2]] / joint[RATIOS[0]])
-    is_seen = abs(joint[RATIOS[2]]) > 3 * joint.std_of(RATIOS[2])
+    stiffness, _, ground = joint.ratios
+    fraction, is_seen = abs(ground / stiffness), abs(ground) > 3 * joint.std_of(RATIOS[2])
     return fraction if is_seen and settings.negligible_ground < fraction < settings.gain_like else 0.0
 
 
 def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> GearParameters:
     """Return the absolute parameters with intervals, which hold a gain error by this fraction."""
-    std, mu = added.std.copy(), added.fit["inverse_mass"]
+    std, mu = added.std.copy(), added.fit.inverse_mass
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
-    std[3] = np.hypot(std[3], max(equal_gains, gain) * added["suspension_stiffness_n_per_m"])
+    std[3] = np.hypot(std[3], max(equal_gains, gain) * added.slopes[0])
     parameters = GearParameters(*map(Estimate.normal, added.value[:4], std[:4]))
     if RATIOS[2] not in added.fit.names:
         parameters = replace(parameters, ground_stiffness_n_per_m=Estimate(0.0))
@@ -59,9 +59,9 @@ def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> GearP
     return parameters
 
 
-def ratios_of(fit: FittedValues, *, gain: float, equal_gains: float) -> GearRatios:
+def ratios_of(fit: FittedRatios, *, gain: float, equal_gains: float) -> GearRatios:
     """Return ratios to the mass, natural frequency and damping ratio on a still wheel, by the delta method."""
-    k, c, ground = (fit[name] for name in RATIOS)
+    k, c, ground = fit.ratios
     has_ground, total, std = RATIOS[2] in fit.names, k + ground, fit.std
     ratios = GearRatios(
         Estimate.normal(k, np.hypot(std[0], gain * k)),
@@ -148,7 +148,7 @@ def _ground(result: PaperIdentification) -> Iterator[str]:
     stiffness = result.parameters.suspension_stiffness_n_per_m
     fraction = gain_like_fraction(result.joint, result.settings)
     if fraction:
-        sign = np.sign(result.joint[RATIOS[2]])
+        sign = np.sign(result.joint.ratios[2])
         yield (
             f"the ground spring is {100 * sign * fraction:.1f} % of the suspension: a gain error of about "
             f"{100 * fraction:.1f} % between the two sensors does that (AC coupling with different corners too), so "

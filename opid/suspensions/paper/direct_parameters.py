@@ -14,12 +14,12 @@ from opid.errors import InputError
 from opid.mechanics.laws.law import Law
 from opid.signals.spectra import Transmissibility
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.paper.spectral_equation import RATIOS, EquationLines, FittedValues, fit_equation
+from opid.suspensions.paper.spectral_equation import RATIOS, EquationLines, FittedRatios, fit_equation
 from opid.suspensions.paper.transmissibility import Peak
 
 
 @dataclass(frozen=True, eq=False)
-class DirectParameters(FittedValues):
+class DirectParameters(FittedRatios):
     """Ratios to the sprung mass of one run: K2/M2 (1/s^2), C2/M2 (1/s) and K3/M2 (1/s^2)."""
 
     @property
@@ -141,6 +141,4 @@ def errors_in_variables(
         cluster_hz=cluster_hz,
     )
     n = 2 + ground
-    return DirectParameters(
-        RATIOS, np.array([fit[name] for name in RATIOS]), np.pad(fit.covariance[:n, :n], (0, 3 - n))
-    )
+    return DirectParameters(RATIOS, np.array(fit.ratios), np.pad(fit.covariance[:n, :n], (0, 3 - n)))

@@ -71,7 +71,7 @@ def identify_by_paper(
     say("law")
     ladder = _tried_laws(runs, settings)
     joint = chosen(ladder).fit
-    chain = chain_of(runs, joint.law, joint["inverse_mass"], settings, say)
+    chain = chain_of(runs, joint.law, joint.inverse_mass, settings, say)
     say("added mass")
     result = _without_numbers(study, method, chain, ladder, settings)
     if method == "paper":
@@ -143,11 +143,11 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
     if added is None:
         law, parameters = joint.law, result.parameters
         law_std = np.array([joint.std_of(f"law[{i}]") for i in range(law.vector.size)])
-        stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
+        stiffness, damping, _ = joint.ratios
     else:
         law, law_std = added.law, added.std[4:]
         parameters = parameters_of(added, gain=gain, equal_gains=settings.equal_gains)
-        stiffness, damping = added["suspension_stiffness_n_per_m"], added["suspension_damping_n_s_per_m"]
+        stiffness, damping = added.slopes
     laws = law_estimates_of(law, law_std)
     result = replace(result, parameters=parameters, ratios=ratios, law=law, law_estimates=laws)
     force = _force_of(result, stiffness, damping, per_mass=added is None)

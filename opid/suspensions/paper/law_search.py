@@ -149,8 +149,8 @@ def fit_law(
     starts = [(rough.straight["stiffness_per_mass"], rough.straight["damping_per_mass"], rough.law, inverse_mass)]
     if before is not None:
         fit, law = before
-        mu = fit["inverse_mass"] if inverse_mass is not None else None
-        starts.append((fit["stiffness_per_mass"], fit["damping_per_mass"], law, mu))
+        mu = fit.inverse_mass if inverse_mass is not None else None
+        starts.append((*fit.ratios[:2], law, mu))
     fits = [
         fit_equation(
             runs,

@@ -60,17 +60,26 @@ class FittedValues:
         """(n,) standard deviations."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
 
-    def __getitem__(self, name: str) -> float:
-        """Value called `name`; 0 where it was not fitted."""
-        return float(self.value[self.names.index(name)]) if name in self.names else 0.0
-
     def std_of(self, name: str) -> float:
         """Return the standard deviation of the value called `name`, which was fitted."""
         return float(self.std[self.names.index(name)])
 
+    def _value(self, name: str) -> float:
+        return float(self.value[self.names.index(name)]) if name in self.names else 0.0
+
+
+class FittedRatios(FittedValues):
+    """What was fitted per unit of mass: `RATIOS`, and other values."""
+
+    @property
+    def ratios(self) -> tuple[float, float, float]:
+        """The values of `RATIOS`; 0 for one that was not fitted."""
+        stiffness, damping, ground = map(self._value, RATIOS)
+        return stiffness, damping, ground
+
 
 @dataclass(frozen=True, eq=False)
-class JointFit(FittedValues):
+class JointFit(FittedRatios):
     """A fit of one or several runs at once, per unit of the reference sprung mass.
 
     Its values are those of `RATIOS`, "law[i]" for entry i of `law.vector`, and "inverse_mass" (1/kg) where it is free.
@@ -91,6 +100,11 @@ class JointFit(FittedValues):
     noise_m_per_s2: float
     log_likelihood: float
     n_data: int
+
+    @property
+    def inverse_mass(self) -> float:
+        """1/M2, 1/kg; 0 where it was not fitted."""
+        return self._value("inverse_mass")
 
     @property
     def bic(self) -> float:
