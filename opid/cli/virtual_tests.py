@@ -273,7 +273,7 @@ def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
     if settings["bending"] is not None:
         airframe = with_bending(airframe, frequency_hz=settings["bending"])
     for name, factor in settings["weaken"]:
-        airframe = _weakened(airframe, name, factor)
+        airframe = _weaken(airframe, name, factor)
     # ahead of the struts and nearer to the middle, as there is room in a fuselage
     beside = {gear.name: (gear.x_m + 0.3, round(0.85 * gear.y_m, 2)) for gear in airframe.gears}
     behind = min(gear.x_m for gear in airframe.gears) - 3.0
@@ -292,7 +292,7 @@ def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
     )
 
 
-def _weakened(airframe: Airframe, name: str, factor: float) -> Airframe:
+def _weaken(airframe: Airframe, name: str, factor: float) -> Airframe:
     """The aircraft with the stiffness of one strut times `factor`; its law stays."""
     from dataclasses import replace
 

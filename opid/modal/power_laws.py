@@ -74,8 +74,8 @@ def unit_of(letter: str, power: int) -> str:
     >>> unit_of("k", 3), unit_of("c", 2), unit_of("k", 1)
     ('N/(m^3 kg^2)', 'N s^2/(m^2 kg^1.5)', 'N/(m kg)')
     """
-    seconds = f" {_raised('s', power)}" if letter == "c" else ""
-    return f"N{seconds}/({_raised('m', power)} {_raised('kg', (power + 1) / 2)})"
+    seconds = f" {_raise_to('s', power)}" if letter == "c" else ""
+    return f"N{seconds}/({_raise_to('m', power)} {_raise_to('kg', (power + 1) / 2)})"
 
 
 def unit_per_mass(letter: str, power: int) -> str:
@@ -90,12 +90,12 @@ def unit_per_mass(letter: str, power: int) -> str:
     """
     seconds, metres = (-2 if letter == "k" else power - 2), 1 - power
     exponents = {"s": seconds, "m": metres}
-    above, below = ([_raised(name, abs(n)) for name, n in exponents.items() if n * sign > 0] for sign in (1, -1))
+    above, below = ([_raise_to(name, abs(n)) for name, n in exponents.items() if n * sign > 0] for sign in (1, -1))
     under = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
     return f"{' '.join(above) or '1'}/{under}"
 
 
-def _raised(name: str, exponent: float) -> str:
+def _raise_to(name: str, exponent: float) -> str:
     return name if exponent == 1 else f"{name}^{exponent:g}"
 
 

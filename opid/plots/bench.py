@@ -33,7 +33,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
     Returns:
         (1, 2) Axes; (1, 1) of a quasi-static test, which has no velocity.
     """
-    bench, shown, scale, unit = _shown(result)
+    bench, shown, scale, unit = _choose_samples(result)
     fitted = bench.force - result.residual
     motions = list(zip(_motions(result), (_VELOCITY, _TRAVEL), strict=True))[bench.is_quasi_static :]
     with house_style():
@@ -66,7 +66,7 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     Returns:
         (1, 2) Axes; (1, 1) of a quasi-static test, which has no velocity.
     """
-    bench, shown, scale, unit = _shown(result)
+    bench, shown, scale, unit = _choose_samples(result)
     found = result.parameters
     slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
     memory = Law(tuple(term for term in result.law.terms if term.kind.memory is not None))
@@ -153,7 +153,7 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
     Returns:
         (1, 3) Axes; (1, 2) of a quasi-static test, which has no velocity.
     """
-    bench, shown, scale, unit = _shown(result)
+    bench, shown, scale, unit = _choose_samples(result)
     time = np.arange(bench.force.size) / bench.fs
     with house_style():
         velocity, travel = _motions(result)
@@ -193,7 +193,7 @@ def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return z[-n:], v[-n:], force_along(memory, z, v, fs)[-n:]
 
 
-def _shown(result: BenchLaw) -> tuple[Bench, slice, float, str]:
+def _choose_samples(result: BenchLaw) -> tuple[Bench, slice, float, str]:
     """The record, its samples that are drawn, and the unit of force with the factor that leads to it."""
     force = result.bench.force
     factor, unit = (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")

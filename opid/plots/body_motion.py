@@ -132,7 +132,7 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
         grid = panels(axes, rows, columns, height_in=0.7 + 1.75 * rows, sharex=True, sharey=True)
         for index, (ax, name) in enumerate(zip(grid.ravel(), names, strict=False)):
             for run, color in zip(result.runs, run_colors(len(result.runs)), strict=True):
-                ax.plot(*_smoothed(run, index), color=color, linewidth=1.2, label=f"run {run.name!r}")
+                ax.plot(*_smooth_residual(run, index), color=color, linewidth=1.2, label=f"run {run.name!r}")
             ax.axhline(1.0, color=INK, linestyle="--", linewidth=1, label="noise")
             ax.set_title(name)
             ax.margins(x=0)
@@ -212,7 +212,7 @@ def _loudest(run: RunResidual) -> float:
     return max(float(run.time_s[0]), min(peak - 0.5 * SHOWN_S, float(run.time_s[-1]) - SHOWN_S))
 
 
-def _smoothed(run: RunResidual, sensor: int) -> tuple[np.ndarray, np.ndarray]:
+def _smooth_residual(run: RunResidual, sensor: int) -> tuple[np.ndarray, np.ndarray]:
     """Frequency, and rms of the residual of some lines around it."""
     frequency = run.frequency_hz
     n = max(1, min(frequency.size, round(SMOOTHING_HZ / float(frequency[1] - frequency[0]))))

@@ -78,27 +78,27 @@ def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[li
     columns, gap = list(table.columns), 2
 
     def excess() -> int:
-        return max(map(len, _aligned(rows, columns, gap))) - WIDTH
+        return max(map(len, _align_columns(rows, columns, gap))) - WIDTH
 
     if excess() > 0:
         kept = [index for index, column in enumerate(columns) if not column.is_optional]
         columns, rows = [columns[index] for index in kept], [tuple(row[index] for index in kept) for row in rows]
     for index in [index for index, column in enumerate(columns) if column.is_elastic and excess() > 0]:
         room = max(max(len(row[index]) for row in rows) - excess(), 3)
-        rows = [(*row[:index], _cut(row[index], room), *row[index + 1 :]) for row in rows]
+        rows = [(*row[:index], _cut_cell(row[index], room), *row[index + 1 :]) for row in rows]
     gap = 2 if excess() <= 0 else 1
     longest = max(len(row[0]) for row in rows)
     room = longest if excess() <= 0 else max(12, longest - excess())
     short = [(row[0] if len(row[0]) <= room else "", *row[1:]) for row in rows]
-    for row, line in zip(rows, _aligned(short, columns, gap), strict=True):
+    for row, line in zip(rows, _align_columns(short, columns, gap), strict=True):
         yield [row[0], line] if len(row[0]) > room else [line]
 
 
-def _aligned(rows: Sequence[Sequence[str]], columns: Sequence[Column], gap: int) -> list[str]:
+def _align_columns(rows: Sequence[Sequence[str]], columns: Sequence[Column], gap: int) -> list[str]:
     return aligned(rows, left=[index for index, each in enumerate(columns) if each.align == "left"], gap=gap)
 
 
-def _cut(text: str, room: int) -> str:
+def _cut_cell(text: str, room: int) -> str:
     return text if len(text) <= room else f"{text[: room - 2]}.."
 
 

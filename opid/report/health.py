@@ -38,7 +38,7 @@ def document_of(health: Health) -> Document:
         blocks.append(Paragraph(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz)."))
     blocks += _findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
     return Document(
-        _shown(health.log or "A recording"),
+        _make_printable(health.log or "A recording"),
         "what is in the log, and what is wrong with it",
         sentence(_answer(health)),
         None,
@@ -73,7 +73,7 @@ def health_figures(health: Health) -> tuple[Figure, ...]:
             lambda: plots.health_picture(health, channels=names),
         )
 
-    names = _drawn(health)
+    names = _choose_drawn(health)
     parts = [names[i : i + CHANNELS_A_FIGURE] for i in range(0, len(names), CHANNELS_A_FIGURE)]
     return tuple(figure(number, part) for number, part in enumerate(parts, 1))
 
@@ -84,12 +84,12 @@ def channels_left_out(health: Health) -> str:
     Args:
         health: of the log.
     """
-    n, every = len(_drawn(health)), len(health.channels)
+    n, every = len(_choose_drawn(health)), len(health.channels)
     words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
     return words if n < every else ""
 
 
-def _drawn(health: Health) -> list[str]:
+def _choose_drawn(health: Health) -> list[str]:
     """The names of the channels to draw: all, or of many the first that are not mute, accelerations before others."""
     most = CHANNELS_A_FIGURE * MOST_FIGURES
     telling = sorted(health.channels, key=lambda channel: (channel.mute, channel.unit != "m/s^2"))
@@ -114,7 +114,7 @@ def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
         shown = sorted(clocks, key=lambda clock: -clock.n_samples)[:MOST_CLOCKS]
         rows = tuple(
             (
-                _shown(clock.track or clock.channels[0]),
+                _make_printable(clock.track or clock.channels[0]),
                 f"{len(clock.channels)}",
                 f"{clock.fs:.6g}",
                 f"{clock.n_samples}",
@@ -133,7 +133,7 @@ def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
     elif len(clocks) > 1:
         titles = (clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1) for clock in clocks)
         sentences = zip(titles, clocks, strict=True)
-        yield Remarks("Clock", tuple(f"{_shown(title)}: {_clock_words(clock)}" for title, clock in sentences))
+        yield Remarks("Clock", tuple(f"{_make_printable(title)}: {_clock_words(clock)}" for title, clock in sentences))
 
 
 def _clock_words(clock: ClockHealth) -> str:
@@ -185,7 +185,7 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
         ),
         tuple(
             (
-                _shown(channel.name),
+                _make_printable(channel.name),
                 *[f"{channel.number or '-'}"] * has_numbers,
                 channel.unit,
                 *(_figure(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
@@ -197,7 +197,9 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
         ),
         note=more if len(shown) < len(channels) else "",
     )
-    faults = tuple((_shown(channel.name), *cells) for channel in shown if set(cells := _faults(channel)) != {"-"})
+    faults = tuple(
+        (_make_printable(channel.name), *cells) for channel in shown if set(cells := _faults(channel)) != {"-"}
+    )
     if faults:
         yield Table(columns("channel", "missing", "clipped", "longest held", "spikes"), faults)
 
@@ -209,7 +211,7 @@ def _telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth]:
     return sorted(channels, key=lambda c: (c.mute, c.unit != "m/s^2", c.unit == "?"))[:MOST_CHANNELS]
 
 
-def _shown(name: str) -> str:
+def _make_printable(name: str) -> str:
     """A name that no terminal stumbles over."""
     return name if name.isprintable() else ascii(name)[1:-1]
 
@@ -250,7 +252,7 @@ def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
         f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms" for line in lines[:MOST_LINES]
     ]
     more = len(lines) - len(shown)
-    return f"{_shown(channel.name)}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
+    return f"{_make_printable(channel.name)}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
 
 
 # ---- pairs and findings ------------------------------------------------------------------------------
@@ -264,7 +266,9 @@ def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
     notes += [f"{counted(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent."] * (apart > 0)
     if together:
         heads = columns("channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1))
-        rows = tuple((_shown(p.first), _shown(p.second), *_pair_cells(p)) for p in together[:MOST_PAIRS])
+        rows = tuple(
+            (_make_printable(p.first), _make_printable(p.second), *_pair_cells(p)) for p in together[:MOST_PAIRS]
+        )
         if any(row[2] == "-" for row in rows):
             notes.append(NO_LAG)
         yield Table(heads, rows, note=" ".join(notes))
@@ -308,9 +312,9 @@ def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
         # what is wrong with one clock or channel at several times is said one by one
         many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
         for message, channels in messages[:1] if many else messages:
-            where = _listed(channels)
+            where = _list_names(channels)
             if many:
-                also = _listed([channel for channel in concerned if channel not in channels])
+                also = _list_names([channel for channel in concerned if channel not in channels])
                 message += f" (likewise {also})" if also else f" (and {len(messages) - 1} times likewise)"
             yield f"{where}: {message}" if where else message
 
@@ -319,8 +323,8 @@ def _without_numbers(message: str) -> str:
     return re.sub(r"'[^']*'|[-+]?\d[\d.e+-]*|nan", "#", message)
 
 
-def _listed(channels: Sequence[str]) -> str:
+def _list_names(channels: Sequence[str]) -> str:
     """Names of channels, of many the first."""
-    names = list(dict.fromkeys(_shown(channel) for channel in channels if channel))
+    names = list(dict.fromkeys(_make_printable(channel) for channel in channels if channel))
     more = len(names) - MOST_CHANNELS // 5
     return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")

@@ -75,7 +75,9 @@ def kind_of(document: Document, source: Path) -> StudyKind:
     if best > (0, 0) and ranks.count(best) == 1:
         return KINDS[ranks.index(best)]
     named = [repr(name) for name in document][:MOST_NAMED] + ["..."] * (len(document) > MOST_NAMED)
-    raise InputError(f"{source} is no study: it has {', '.join(named) or 'no keys'}; {'; '.join(_needed(document))}")
+    raise InputError(
+        f"{source} is no study: it has {', '.join(named) or 'no keys'}; {'; '.join(_say_what_lacks(document))}"
+    )
 
 
 def _there(document: Document, kind: StudyKind) -> set[str]:
@@ -92,7 +94,7 @@ def _likeness(document: Document, kind: StudyKind) -> tuple[int, int]:
     return len(there - of_others), len(there & {*kind.needs})
 
 
-def _needed(document: Document) -> Iterator[str]:
+def _say_what_lacks(document: Document) -> Iterator[str]:
     for kind in KINDS:
         there = _there(document, kind)
         lacking = [f"lacks {name!r}, give {what}" for name, what in kind.needs.items() if name not in there]

@@ -170,13 +170,13 @@ def _test(
             f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
             "if nothing acts in the stretch that is used"
         )
-    wanted = _wanted(log, modes, force, channels)
+    wanted = _choose_channels(log, modes, force, channels)
     recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
     _require_alive(recording, modes)
     return modal_test(recording, modes, name=entry.called, force=force, drive_point=drive_point)
 
 
-def _wanted(
+def _choose_channels(
     log: Log, modes: LinearModes, force: str | None, channels: Mapping[str, ChannelSettings]
 ) -> dict[str, ChannelSettings]:
     """The channels of a test: the sensors of the shapes that the log has, and the force."""

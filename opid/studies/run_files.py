@@ -117,7 +117,7 @@ def run_from_files(
         )
     parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
-    fs = fs if fs_hz or is_bench else _reduced(fs, settings or RunSettings())
+    fs = fs if fs_hz or is_bench else _reduce_rate(fs, settings or RunSettings())
     recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
     if len({recorder.log.path for recorder in recorders}) > 1:
         words = (
@@ -229,5 +229,5 @@ def _without_spikes(recording: Recording) -> Recording:
     return replace(recording, samples=np.stack(columns, axis=1), history=tuple(history))
 
 
-def _reduced(fs: float, settings: RunSettings) -> float:
+def _reduce_rate(fs: float, settings: RunSettings) -> float:
     return fs if fs <= settings.reduced_above_hz else fs / int(fs // settings.reduced_to_hz)

@@ -126,13 +126,13 @@ def _arguments(kind: Any, table: Document, where: str, path: str, faults: list[s
     meant = misspelt(table, keys)
     for name, (hint, default) in keys.items():
         if default is MISSING and name not in table and name not in meant:
-            faults.append(f"{where} lacks {name!r}, give {_needed(hint, path + name)}")
+            faults.append(f"{where} lacks {name!r}, give {_say_what_is_needed(hint, path + name)}")
     return {name: value for name, value in given.items() if value is not _UNSOUND}
 
 
 def _record(kind: Any, table: object, where: str, path: str, faults: list[str]) -> Any:
     if not isinstance(table, dict):
-        faults.append(f"{where} is {_shown(table)} where a table is needed")
+        faults.append(f"{where} is {_show(table)} where a table is needed")
         return _UNSOUND
     n_before = len(faults)
     given = _arguments(kind, table, where, f"{path}.", faults)
@@ -146,21 +146,21 @@ def _record(kind: Any, table: object, where: str, path: str, faults: list[str]) 
 
 def _entry(hint: Any, value: object, name: str, where: str, path: str, faults: list[str]) -> Any:
     try:
-        return _converted(hint, value, path + name, faults)
+        return _convert(hint, value, path + name, faults)
     except _UnfitError as error:
-        faults.append(f"{name!r} in {where} {error}, give {_needed(hint, path + name)}")
+        faults.append(f"{name!r} in {where} {error}, give {_say_what_is_needed(hint, path + name)}")
         return _UNSOUND
 
 
-def _converted(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
+def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
     """A value as its type wants it: arrays as tuples, tables as records, numbers as they are written."""
     kind = _bare(hint)
     origin, within = get_origin(kind), get_args(kind)
-    unfit = f"is {_shown(value)}"
+    unfit = f"is {_show(value)}"
     if origin in _UNIONS:
         for member in within:
             try:
-                return _converted(member, value, path, faults)
+                return _convert(member, value, path, faults)
             except _UnfitError as error:
                 unfit = max(unfit, str(error), key=lambda words: words.startswith("holds"))
     is_whole = type(value) is int and -(2**63) <= value < 2**63  # as TOML has them
@@ -195,27 +195,27 @@ def _item(hint: Any, value: Any, number: int, path: str, faults: list[str]) -> A
             faults,
         )
     try:
-        return _converted(hint, value, path, faults)
+        return _convert(hint, value, path, faults)
     except _UnfitError:
-        raise _UnfitError(f"holds {_shown(value)}") from None
+        raise _UnfitError(f"holds {_show(value)}") from None
 
 
 def _bare(hint: Any) -> Any:
     return get_args(hint)[0] if get_origin(hint) is Annotated else hint
 
 
-def _shown(value: object) -> str:
+def _show(value: object) -> str:
     text = repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
-def _needed(hint: Any, path: str) -> str:
+def _say_what_is_needed(hint: Any, path: str) -> str:
     """What a type needs, in words."""
     origin, within = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return str(hint.__metadata__[0])
     if origin in _UNIONS:
-        return " or ".join(_needed(each, path) for each in within if each is not type(None))
+        return " or ".join(_say_what_is_needed(each, path) for each in within if each is not type(None))
     if origin is Literal:
         return "one of " + ", ".join(map(repr, within))
     if origin is tuple and is_dataclass(within[0]):

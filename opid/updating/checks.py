@@ -37,7 +37,7 @@ def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
         for (lacking, more), names in alike.items():
             if lacking:
                 yield (
-                    f"{_named(names)} of mode {mode} lacks the sensor(s) {', '.join(lacking)} of {first.name!r}: "
+                    f"{_name(names)} of mode {mode} lacks the sensor(s) {', '.join(lacking)} of {first.name!r}: "
                     f"{advice}"
                 )
             if more:
@@ -47,7 +47,7 @@ def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
                 )
         if turned:
             yield (
-                f"{_named(turned)} of mode {mode} has the sensors of {first.name!r} in another order: give all curves "
+                f"{_name(turned)} of mode {mode} has the sensors of {first.name!r} in another order: give all curves "
                 "of a mode the same order"
             )
 
@@ -56,7 +56,7 @@ def _in_another_order(one: Sequence[str], other: Sequence[str]) -> bool:
     return set(one) == set(other) and tuple(one) != tuple(other)
 
 
-def _named(names: Sequence[str]) -> str:
+def _name(names: Sequence[str]) -> str:
     """The backbone, or each of several."""
     return f"backbone {names[0]!r}" if len(names) == 1 else f"each of {len(names)} backbones ({shortened(names)})"
 
@@ -125,7 +125,7 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
         return  # `structure_faults` says so
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
-        alike.setdefault((curve.mode, _misplaced(modes, curve)), []).append(curve)
+        alike.setdefault((curve.mode, _say_what_is_misplaced(modes, curve)), []).append(curve)
     for (_, fault), curves in alike.items():
         if fault:
             yield f"{_begun(curves)}{fault}"
@@ -150,7 +150,7 @@ def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
     ]
 
 
-def _misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
+def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
     """What follows the name of a curve whose mode is not there, lies elsewhere or has another shape; "" if none."""
     mode, hz = curve.mode, modes.frequency_hz
     if mode > modes.n_modes:

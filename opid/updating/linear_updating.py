@@ -238,7 +238,7 @@ def growth_of_linear_error(
     ]
     growth = {}
     for mode, curves in by_mode(backbones).items():
-        found = _strayed(base, moved, curves)
+        found = _say_what_strayed(base, moved, curves)
         if found is not None:
             grown, strayed = found
             variance = np.einsum("ka,kl,la->a", strayed, relative, strayed)
@@ -246,7 +246,7 @@ def growth_of_linear_error(
     return growth
 
 
-def _strayed(
+def _say_what_strayed(
     base: JointedModes, moved: Sequence[JointedModes], curves: Sequence[MeasuredBackbone]
 ) -> tuple[FloatArray, FloatArray] | None:
     """Growth of lambda (n,), and what each factor adds to it (n_factors, n), over the measured amplitudes."""

@@ -166,7 +166,7 @@ def fit_decays(
     tame = np.zeros(k.size), np.zeros(c.size)
     tame[0][0], tame[1][0] = float(np.median(square)), max(float(_linear_fit(*of_speed, 1)[0]), 1e-5)
     decays = [_Scaled.of(track, length, rate, derivative) for track in tracks]
-    fit = _refined(decays, (k, c), tame, derivative)
+    fit = _refine(decays, (k, c), tame, derivative)
     std = np.sqrt(np.diag(fit.covariance))
     factors = np.array(
         [rate**2 * length**-n for n in range(k.size)] + [rate * (length * rate) ** -n for n in range(c.size)]
@@ -332,7 +332,7 @@ class _Fit:
     phase_error: float
 
 
-def _refined(
+def _refine(
     decays: Sequence[_Scaled],
     guess: tuple[FloatArray, FloatArray],
     tame: tuple[FloatArray, FloatArray],

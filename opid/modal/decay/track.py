@@ -337,7 +337,7 @@ def _track(
     centres = np.array([window.centre for window in windows])
     values = np.array([window.value for window in windows])
     slopes = np.array([window.slope for window in windows])
-    noise = _pooled(np.array([window.noise for window in windows]))
+    noise = _pool_noise(np.array([window.noise for window in windows]))
     spreads = np.array([window.slope_std for window in windows])
     rate = np.interp(centres, time, reference.rate) - slopes.real
     return Track(
@@ -358,7 +358,7 @@ def _track(
     )
 
 
-def _pooled(noise: FloatArray) -> FloatArray:
+def _pool_noise(noise: FloatArray) -> FloatArray:
     """The noise is steady from window to window, its estimate from eight numbers is not: a running rms of seven."""
     return np.array([np.sqrt(np.mean(noise[max(0, k - 3) : k + 4] ** 2)) for k in range(noise.size)])
 

@@ -210,7 +210,9 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
     shapes = np.stack([modes.row(name) for name in sensors])
     unseen = np.flatnonzero(~shapes.any(axis=0))
     if unseen.size:
-        raise InputError(f"mode {unseen[0] + 1} does not move the sensors {_listed(sensors)}: name one that it moves")
+        raise InputError(
+            f"mode {unseen[0] + 1} does not move the sensors {_list_names(sensors)}: name one that it moves"
+        )
     return replace(modes, shapes=shapes, sensors=tuple(sensors))
 
 
@@ -286,8 +288,8 @@ def modal_test(
     sensors = [sensor for sensor in modes.sensors if sensor in recording.names]
     if not sensors:
         raise InputError(
-            f"test {name!r} has none of the sensors {_listed(modes.sensors)}: its channels are "
-            f"{_listed(recording.names)}; call the channels as the shapes call their sensors"
+            f"test {name!r} has none of the sensors {_list_names(modes.sensors)}: its channels are "
+            f"{_list_names(recording.names)}; call the channels as the shapes call their sensors"
         )
     for sensor in sensors:
         if recording.unit(sensor) not in ("m/s^2", "m/s"):
@@ -362,6 +364,6 @@ def _require_force(recording: Recording, modes: LinearModes, name: str, force: s
         raise InputError(f"the force {force!r} of test {name!r} is zero throughout: name the channel of the force cell")
 
 
-def _listed(names: Sequence[str]) -> str:
+def _list_names(names: Sequence[str]) -> str:
     shown = ", ".join(repr(name) for name in names[:6])
     return shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")

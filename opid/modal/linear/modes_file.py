@@ -137,7 +137,7 @@ def _from_npz(source: Path) -> LinearModes:
             file = np.load(opened, allow_pickle=False)
             if not isinstance(file, np.lib.npyio.NpzFile):
                 raise InputError("it holds one array and no names: write it with numpy.savez")
-            names = _assigned(list(file.files), tuple(VARIANTS), "array")
+            names = _assign_rows(list(file.files), tuple(VARIANTS), "array")
             arrays = {name: file[own] for name, own in names.items()}
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):
@@ -174,7 +174,7 @@ def _from_csv(source: Path) -> LinearModes:
         )
     if not _meant(header[0], ROWS):
         rows = rows[1:]  # else there is no header
-    names = _assigned([row[0] for _, row in rows], ROWS, "row", others=True)
+    names = _assign_rows([row[0] for _, row in rows], ROWS, "row", others=True)
     n_modes = next(len(row) for _, row in rows if row[0] == names["frequency_hz"]) - 1
     values = {row[0]: _cells(row, number, n_modes, delimiter) for number, row in rows}
     sensors = [row[0] for _, row in rows if row[0] not in names.values()]
@@ -214,7 +214,7 @@ def _meant(name: str, wanted: Sequence[str]) -> str:
     return next((quantity for quantity in wanted if plain in VARIANTS[quantity]), "")
 
 
-def _assigned(found: list[str], wanted: Sequence[str], what: str, *, others: bool = False) -> Mapping[str, str]:
+def _assign_rows(found: list[str], wanted: Sequence[str], what: str, *, others: bool = False) -> Mapping[str, str]:
     """What each wanted quantity is called in the file; `others` are sensors."""
     names: dict[str, str] = {}
     for name in found:

@@ -58,7 +58,7 @@ def _record(ax: Axes, decay: Decay) -> None:
         label = "amplitude" if sign > 0 else None
         ax.plot(decay.time_s, sign * decay.envelope, color=VERMILION, linewidth=1.4, label=label)
     ax.set_xlabel("time [s]")
-    ax.set_ylabel(f"[{_printed(decay.signal_unit)}]")
+    ax.set_ylabel(f"[{_print_unit(decay.signal_unit)}]")
     ax.set_title(decay.name if decay.mode is None else f"{decay.name}, mode {decay.mode}")
     thick(ax.legend(loc="upper right", fontsize=7.5))
 
@@ -103,8 +103,8 @@ def _known(values: np.ndarray, std: np.ndarray) -> np.ndarray:
 def _readable(largest: float, unit: str) -> tuple[float, str]:
     """A factor and a unit in which an amplitude in m or m kg^1/2 is easy to read."""
     factor, prefix = (1e3, "m") if largest >= 1e-3 else (1e6, "µ")
-    return factor, prefix + _printed(unit)
+    return factor, prefix + _print_unit(unit)
 
 
-def _printed(unit: str) -> str:
+def _print_unit(unit: str) -> str:
     return unit.replace("kg^1/2", "√kg").replace("^2", "²")

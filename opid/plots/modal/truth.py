@@ -107,7 +107,7 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
         _whole(whole, time, values, 2 * reach // N_PERIODS, settings)
         near.plot(time[close], values[close], linewidth=2.6 if broad else 1.1, **settings)
         lines, height = fourier_amplitude(values - values.mean(), fs)
-        shown = _shown(lines, test.band_hz, height)
+        shown = _thin_lines(lines, test.band_hz, height)
         spectrum.plot(
             *_crests(lines[shown], height[shown]),
             linewidth=2.2 if broad else 0.9,
@@ -161,7 +161,7 @@ def _reach(measured: np.ndarray, peak: int) -> int:
     return max(8, round(N_PERIODS * near.size / strongest))
 
 
-def _shown(frequency: np.ndarray, band_hz: tuple[float, float] | None, height: np.ndarray) -> np.ndarray:
+def _thin_lines(frequency: np.ndarray, band_hz: tuple[float, float] | None, height: np.ndarray) -> np.ndarray:
     """Lines in the compared band; all that stand out where nothing limits it."""
     if band_hz is not None:
         return (frequency > 0) & (frequency >= band_hz[0]) & (frequency <= band_hz[1])

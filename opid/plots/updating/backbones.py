@@ -46,7 +46,7 @@ def measured_backbones(
                     curve.frequency_hz, factor * np.abs(_at(curve, sensor)),
                     color=BLUE, linewidth=0.9, alpha=0.75, marker=".", markersize=3.5,
                 )  # fmt: skip
-            _labelled(ax, sensor, unit)
+            _label_axes(ax, sensor, unit)
         grid[0, 0].annotate(
             f"mode {mode}, {len(curves)} curve{'s' * (len(curves) > 1)}", (0.04, 0.93), xycoords="axes fraction",
             fontsize=8, va="top",
@@ -91,7 +91,7 @@ def predicted_backbones(
                     color=INK, linestyle="none", marker=".", markersize=3, alpha=0.6,
                     label="measured" if number == 0 else None,
                 )  # fmt: skip
-            _labelled(ax, band.sensor, unit)
+            _label_axes(ax, band.sensor, unit)
             if np.isfinite(band.coverage):
                 ax.set_title(f"sensor {band.sensor}: {100 * band.coverage:.0f} % within")
         thick(grid[0, 0].legend(loc="upper left", fontsize=7.5, title=f"mode {mode}", title_fontsize=8))
@@ -132,7 +132,7 @@ def _length_unit(largest: float) -> tuple[float, str]:
     return (1e3, "mm") if largest >= 2e-5 else (1e6, "µm")
 
 
-def _labelled(ax: Axes, sensor: str, unit: str) -> None:
+def _label_axes(ax: Axes, sensor: str, unit: str) -> None:
     ax.set_title(f"sensor {sensor}")
     ax.set_xlabel("frequency [Hz]")
     ax.set_ylabel(f"amplitude [{unit}]")

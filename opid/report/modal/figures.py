@@ -119,7 +119,7 @@ def _figures_of_truth_test(result: ModalIdentification, number: int, test: Truth
         "nonlinear modes.",
         lambda: plots.truth_test(
             test,
-            sensors=_shown(result, test),
+            sensors=_choose_sensors(result, test),
             nonlinear_hz=[result.modes.frequency_hz[mode - 1] for mode in result.model.laws],
         ),
     )
@@ -158,7 +158,7 @@ def _largest_force(test: ModalTest) -> float:
     return 0.0 if test.force is None else float(np.abs(test.force).max())
 
 
-def _shown(result: ModalIdentification, test: TruthTest) -> list[str]:
+def _choose_sensors(result: ModalIdentification, test: TruthTest) -> list[str]:
     """The drive point, the sensor that the model moves most, and the one with the largest error; each once."""
     names = list(test.sensors)
     moves_most = max(names, key=lambda name: float(np.abs(test.nonlinear.channel(name)).max()))

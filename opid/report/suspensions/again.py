@@ -27,15 +27,15 @@ def command_of(result: AnyIdentification) -> list[str] | None:
     Args:
         result: the identification.
     """
-    asked, study = _asked(result), result.study
+    asked, study = _collect_arguments(result), result.study
     if not asked.has_command:
         return None
     if study.source is not None:
         return ["opid", "identify", str(study.source), *asked.options]
-    logs = _logs(study)
+    logs = _find_logs(study)
     if not logs:
         return None
-    changes = [word for change in _changes(study) for word in ("--mass-change", _number(change))]
+    changes = [word for change in _list_mass_changes(study) for word in ("--mass-change", _number(change))]
     channels = ["--sprung", study.sprung, "--unsprung", study.unsprung]
     more = [
         word
@@ -51,16 +51,16 @@ def python_of(result: AnyIdentification) -> str:
     Args:
         result: the identification.
     """
-    asked, study = _asked(result), result.study
+    asked, study = _collect_arguments(result), result.study
     if study.source is not None:
-        made = f"opid.read_study({_quoted(str(study.source))})"
-    elif logs := _logs(study):
+        made = f"opid.read_study({_quote(str(study.source))})"
+    elif logs := _find_logs(study):
         arguments = [
-            f"[{', '.join(map(_quoted, logs))}]",
-            f"sprung={_quoted(study.sprung)}",
-            f"unsprung={_quoted(study.unsprung)}",
-            f"mass_changes_kg={_changes(study)!r}",
-            *(f"{name}={_quoted(value)}" for _, name, value in _said_of_logs(study)),
+            f"[{', '.join(map(_quote, logs))}]",
+            f"sprung={_quote(study.sprung)}",
+            f"unsprung={_quote(study.unsprung)}",
+            f"mass_changes_kg={_list_mass_changes(study)!r}",
+            *(f"{name}={_quote(value)}" for _, name, value in _said_of_logs(study)),
         ]
         made = "\n".join(["opid.study_from_logs(", *(f"        {each}," for each in arguments), "    )"])
     else:
@@ -69,13 +69,13 @@ def python_of(result: AnyIdentification) -> str:
     return "\n".join([*lines, *(f"    {each}," for each in (made, *asked.arguments)), ")"])
 
 
-def _logs(study: Study) -> list[str]:
+def _find_logs(study: Study) -> list[str]:
     """The logs that make the study by themselves; none where it was made otherwise."""
     logs = [str(run.log) for run in study.runs if run.log is not None]
     return logs if study.is_one_gear and len(logs) == len(study.runs) else []
 
 
-def _changes(study: Study) -> list[float]:
+def _list_mass_changes(study: Study) -> list[float]:
     first, *others = study.runs
     return [run.mass_change_kg - first.mass_change_kg for run in others]
 
@@ -91,7 +91,7 @@ def _said_of_logs(study: Study) -> list[tuple[str, str, str | float]]:
     return [(option, name, value) for option, name, value in said if value is not None]
 
 
-def _asked(result: AnyIdentification) -> _Asked:
+def _collect_arguments(result: AnyIdentification) -> _Asked:
     return _of_paper(result) if isinstance(result, PaperIdentification) else _of_model(result)
 
 
@@ -99,7 +99,7 @@ def _of_paper(result: PaperIdentification) -> _Asked:
     known = result.settings
     options = ["--method", result.method, *_band(known.band_hz), "--high-pass", _number(known.high_pass_hz)]
     arguments = [
-        f"method={_quoted(result.method)}",
+        f"method={_quote(result.method)}",
         f"band_hz={known.band_hz!r}",
         f"high_pass_hz={known.high_pass_hz!r}",
     ]
@@ -111,10 +111,10 @@ def _of_model(result: Identification) -> _Asked:
     options, arguments = _band(band_hz), [f"band_hz={band_hz!r}"]
     if asked.method_of_law != "pursuit":
         options += ["--method-of-law", asked.method_of_law]
-        arguments.append(f"method_of_law={_quoted(asked.method_of_law)}")
+        arguments.append(f"method_of_law={_quote(asked.method_of_law)}")
     if asked.seed:
         arguments.append(f"seed={asked.seed!r}")
-    changed, names = _changed(result.settings)
+    changed, names = _write_settings(result.settings)
     if changed:
         arguments.append(f"settings=Settings({changed})")
     found = _with_law(asked.law, asked.ground, options, arguments)
@@ -124,7 +124,7 @@ def _of_model(result: Identification) -> _Asked:
 
 def _with_law(law: str | None, ground: bool, options: list[str], arguments: list[str]) -> _Asked:
     if law is not None:
-        options, arguments = [*options, "--law", law], [*arguments, f"law={_quoted(law)}"]
+        options, arguments = [*options, "--law", law], [*arguments, f"law={_quote(law)}"]
     if not ground:
         options, arguments = [*options, "--no-ground"], [*arguments, "ground=False"]
     return _Asked(tuple(options), tuple(arguments))
@@ -134,7 +134,7 @@ def _band(band_hz: tuple[float, float]) -> list[str]:
     return ["--band", *map(_number, band_hz)]
 
 
-def _quoted(value: str | float) -> str:
+def _quote(value: str | float) -> str:
     """A text or number as Python writes it, in the quotes of this house."""
     return json.dumps(value, ensure_ascii=False)
 
@@ -144,7 +144,7 @@ def _number(value: float) -> str:
     return f"{value:g}" if float(f"{value:g}") == value else repr(value)
 
 
-def _changed(settings: Settings) -> tuple[str, set[str]]:
+def _write_settings(settings: Settings) -> tuple[str, set[str]]:
     """The settings other than the default as arguments, and the names that they need; the band stands by itself."""
     standard = Settings()
     settings = replace(settings, runs=replace(settings.runs, band_hz=standard.runs.band_hz))

@@ -57,7 +57,7 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
         for mode, curves in models:
             eigenvalue, shapes, missing, lost = curves(rows)
             if data.form == "recommended":
-                total += _recommended(mode, eigenvalue, shapes)
+                total += _weigh_as_recommended(mode, eigenvalue, shapes)
             else:
                 total += _papers(data, mode, eigenvalue, shapes)
             impossible |= lost
@@ -78,7 +78,7 @@ def log_likelihood(data: BackboneData, model_class: ModelClass, theta: ArrayLike
     return likelihood_function(data, model_class)(theta)[0]
 
 
-def _recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
+def _weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
     if mode.frequency_noise is None:
         raise NotDeterminedError("the backbones were not prepared for the recommended form: call backbone_data with it")
     total = log_marginal(mode.frequency_noise, eigenvalue[..., None] / mode.linear)
@@ -146,7 +146,7 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
         for each in found:
             values = np.concatenate([each.eigenvalue[..., None], each.shapes[..., mode.rows]], axis=2)
             for row in np.flatnonzero(~each.converged.all(axis=1)):
-                bridged = _bridged(values[row], each.amplitude, each.converged[row])
+                bridged = _bridge_gaps(values[row], each.amplitude, each.converged[row])
                 lost[row] |= bridged is None
                 # any numbers do for a curve that is lost
                 values[row] = np.append(mode.linear, middle) if bridged is None else bridged
@@ -274,7 +274,7 @@ def _span(amplitude: FloatArray) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _bridged(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
+def _bridge_gaps(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
     """Values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None where too much is missing."""
     n_found = int(converged.sum())
     if n_found < 4 or n_found < (1 - MOST_MISSING) * converged.size:

@@ -141,7 +141,11 @@ def maximum_a_posteriori(
             slope = slope + curvature @ ((theta - middle) / step)
             fixed = ((theta <= low) & (slope < 0)) | ((theta >= high) & (slope > 0))
             direction, gain, peaked = _newton(slope, curvature, ~fixed)
-            if peaked and gain < max(tolerance, 1e-14 * abs(value)) and _tuned(step, slope, curvature, fixed, widest):
+            if (
+                peaked
+                and gain < max(tolerance, 1e-14 * abs(value))
+                and _tune_steps(step, slope, curvature, fixed, widest)
+            ):
                 side = np.where(fixed, np.where(theta <= low, -1.0, 1.0), 0.0)
                 hessian = curvature / np.outer(step, step)
                 return Maximum(theta, value, np.where(fixed, slope / step, 0.0), hessian, side, counted)
@@ -201,6 +205,8 @@ def _change(slope: FloatArray, curvature: FloatArray, fixed: np.ndarray) -> Floa
     return np.clip(STENCIL / np.maximum(size, 1e-300), 1 / 8, 8.0)
 
 
-def _tuned(step: FloatArray, slope: FloatArray, curvature: FloatArray, fixed: np.ndarray, widest: FloatArray) -> bool:
+def _tune_steps(
+    step: FloatArray, slope: FloatArray, curvature: FloatArray, fixed: np.ndarray, widest: FloatArray
+) -> bool:
     change = _change(slope, curvature, fixed)
     return bool(np.all((change > 0.5) & ((change < 2.0) | (step >= widest))))

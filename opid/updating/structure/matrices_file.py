@@ -74,12 +74,14 @@ def checked_structure(
         matrices: as in `read_structure`, like `sensors`, `joints`, `dofs` and `parameters`.
     """
     faults: list[str] = []
-    found = _read_each(matrices, faults) if isinstance(matrices, Mapping) else _tried(faults, _read_one, Path(matrices))
+    found = (
+        _read_each(matrices, faults) if isinstance(matrices, Mapping) else _try_to(faults, _read_one, Path(matrices))
+    )
     if found is None:
         return None, faults
     faults += _missing(found, unread=bool(faults))
     read = {
-        name: _tried(faults, _matrix, name, value)
+        name: _try_to(faults, _matrix, name, value)
         for name, value in found.items()
         if name in ("mass", "stiffness") or name.startswith(PART)
     }
@@ -92,9 +94,9 @@ def checked_structure(
             hint = nearest(name, held) if held else "there is none at all"
             faults.append(f"there is no matrix {PART + name!r} for the parameter {name!r}: {hint}")
     n_dof = whole["mass"].shape[0] if "mass" in whole else None
-    names = _tried(faults, _dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
-    seen = _tried(faults, _texts, "sensors", sensors if sensors is not None else found.get("sensors", ()))
-    ends = _tried(faults, _joint_ends, joints if joints is not None else found.get("joints", {}))
+    names = _try_to(faults, _dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
+    seen = _try_to(faults, _texts, "sensors", sensors if sensors is not None else found.get("sensors", ()))
+    ends = _try_to(faults, _joint_ends, joints if joints is not None else found.get("joints", {}))
     for name, matrix in whole.items():
         size = matrix.shape[0]
         if size != (n_dof or size):
@@ -142,12 +144,12 @@ def _read_one(path: Path) -> dict[str, Any]:
     kind = path.suffix.lower()
     if kind not in (".npz", ".mat"):
         raise InputError(f"{path} is of no format that is known: give .npz, .mat, or .mtx for each matrix")
-    return _joined(path, _opened(path, _npz)) if kind == ".npz" else _opened(path, _matlab)
+    return _join_arrays(path, _open_file(path, _npz)) if kind == ".npz" else _open_file(path, _matlab)
 
 
 def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
     """One matrix from each file that can be read."""
-    found = {name: _tried(faults, _one_matrix, Path(file)) for name, file in files.items()}
+    found = {name: _try_to(faults, _one_matrix, Path(file)) for name, file in files.items()}
     return {name: matrix for name, matrix in found.items() if matrix is not None}
 
 
@@ -157,11 +159,11 @@ def _one_matrix(path: Path) -> Any:
     readers = {**dict.fromkeys(MARKET, mmread), ".npz": _sparse_npz, ".npy": lambda each: np.load(each)}
     for ending, read in readers.items():
         if path.name.lower().endswith(ending):
-            return _opened(path, read)
+            return _open_file(path, read)
     raise InputError(f"{path} is of no format that is known for a matrix: give .mtx, .mtx.gz, .npz or .npy")
 
 
-def _tried(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
+def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
     """What is made of the arguments; None, and a fault more, where it is refused."""
     try:
         return make(*given)
@@ -170,7 +172,7 @@ def _tried(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
         return None
 
 
-def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
+def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
     """What a reader makes of a file, its complaints in a sentence."""
     import zipfile
     import zlib
@@ -207,7 +209,7 @@ def _matlab(path: Path) -> dict[str, Any]:
     return {name: value for name, value in loadmat(path, appendmat=False).items() if not name.startswith("__")}
 
 
-def _joined(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
+def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
     """Arrays of a npz file with the pieces of sparse matrices put together."""
     found = dict(arrays)
     for key in arrays:

@@ -93,7 +93,7 @@ def ritz_model(
             break
         done.add(worst)
         shapes = lowest_modes(structure.mass, stiffness_at(points[worst]), count)[1]
-        basis = _extended(structure.mass, basis, shapes[:, wanted])
+        basis = _extend_basis(structure.mass, basis, shapes[:, wanted])
     return replace(model, worst=float(errors.max()))
 
 
@@ -168,7 +168,7 @@ def _errors(
     return errors
 
 
-def _extended(mass: Any, basis: FloatArray, shapes: FloatArray) -> FloatArray:
+def _extend_basis(mass: Any, basis: FloatArray, shapes: FloatArray) -> FloatArray:
     """The basis with what of the shapes lies outside it, mass-orthonormal."""
     for shape in shapes.T:
         rest = shape

@@ -194,7 +194,7 @@ def measured_curve(
         levels.append(level)
         if level.converged and len(standing.done) == _N_TO_TELL:
             hardens = standing.done[-1][1] > standing.done[0][1]
-            bench, standing = _relooped(bench, standing, loop((1 if hardens else -1) * chosen.feedback_stiffness))
+            bench, standing = _renew_loop(bench, standing, loop((1 if hardens else -1) * chosen.feedback_stiffness))
         failures = 0 if level.converged else failures + 1
         if failures == _MOST_FAILURES:
             break
@@ -215,7 +215,7 @@ def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _S
     return _Standing(state_at(bench.loop.ready), frequency, target, slope, still, bench.settings.record_periods)
 
 
-def _relooped(bench: _Bench, standing: _Standing, loop: ClosedLoop) -> tuple[_Bench, _Standing]:
+def _renew_loop(bench: _Bench, standing: _Standing, loop: ClosedLoop) -> tuple[_Bench, _Standing]:
     """Another feedback, under which the structure moves on as it does."""
     omega = 2.0 * np.pi * standing.frequency_hz
     before, after = (p + 1j * omega * d for p, d in (bench.loop.gains, loop.gains))
@@ -252,7 +252,7 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
         error = phase_error(record.force[0], record.sensors[bench.watched[0], 0])
         invasion = float(np.linalg.norm(np.delete(record.control, 1)) / abs(record.control[1]))
         points.append((frequency, float(np.tan(error))))
-        standing, off = _judged(bench, standing, record, points, before.slope_hz)
+        standing, off = _judge_record(bench, standing, record, points, before.slope_hz)
         quadrature = abs(error) <= settings.phase_tolerance_rad and off <= settings.frequency_fraction
         kept = invasion <= settings.most_invasive + _noise_floor(bench) / abs(record.control[1])
         near = abs(held / wanted - 1.0) <= settings.amplitude_fraction
@@ -262,7 +262,7 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
         if away and not quadrature:
             break
         if n_records < settings.most_records:
-            standing = _moved(bench, standing, record, points[-1][1], 1.0 if near else wanted / held)
+            standing = _move_frequency(bench, standing, record, points[-1][1], 1.0 if near else wanted / held)
         # a phase at another amplitude is a point of another curve
         points = points if near else []
     converged = bool(quadrature and kept and near and steady)
@@ -293,7 +293,7 @@ def _noise_floor(bench: _Bench) -> float:
     return 2.0 * bench.noise.control_n * float(np.sqrt(fraction))
 
 
-def _judged(
+def _judge_record(
     bench: _Bench, standing: _Standing, record: Record, points: list[tuple[float, float]], usual_hz: float
 ) -> tuple[_Standing, float]:
     """The slope by the last two points, periods for the next record, and the fraction by which the frequency is off."""
@@ -312,7 +312,7 @@ def _judged(
     return replace(standing, slope_hz=slope, averaged=averaged), steep * max(abs(value) - explained, 0.0)
 
 
-def _moved(bench: _Bench, standing: _Standing, record: Record, value: float, larger: float) -> _Standing:
+def _move_frequency(bench: _Bench, standing: _Standing, record: Record, value: float, larger: float) -> _Standing:
     """Target and frequency for the next record: the control's harmonics gone, a secant on the phase error's tangent."""
     frequency = standing.frequency_hz
     step = float(np.clip(-standing.slope_hz * value, -0.01 * frequency, 0.01 * frequency))

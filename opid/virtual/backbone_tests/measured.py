@@ -180,12 +180,12 @@ def synthetic_backbones(
     )
     law, column, curves = model_class.law(theta), system.sensor(controlled_sensor), []
     for m, (mode, (least, most)) in enumerate(zip(modes, ranges, strict=True)):
-        shifted = _shifted(system, mode, linear[m] * rng.standard_normal())
+        shifted = _shift_mode(system, mode, linear[m] * rng.standard_normal())
         grid = np.linspace(least, most, _N_GRID)
         true = backbone(shifted, law, mode=mode, sensor=controlled_sensor, amplitude=grid, harmonics=harmonics)
         for number in range(1, n_curves[m] + 1):
             amplitude = _amplitudes(least, most, n_points, amplitude_jitter, rng)
-            frequency, shapes = _interpolated(true, amplitude)
+            frequency, shapes = _interpolate(true, amplitude)
             frequency *= (1.0 + offset[m] * rng.standard_normal()) * (1.0 + point[m] * rng.standard_normal(n_points))
             noise = shape[m] * rng.standard_normal(shapes.shape)
             noise[:, column] = 0.0
@@ -215,7 +215,7 @@ def _deviations(name: str, given: ArrayLike, n_modes: int) -> FloatArray:
     return np.broadcast_to(values, n_modes)
 
 
-def _shifted(system: JointedModes, mode: int, fraction: float) -> JointedModes:
+def _shift_mode(system: JointedModes, mode: int, fraction: float) -> JointedModes:
     """The structure with the frequency of one mode off by a fraction."""
     eigenvalue = system.eigenvalue.copy()
     eigenvalue[system.place(mode)] *= (1.0 + fraction) ** 2
@@ -229,7 +229,7 @@ def _amplitudes(least: float, most: float, n_points: int, jitter: float, rng: np
     return np.clip(moved, least, most)
 
 
-def _interpolated(true: Backbone, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _interpolate(true: Backbone, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Frequency (n,) and shapes (n, n_sensors) at other amplitudes."""
     from scipy.interpolate import CubicSpline
 

@@ -385,7 +385,7 @@ def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
     weight = np.sqrt(kg)[:, None]
     orthogonal, triangle = np.linalg.qr(weight * np.column_stack([rigid, *elastic]))
     shapes = orthogonal * np.sign(np.diag(triangle)) / weight
-    shapes = _mixed(_alike(shapes, _N_RIGID + 14, mac=0.6))
+    shapes = _mix_shapes(_alike(shapes, _N_RIGID + 14, mac=0.6))
     at = dict(zip(_per_axis([f"p{k}" for k in range(len(points))]), shapes, strict=True))
     corners = (0, 6, 42, 48)
     chosen = [f"p{7 * i + j}_z" for i in (0, 2, 4, 6) for j in (0, 2, 4, 6)]
@@ -408,7 +408,7 @@ def _alike(shapes: FloatArray, first: int, *, mac: float) -> FloatArray:
     return np.hstack([shapes[:, :first], pair, shapes[:, first + 3 :]])
 
 
-def _mixed(shapes: FloatArray) -> FloatArray:
+def _mix_shapes(shapes: FloatArray) -> FloatArray:
     """Turn the elastic shapes a little into each other; those of the joint and those alike stay as they are."""
     free = np.setdiff1d(np.arange(_N_RIGID, shapes.shape[1]), [_SHEAR_MODE - 1, _OPENING_MODE - 1, 20, 21])
     i, j = np.meshgrid(free, free, indexing="ij")

@@ -224,11 +224,11 @@ def iso8608_tracks(
         for stream in (rng.spawn(positions.size) if positions.size > 1 else [rng])
     )
     if coherent and positions.size > 1:
-        roads = _mixed(roads, np.abs(positions[:, None] - positions))
+        roads = _mix_roads(roads, np.abs(positions[:, None] - positions))
     return tuple(roads[k] for k in which)
 
 
-def _mixed(roads: tuple[Road, ...], distance_m: FloatArray) -> tuple[Road, ...]:
+def _mix_roads(roads: tuple[Road, ...], distance_m: FloatArray) -> tuple[Road, ...]:
     """Mix independent roads so that any two correlate as tracks at their distance."""
     length_m, footprint_m = roads[0].length_m, roads[0].footprint_m
     n_grid = int(np.ceil(_POINTS_PER_M * length_m))
