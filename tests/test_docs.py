@@ -54,6 +54,18 @@ def test_every_file_of_the_estimator_stands_in_the_table_of_the_picture():
     assert {each for each in files if f"`{each}`" not in picture} == set()
 
 
+@pytest.mark.parametrize(("page", "wing"), [("nonlinear_modal_models", "modal"), ("bayesian_updating", "updating")])
+def test_the_modules_of_a_table_of_steps_are_there(page, wing):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^\| step \|.*module.*\n(?:\|.*\n)+", text, re.MULTILINE)
+    named = [name for row in table.splitlines()[2:] for name in re.findall(r"`([\w.]+)`", row.split("|")[3])]
+    assert len(named) > 8
+    for name in named:
+        whole = name if name.startswith("opid.") else f"opid.{wing}.{name}"
+        path = ROOT.joinpath(*whole.split("."))
+        assert path.is_dir() or path.with_suffix(".py").is_file(), name
+
+
 # ---- the README, run as written --------------------------------------------------------------------
 
 MOST_WORDS = 1100

@@ -6,9 +6,9 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.updating.doubts import LEAST_MISFIT, RARE, LackOfFit, doubts_of_fit, lack_of_fit, unexplained_fraction
 from opid.updating.likelihood.backbones import log_likelihood
 from opid.updating.likelihood.curves import backbone_data
+from opid.updating.warnings import LEAST_MISFIT, RARE, LackOfFit, lack_of_fit, unexplained_fraction, warnings_of_fit
 
 GRID = np.linspace(0.3, 4.0, 371)[:, None]
 
@@ -20,7 +20,7 @@ def misfits_at_best(measured, model_class, **settings):
 
 
 def told(misfits, unexplained=0.0):
-    return list(doubts_of_fit(misfits, unexplained))
+    return list(warnings_of_fit(misfits, unexplained))
 
 
 @pytest.mark.parametrize("form", ["recommended", "paper"])

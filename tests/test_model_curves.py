@@ -9,8 +9,7 @@ import pytest
 from opid.errors import NotDeterminedError
 from opid.json_values import plain
 from opid.mechanics.backbones.family import backbone_family
-from opid.updating import doubts, prediction
-from opid.updating.doubts import doubts_of_choice, doubts_of_curves
+from opid.updating import prediction, warnings
 from opid.updating.likelihood import backbones
 from opid.updating.likelihood.backbones import (
     curves_of,
@@ -27,6 +26,7 @@ from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.structure.reduction import reduce
+from opid.updating.warnings import warnings_of_choice, warnings_of_curves
 from opid.virtual.backbone_tests.measured import synthetic_backbones
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
@@ -117,7 +117,7 @@ def test_gaps_in_the_posterior_are_told_and_the_class_is_kept(data, monkeypatch)
 def test_a_posterior_that_may_be_cut_off_is_told(data, monkeypatch):
     edge = 1.70 * made.CUBIC.scales[0]  # some standard deviations above the best
     with_holes(monkeypatch, backbones, lambda c, a: between(1e-3, 1.0)(c, a) & (c > edge)[:, None])
-    monkeypatch.setattr("opid.updating.doubts.FAR_OUT", 20.0)
+    monkeypatch.setattr("opid.updating.warnings.FAR_OUT", 20.0)
     found = update_class(data, made.CUBIC, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
     (told,) = [each for each in found.warnings if "converge" in each]
     assert told.startswith("beside the posterior, in mode 2 at ")
@@ -146,7 +146,7 @@ def test_the_rest_of_a_band_is_kept(predicted, measured, monkeypatch):
     np.testing.assert_allclose(bands[0].low_hz[~gap], whole[0].low_hz[~gap], rtol=1e-4)
     np.testing.assert_array_equal(bands[1].low_hz, whole[1].low_hz)
     assert bands[0].coverage == pytest.approx(whole[0].coverage, abs=0.05)
-    told = list(doubts_of_choice([found], bands))
+    told = list(warnings_of_choice([found], bands))
     assert told[0].startswith("mode 2: there is no band at 1.6")
     assert "where the model does not converge for most draws: take fewer harmonics" in told[0]
     assert None in plain(bands[0].low_hz)
@@ -177,10 +177,10 @@ def test_one_mode_without_a_band_leaves_the_other_and_none_is_told(predicted, me
 
 
 def test_sentences_of_points():
-    assert doubts.named_points(np.array([1e-3, 2e-3]), np.array([True, False]), "10") == (
+    assert warnings.named_points(np.array([1e-3, 2e-3]), np.array([True, False]), "10") == (
         "1 mm of sensor '10' (point 1 of 2)"
     )
-    many = doubts.named_points(np.linspace(1e-3, 1e-2, 10), np.ones(10, dtype=bool), "10")
+    many = warnings.named_points(np.linspace(1e-3, 1e-2, 10), np.ones(10, dtype=bool), "10")
     assert many == "1 to 10 mm of sensor '10' (points 1, 2, 3 and 7 more of 10)"
 
 
@@ -261,7 +261,7 @@ def test_measured_points_at_an_interaction_are_told(wing_structure):
     assert len(told) == 1
     assert told[0].startswith("mode 8 at 2.3")
     assert told[0].endswith("measured amplitudes) harmonic 3 meets mode 13 at 57.53 Hz")
-    (sentence,) = doubts_of_curves((), (), told)
+    (sentence,) = warnings_of_curves((), (), told)
     assert sentence.startswith("in mode 8 at 2.3")
     assert "may lie off the smooth backbone of the model, which knows no interaction" in sentence
     rough = backbone_data(system, measured, noise=NoiseSettings(point_noise=0.05))

@@ -12,7 +12,6 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.checks import overlaps
-from opid.updating.doubts import doubts_of_choice, doubts_of_classes
 from opid.updating.likelihood.curves import BackboneData, backbone_data
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH
@@ -24,6 +23,7 @@ from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, 
 from opid.updating.sampling.samplers import require_emcee
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
+from opid.updating.warnings import warnings_of_choice, warnings_of_classes
 
 logger = logging.getLogger(__name__)
 
@@ -72,10 +72,10 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         warnings=(
             *([unused] if stated else []),
             *overlaps(study.backbones),
-            *(f"linear structure: {doubt}" for doubt in (linear.warnings if linear else ())),
+            *(f"linear structure: {warning}" for warning in (linear.warnings if linear else ())),
             *lost,
-            *doubts_of_classes(classes),
-            *doubts_of_choice(classes, bands),
+            *warnings_of_classes(classes),
+            *warnings_of_choice(classes, bands),
             *gone,
         ),
         not_determined="",

@@ -112,7 +112,7 @@ def update_linear(
         samples=chain.pooled,
         modes=table,
         diagnostics=diagnostics,
-        warnings=(*warnings, *_doubts(data, table, backbones, errors)),
+        warnings=(*warnings, *_warnings(data, table, backbones, errors)),
         chain=chain,
     )
 
@@ -166,38 +166,38 @@ def _mode_table(
     return tuple(table)
 
 
-def _doubts(
+def _warnings(
     data: Sequence[LinearData], table: Sequence[LinearMode], backbones: Sequence[MeasuredBackbone], errors: LinearErrors
 ) -> list[str]:
     """What to doubt: a poor estimate of scatter, a mode or a shape that is missed, lowest points that are nonlinear."""
-    doubts, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
+    warnings, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
     for each, row in zip(data, table, strict=True):
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size
         mean, std = mean_eigenvalue(each)
         given = cov.get(each.mode, "scatter") if isinstance(cov, Mapping) else cov
         if n_sets < FEW_SETS and given == "scatter":
-            doubts.append(
+            warnings.append(
                 f"the scatter of {mode} is estimated from {n_sets} curves: measure more, give cov, or take the "
                 "recommended form, which infers it"
             )
         missed = ((2 * np.pi * row.updated_hz) ** 2 - mean) / std
         if abs(missed) > MISFIT:
-            doubts.append(
+            warnings.append(
                 f"the updated {mode} lies at {row.updated_hz:.4g} Hz, {abs(missed):.1f} standard deviations from the "
                 f"measured {row.identified_hz:.4g} Hz: the structure has an error that its parameters cannot mend"
             )
         if row.updated_mac < POOR_MAC:
-            doubts.append(
+            warnings.append(
                 f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): look whether "
                 "the curves are of another mode, and at the names and signs of the sensors"
             )
         moved = float(np.mean([_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
         if abs(moved) > MOVED:
-            doubts.append(
+            warnings.append(
                 f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency that their "
                 "curves point to at amplitude 0: measure at smaller amplitudes"
             )
-    return doubts
+    return warnings
 
 
 def _nonlinear_part(curve: MeasuredBackbone) -> float:

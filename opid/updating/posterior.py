@@ -9,7 +9,6 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
-from opid.updating.doubts import TOO_LITTLE, doubts_of_class, moves_nothing
 from opid.updating.likelihood.backbones import likelihood_function, where_it_fails
 from opid.updating.likelihood.curves import BackboneData
 from opid.updating.model_class import ModelClass
@@ -27,6 +26,7 @@ from opid.updating.sampling.evidence import Evidence, laplace, laplace_of_sample
 from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
 from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, transitional
 from opid.updating.study import SAMPLERS, Sampler
+from opid.updating.warnings import TOO_LITTLE, moves_nothing, warnings_of_class
 
 N_CHAINS, SHORTEST = 20, 250  # Metropolis chains side by side, and samples of one below which there are fewer
 N_WALKERS = 8  # of the ensemble, at least: twenty have no more effective samples, in chains that mix less
@@ -106,7 +106,7 @@ def update_class(
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     density = density_of(data, model_class)
-    peak, doubts = _find_peak(density, data, model_class, rng)
+    peak, warnings = _find_peak(density, data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
         stages = transitional(
@@ -126,7 +126,7 @@ def update_class(
     )
     still = moves_nothing(data, model_class)
     if not still:
-        doubts += [*refused, *doubts_of_class(
+        warnings += [*refused, *warnings_of_class(
             data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics
         )]  # fmt: skip
     return ClassPosterior(
@@ -139,7 +139,7 @@ def update_class(
         log_likelihood_at_best=float(density.likelihood(best[None])[0]),
         diagnostics=diagnostics,
         prior_sensitivity=prior_sensitivity(density.likelihood, model_class, chain.pooled, best),
-        warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if still else tuple(doubts),
+        warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if still else tuple(warnings),
         moves_nothing=still,
         chain=chain,
     )
@@ -192,14 +192,14 @@ def _find_peak(
     if not peaks:
         return None, ["the posterior has no maximum with a curvature: samples and evidence are transitional ones"]
     peaks.sort(key=lambda each: -each.log_density)
-    doubts = []
+    warnings = []
     if len(peaks) > 1 and peaks[0].log_density - peaks[1].log_density < 5:
         other = ", ".join(f"{value:.3g}" for value in peaks[1].theta)
-        doubts.append(
+        warnings.append(
             f"there is a second maximum at theta = ({other}), {peaks[0].log_density - peaks[1].log_density:.1f} lower "
             "in log density: the transitional sampler sees both"
         )
-    return peaks[0], doubts
+    return peaks[0], warnings
 
 
 def _climb(

@@ -23,13 +23,13 @@ LEAST_MISFIT = 0.05  # of the measured growth of lambda: a smaller misfit may be
 MOST_UNEXPLAINED = 0.3  # of that growth: what a class may leave where curves are too short to tell their noise
 METHODS_DIFFER = 0.5  # between the logarithms of two evidences, beside three of their standard deviations
 TOO_CLOSE = 1.0  # difference of log evidence below which two classes cannot be told apart
-POOR_COVERAGE = 0.8  # fraction of the measured points within a 95 % band below which it is doubted
+POOR_COVERAGE = 0.8  # fraction of the measured points within a 95 % band below which a warning says so
 LEAST_MOVED = 0.05  # of the growth of the frequencies: a class that moves them by less in all its prior tells nothing
 N_TRIED = 20  # draws of the prior at which it is seen whether a class moves the frequencies at all
 N_CHECKED, FAR_OUT = 200, 3.0  # samples at which it is seen where the model converges, and how much farther out
 N_PATTERNS = 2  # slope and curvature over the amplitude: what the errors of a wrong law look like
 EXPECTED_WEIGHT = 10  # degrees of freedom that the expected scatter between curves counts beside the one that is found
-MODEL_ERROR = 1e-5  # of lambda, by harmonics left out and interpolation: curves without noise are not doubted
+MODEL_ERROR = 1e-5  # of lambda, by harmonics left out and interpolation: curves without noise get no warning
 
 TOO_LITTLE = (
     f"moves the frequencies by more than {100 * LEAST_MOVED:.0f} % of their measured growth: look at the unit of the "
@@ -40,7 +40,7 @@ TOO_LITTLE = (
 # ---- one class -------------------------------------------------------------------------------------
 
 
-def doubts_of_class(
+def warnings_of_class(
     data: BackboneData,
     model_class: ModelClass,
     chain: Chain,
@@ -54,11 +54,11 @@ def doubts_of_class(
     for pressure in presses_against(chain.pooled, model_class.priors):
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
-    yield from doubts_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
+    yield from warnings_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
     near = chain.thinned(N_CHECKED)
     far = best + FAR_OUT * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
-    yield from doubts_of_curves(
+    yield from warnings_of_curves(
         where_it_fails(data, model_class, near),
         where_it_fails(data, model_class, far, lost=True),
         where_modes_interact(data, model_class, best),
@@ -81,7 +81,7 @@ def doubts_of_class(
                 yield f"the interval of {name} contains 0: the data do not ask for the term {kind}"
 
 
-def doubts_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
+def warnings_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
     """Yield what to doubt about the curves of the model: gaps, none far out, points where modes meet.
 
     The first two are from `where_it_fails`, the last from `where_modes_interact`.
@@ -133,7 +133,7 @@ class LackOfFit:
     probability: float
 
 
-def doubts_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:
+def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:
     """Yield at most one sentence: a misfit that all curves of a mode share, larger than chance and large enough.
 
     Where there are no `misfits`, for the curves are too short, the fraction that is `unexplained` is judged.
@@ -231,14 +231,14 @@ def unexplained_fraction(data: BackboneData, model_class: ModelClass, theta: Flo
 # ---- all classes -----------------------------------------------------------------------------------
 
 
-def doubts_of_classes(classes: Sequence[ClassPosterior]) -> list[str]:
-    """Return the doubts of all classes with their names; a single one where none of them has any effect."""
+def warnings_of_classes(classes: Sequence[ClassPosterior]) -> list[str]:
+    """Return the warnings of all classes with their names; a single one where none of them has any effect."""
     if all(each.moves_nothing for each in classes):
         return [f"no class {TOO_LITTLE}"]
-    return [f"class {each.model_class.name!r}: {doubt}" for each in classes for doubt in each.warnings]
+    return [f"class {each.model_class.name!r}: {warning}" for each in classes for warning in each.warnings]
 
 
-def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
+def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
     """Yield what to doubt about the best class and the bands that it predicts."""
     if all(each.moves_nothing for each in classes):
         return  # there is nothing to choose, nor to predict
