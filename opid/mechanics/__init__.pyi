@@ -56,6 +56,14 @@ from .structure import (
     linear_transmissibility as linear_transmissibility,
     natural_frequencies as natural_frequencies,
 )
+from .truth import (
+    BodyTruth as BodyTruth,
+    GearTruth as GearTruth,
+    ModalTruth as ModalTruth,
+    ModeTruth as ModeTruth,
+    SuspensionTruth as SuspensionTruth,
+    UpdatingTruth as UpdatingTruth,
+)
 from .weight import (
     ATMOSPHERE_PA as ATMOSPHERE_PA,
     GRAVITY_M_PER_S2 as GRAVITY_M_PER_S2,
