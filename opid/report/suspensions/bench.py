@@ -22,9 +22,9 @@ def document_of(result: BenchLaw) -> Document:
     Args:
         result: from `law_of_bench`.
     """
-    memory = result.memory.statement
-    # what the paragraph on memory says already is not said again
-    doubts = [warning.removeprefix(memory).lstrip(". ") for warning in result.warnings]
+    memory = result.memory
+    # a memory that is seen, or that cannot be told, is a warning
+    is_warned = memory.seen or not memory.testable
     return Document(
         result.title or "Test bench",
         _equation(result),
@@ -37,9 +37,9 @@ def document_of(result: BenchLaw) -> Document:
                 tuple(_rows(result)),
                 legend="The interval holds the value with 95 % if the model holds.",
             ),
+            warnings(result.warnings),
             Paragraph(_quality(result)),
-            Paragraph(sentence(memory)),
-            warnings(doubt for doubt in doubts if doubt),
+            *(() if is_warned else (Paragraph(sentence(memory.statement)),)),
         ),
         lambda: _figures(result),
         _command(result),
