@@ -75,7 +75,7 @@ def typical_motion(gear: LandingGear, *, road_class: str) -> Motion:
     """Return how far a gear would move without its law; the same road for every gear, so nothing is drawn here."""
     linear = replace(gear, law=LINEAR)
     run = taxi_run(linear, rng=np.random.default_rng(0), duration_s=TYPICAL_S, road_class=road_class)
-    return Motion(run.truth.levels["travel"], run.truth.levels["travel_velocity"])
+    return Motion(run.truth.rms["travel"], run.truth.rms["travel_velocity"])
 
 
 def law_of_kind(kind: str, gear: LandingGear, motion: Motion, rng: np.random.Generator) -> Law:

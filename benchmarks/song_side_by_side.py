@@ -26,7 +26,7 @@ from jinja2 import Environment
 from opid import plots
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
 from opid.plots.style import VERMILION
-from opid.signals.directory import write_together
+from opid.signals.files import write_together
 from opid.studies.updating_study import FACTOR_PRIOR
 from opid.updating.identification import update_study
 from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA

@@ -29,8 +29,7 @@ from opid.modal.linear.modes import LinearModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
-from opid.signals.health.as_json import SCHEMA as HEALTH
-from opid.signals.health.result import ChannelHealth, Health
+from opid.signals.health.result import SCHEMA as HEALTH, ChannelHealth, Health
 from opid.suspensions.bench.law import SCHEMA as BENCH, BenchLaw
 from opid.suspensions.bench.memory import Memory
 from opid.suspensions.bench.simulation import Simulation
@@ -244,7 +243,7 @@ def _comparison() -> Json:
 
 def _health() -> Json:
     define(ChannelHealth, fields_of(ChannelHealth, *_names(ChannelHealth, "overview")))
-    return {"logs": array(keys(fields_of(Health, *_names(Health, "levels", "files"))))}
+    return {"logs": array(keys(fields_of(Health, *_names(Health, "rms_history", "files"))))}
 
 
 def _powers() -> Json:

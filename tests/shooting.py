@@ -109,7 +109,7 @@ def _start(system: JointedModes, laws: Sequence[Law], curve: Backbone | Continue
     force, _ = joint_harmonics(laws, period_transform(terms, curve.harmonics), curve.extension[point])
     at = np.square(curve.harmonics)[:, np.newaxis] * (2 * np.pi * curve.frequency_hz[point]) ** 2
     away = system.eigenvalue - at
-    m, a, first = system.place(curve.mode), system.sensor(curve.sensor), curve.harmonics.index(1)
+    m, a, first = system.index(curve.mode), system.sensor(curve.sensor), curve.harmonics.index(1)
     # the mode itself, near its own resonance, from what the others leave to the sensor
     away[first, m] = np.inf
     motion = np.divide(-force @ system.at_joints, away, out=np.zeros(away.shape), where=away != 0.0)

@@ -376,7 +376,7 @@ def test_tracks_on_one_surface_roll_the_aircraft_less_than_independent_ones():
     narrow = default_aircraft()
     gears = tuple(replace(gear, y_m=0.1 * gear.y_m) for gear in narrow.gears)
     narrow = replace(narrow, gears=gears, ixx_kg_m2=160.0)
-    one, two = (run(narrow, coherent_tracks=coherent).truth.levels for coherent in (True, False))
+    one, two = (run(narrow, coherent_tracks=coherent).truth.rms for coherent in (True, False))
     assert one["roll"] < 0.6 * two["roll"]
 
 
@@ -386,7 +386,7 @@ def test_a_random_aircraft_works_its_struts(seed):
     assert 4e3 < airframe.mass_kg < 8e3
     frequencies = natural_frequencies(airframe_structure(airframe)).frequency_hz
     assert 0.7 < frequencies[0] < frequencies[2] < 2.4
-    levels = run(airframe, seed=seed, duration_s=8.0).truth.levels
+    levels = run(airframe, seed=seed, duration_s=8.0).truth.rms
     for gear in airframe.gears:
         friction = gear.law.parameters["arctan_velocity"]
         assert levels[f"{gear.name}_travel_velocity"] > 1.3 * friction["scale_m_per_s"]

@@ -49,9 +49,12 @@ KNOWN_TO_VIRTUAL_TESTS = {
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
 OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")]
 ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
-# So do those of each of these, and those of signals and of the other wings.
+# So do those of each of these, and those of signals, mechanics and the other wings.
 PAPER, BENCH, FLIGHTS = (frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights"))
-WHOLE = [frozenset(path.parent for path in (PACKAGE / each).rglob("*.py")) for each in ("signals", "modal", "updating")]
+WHOLE = [
+    frozenset(path.parent for path in (PACKAGE / each).rglob("*.py"))
+    for each in ("signals", "mechanics", "modal", "updating")
+]
 OF_BACKBONES = [frozenset([PACKAGE / each / "updating"]) for each in ("plots", "report")]
 OF_BACKBONES += [frozenset([PACKAGE / "virtual" / "backbone_tests"])]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OF_BACKBONES)
@@ -131,7 +134,7 @@ def estimators_in_virtual_tests(path, tree):
 
 def truths_written(path, tree):
     for node in nodes_of(tree) if path.parent != PACKAGE / "virtual" / "files" else ():
-        writes = isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("written_whole", "write_text"))
+        writes = isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("write_whole", "write_text"))
         if writes and "truth" in ast.unparse(node):
             yield f"line {node.lineno}: a truth is written in virtual/files"
 
@@ -244,7 +247,7 @@ def test_nothing_is_done_at_import():
     [
         (against_the_arrows, "from opid.suspensions import study"),
         (against_the_arrows, "from opid.virtual.taxi_tests import road"),
-        (truths_written, "written_whole(target / 'truth.json')"),
+        (truths_written, "write_whole(target / 'truth.json')"),
         (reaching_upward, "from ..errors import InputError"),
         (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
         (numba_outside_kernels, "from numba import njit"),

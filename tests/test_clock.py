@@ -46,13 +46,6 @@ def test_rounded_stamps_of_a_uniform_clock_are_accepted_and_the_rate_is_within_t
     assert clock.start_s == pytest.approx(start, abs=resolution)
 
 
-@given(fs=st.floats(10, 1e4), factor=st.floats(1e-3, 1e3), n_samples=st.integers(3, 500))
-def test_the_unit_of_the_stamps_scales_the_rate(fs, factor, n_samples):
-    stamps = np.arange(n_samples) / fs
-    clock = uniform_clock(stamps / factor, seconds_per_unit=factor)
-    assert clock.fs == pytest.approx(fs, rel=1e-6)
-
-
 def test_truncated_stamps_and_single_precision_and_unix_time_are_accepted():
     assert uniform_clock(np.floor(np.arange(N) / 512 * 1e3) / 1e3).fs == 512.0
     assert uniform_clock((3600 + np.arange(N) / 512).astype(np.float32)).fs == 512.0

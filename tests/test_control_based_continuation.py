@@ -56,7 +56,7 @@ def test_a_duffing_oscillator_has_the_closed_form():
     specimen = one_mass(stiffness_n_per_m3=4e9)
     a = np.array([1e-4, 5e-4, 1e-3])
     curve = quadrature_curve(
-        specimen, mode=1, sensor="mass", controlled_sensor="mass", amplitude=a, harmonics=(1,), widest_share=0.3
+        specimen, mode=1, sensor="mass", controlled_sensor="mass", amplitude=a, harmonics=(1,), widest_fraction=0.3
     )
     omega = np.sqrt(100.0**2 + 0.75 * 4e9 * a**2)
     np.testing.assert_allclose(2 * np.pi * curve.frequency_hz, omega, rtol=1e-9)

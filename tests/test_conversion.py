@@ -7,7 +7,7 @@ import pytest
 
 from opid.errors import InputError
 from opid.signals.conversion import recording_of
-from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row, in_blocks, log_of_recording
+from opid.signals.log import Block, Log, LoggedChannel, Track, log_of_recording, rows_from_start, rows_of_array
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.recording import recording_from_arrays
 
@@ -22,7 +22,7 @@ def log(*tracks):
 
 def track(names=("ax", "ay", "az"), unit="g", counts=COUNTS, stamps=None, **more):
     channels = tuple(LoggedChannel(name, unit) for name in names)
-    return Track(channels, in_blocks(counts[:, : len(names)], stamps), n_samples=len(counts), **more)
+    return Track(channels, rows_of_array(counts[:, : len(names)], stamps), n_samples=len(counts), **more)
 
 
 def test_values_become_si_by_unit_scale_offset_and_sign():
@@ -134,7 +134,7 @@ def test_blocks_do_not_show(monkeypatch, rows_at_once):
             yield Block(COUNTS[part][:, list(columns)], np.arange(3000)[part] / 200.0)
 
     channels = tuple(LoggedChannel(name, "g") for name in ("ax", "ay", "az"))
-    run = recording_of(log(Track(channels, from_first_row(blocks))), channels=["az"], start_s=1.0, stop_s=9.0)
+    run = recording_of(log(Track(channels, rows_from_start(blocks))), channels=["az"], start_s=1.0, stop_s=9.0)
     np.testing.assert_array_equal(run.samples[:, 0], COUNTS[200:1800, 2] * G)
 
 

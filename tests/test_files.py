@@ -6,17 +6,17 @@ import stat
 import pytest
 
 from opid.errors import InputError
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 
 
 def write(path, text="new"):
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         file.write(text)
 
 
 def test_the_file_appears_at_the_end_and_nothing_else_stays(tmp_path):
     path = tmp_path / "note.txt"
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         file.write("one\ntwo\n")
         assert not path.exists()
     assert path.read_bytes() == b"one\ntwo\n"
@@ -24,13 +24,13 @@ def test_the_file_appears_at_the_end_and_nothing_else_stays(tmp_path):
 
 
 def test_bytes(tmp_path):
-    with written_whole(tmp_path / "picture.png", "wb") as file:
+    with write_whole(tmp_path / "picture.png", "wb") as file:
         file.write(b"\x89PNG")
     assert (tmp_path / "picture.png").read_bytes() == b"\x89PNG"
 
 
 def fail_while_writing(path):
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         file.write("half")
         raise ZeroDivisionError
 
@@ -75,7 +75,7 @@ def test_a_directory_without_permission_is_refused(tmp_path):
 
 
 def write_to_a_full_disk(path):
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         full = os.open("/dev/full", os.O_WRONLY)
         os.dup2(full, file.fileno())
         os.close(full)
@@ -90,6 +90,6 @@ def test_a_full_disk_is_an_input_error(tmp_path):
 
 
 def test_an_error_about_another_file_passes_through(tmp_path):
-    with pytest.raises(FileNotFoundError), written_whole(tmp_path / "note.txt"):
+    with pytest.raises(FileNotFoundError), write_whole(tmp_path / "note.txt"):
         (tmp_path / "other").read_text()
     assert os.listdir(tmp_path) == []

@@ -11,7 +11,7 @@ from measured_data import DATA, needs_data
 
 from opid.signals.clock import reconstructed_clock, uniform_clock
 from opid.signals.health.inspection import inspect
-from opid.signals.log import Log, LoggedChannel, Track, in_blocks
+from opid.signals.log import Log, LoggedChannel, Track, rows_of_array
 from opid.signals.log_settings import ChannelSettings, LogSettings
 
 FS, N = 500.0, 20_000
@@ -64,10 +64,10 @@ def test_gaps_are_counted_placed_and_what_was_lost_is_estimated():
     (message,) = messages(health, "warning")
     assert "jumps from 12.998 s to 13.2 s where steps of 0.002 s are usual (2 gap(s), about 101 sample(s)" in message
     assert "start_s, stop_s" in message
-    unsound = ~health.levels[0].sound[:, 0]
+    unsound = ~health.rms_history[0].sound[:, 0]
     assert unsound.sum() == 2
     for gap in clock.gaps:
-        assert (health.levels[0].start_s[unsound] <= gap.stop_s).any()
+        assert (health.rms_history[0].start_s[unsound] <= gap.stop_s).any()
 
 
 def test_places_after_a_gap_are_told_in_the_time_of_the_log():
@@ -87,7 +87,7 @@ def test_stamps_that_go_back_are_a_fault():
     (message,) = messages(health, "fault")
     assert f"goes back 1 time(s), the first to {stamps[8000]:.9g} s: put the samples in order" in message
     assert health.clocks[0].fs == pytest.approx(FS)
-    assert not health.levels[0].sound.all()
+    assert not health.rms_history[0].sound.all()
 
 
 def test_stamps_that_stand_twice_are_a_fault():
@@ -154,7 +154,7 @@ def test_a_stated_rate_goes_before_the_stamps():
     assert (clock.fs, clock.stated, clock.start_s, clock.duration_s) == (250.0, True, 0.0, N / 250)
     assert messages(health) == []
     late = inspect(log_of(noise(100), fs=50.0, start_s=7.0))
-    assert late.clocks[0].start_s == late.levels[0].start_s[0] == 7.0
+    assert late.clocks[0].start_s == late.rms_history[0].start_s[0] == 7.0
 
 
 def stalled(stamps, at_s, lasting_s):
@@ -180,7 +180,7 @@ def test_a_host_that_stalls_loses_no_samples(stalls):
     number, longest = re.findall(r"stand still (\d+) time\(s\), the longest for (\S+) s at", told)[0]
     assert int(number) == len(stalls)
     assert float(longest) == pytest.approx(max(lasting_s for _, lasting_s in stalls), abs=0.06)
-    assert health.levels[0].complete.all()
+    assert health.rms_history[0].complete.all()
     # where nobody says that the rows are equally spaced the same rate is offered
     assert health_of(stamps).clocks[0].fs == clock.fs
 
@@ -208,7 +208,7 @@ def test_a_stall_does_not_move_the_rate_of_a_measured_log(name, fs):
 def test_a_measured_log_with_crowding_stamps_and_a_false_offset(name, fs):
     table = np.loadtxt(DATA / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",")
     names = [f"{sensor}_{axis}" for sensor in "abcd" for axis in ("ax", "ay", "az", "rx", "ry", "rz")]
-    track = Track(tuple(map(LoggedChannel, names)), in_blocks(table[:, 1:], table[:, 0]), n_samples=len(table))
+    track = Track(tuple(map(LoggedChannel, names)), rows_of_array(table[:, 1:], table[:, 0]), n_samples=len(table))
     log = Log(Path(f"{name}.csv"), "CSV", (track,))
     channels = {each: ChannelSettings(each, unit="g", scale=16 / 32767) for each in names if "_a" in each}
     health = inspect(log, channels=channels)

@@ -11,7 +11,8 @@ from scipy import signal, stats
 from opid.signals import spectra
 from opid.signals.health.chunks import rows_of_a_bin
 from opid.signals.health.inspection import inspect
-from opid.signals.health.lines import LINE_CHANCE, LINE_RATIO, names_of_lines
+from opid.signals.health.lines import names_of_lines
+from opid.signals.health.settings import HEALTH
 from opid.signals.health.spectrum import OVERLAPPED_BINS
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_test
@@ -126,8 +127,8 @@ def test_tones_three_standard_deviations_above_what_chance_makes_are_found():
     power = np.array([(envelope[at : at + block] ** 2 * window).sum() for at in starts])
     worth, density = power.sum() ** 2 / (power**2).sum(), 2 * power.mean() / window.sum() / fs
     usual = density * stats.chi2.ppf(0.5, 2 * worth) / (2 * worth)
-    chance = density * stats.chi2.isf(LINE_CHANCE / 1500, 2 * worth) / (2 * worth)
-    threshold = max(chance, LINE_RATIO * usual)
+    chance = density * stats.chi2.isf(HEALTH.line_chance / 1500, 2 * worth) / (2 * worth)
+    threshold = max(chance, HEALTH.line_ratio * usual)
     level = threshold + 3 * np.sqrt((2 * threshold * density + density**2) / worth)
     amplitude = np.sqrt(2 * level * 1.5 * fs / block)  # what a line of this level is under a Hann window
     tone = amplitude * np.sin(2 * np.pi * 30.0 * np.arange(n) / fs)  # on a line: 480 periods in a block

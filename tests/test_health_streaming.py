@@ -8,10 +8,10 @@ from hypothesis import given, settings, strategies as st
 from made_logs import log_of, messages, noise, track_of
 
 from opid.errors import InputError
-from opid.signals.health.channel import LevelCheck
+from opid.signals.health.channel import MomentCheck
 from opid.signals.health.chunks import CHUNK_VALUES, rows_of_a_bin
 from opid.signals.health.inspection import inspect
-from opid.signals.health.spikes import without_spikes
+from opid.signals.health.spikes import remove_spikes
 from opid.signals.health.thinning import RowStretches, Thinning
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.recording import recording_from_arrays
@@ -86,7 +86,7 @@ def test_faults_planted_in_a_long_log_are_found_where_they_are(whole):
 
 
 def test_levels_and_soundness_second_by_second(whole):
-    (levels,) = whole.levels
+    (levels,) = whole.rms_history
     bin_rows = rows_of_a_bin(FS)
     assert levels.length_s == bin_rows / FS
     np.testing.assert_allclose(levels.start_s, np.arange(-(-N // bin_rows)) * bin_rows / FS)
@@ -126,7 +126,7 @@ def test_figures_are_those_of_whole_arrays(n, seed, fs, gone):
     assert channel.rms == pytest.approx(there.std(), abs=1e-9)
     assert channel.peak == pytest.approx(np.abs(there - there.mean()).max())
     if not gone and fs == 512.0:
-        assert channel.spikes == (0 if n < rows_of_a_bin(fs) + 4 else without_spikes(samples, fs=fs)[1].size)
+        assert channel.spikes == (0 if n < rows_of_a_bin(fs) + 4 else remove_spikes(samples, fs=fs)[1].size)
 
 
 def test_a_higher_extreme_later_undoes_the_clipping_seen_before():
@@ -136,7 +136,7 @@ def test_a_higher_extreme_later_undoes_the_clipping_seen_before():
     samples[39_000] = 9.0
     health = inspect(log_of(samples, fs=FS))
     assert health.channels[0].clipped_fraction == 0.0
-    assert health.levels[0].sound.all()
+    assert health.rms_history[0].sound.all()
 
 
 def test_a_run_over_the_border_of_chunks_is_one():
@@ -211,7 +211,7 @@ def test_series_are_joined_by_powers_of_two():
     for part in np.array_split(values, 37):
         series.add({"sum": part.copy(), "lowest": part.copy()})
     items = series.items()
-    assert series.level == 5
+    assert series.n_halvings == 5
     np.testing.assert_allclose(items["sum"], np.add.reduceat(values, np.arange(0, 1000, 32)))
     np.testing.assert_array_equal(items["lowest"], np.minimum.reduceat(values, np.arange(0, 1000, 32)))
 
@@ -225,10 +225,10 @@ def test_stretches_close_together_become_one_when_there_are_too_many():
 
 
 def test_the_levels_are_those_of_pairs_of_seconds_where_a_log_is_very_long(monkeypatch):
-    monkeypatch.setattr("opid.signals.health.channel.MOST_LEVELS", 100)
-    assert LevelCheck(1, envelope=False)._bins._most == 100
+    monkeypatch.setattr("opid.signals.health.channel.MOST_BINS", 100)
+    assert MomentCheck(1, envelope=False)._bins._most == 100
     samples = noise(150 * 512) + np.repeat(np.arange(150), 512)[:, None]
-    (levels,) = inspect(log_of(samples, fs=512.0)).levels
+    (levels,) = inspect(log_of(samples, fs=512.0)).rms_history
     assert levels.length_s == 2.0
     np.testing.assert_allclose(levels.rms[:, 0], samples.reshape(75, 1024).std(axis=1))
 

@@ -134,7 +134,7 @@ def test_sliders_keep_their_own_copy():
         (lambda: iwan(stiffness_n_per_m=-1.0, slip_force_n=1.0), "the joint has stiffness -1.0"),
         (lambda: iwan(stiffness_n_per_m=1.0, slip_force_n=1.0, chi=-1.0), "chi is -1.0"),
         (lambda: iwan(stiffness_n_per_m=1.0, slip_force_n=1.0, n=2), "n is 2"),
-        (lambda: iwan(stiffness_n_per_m=1.0, slip_force_n=1.0, smallest_share=1.0), "smallest_share 1.0"),
+        (lambda: iwan(stiffness_n_per_m=1.0, slip_force_n=1.0, smallest_fraction=1.0), "smallest_fraction 1.0"),
     ],
 )
 def test_what_is_wrong_is_said(call, message):

@@ -23,7 +23,7 @@ def test_bounce_and_hop_are_where_they_should_be():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_levels_are_those_of_a_taxiing_aircraft(seed):
-    levels = run(seed=seed, duration_s=40.0).truth.levels
+    levels = run(seed=seed, duration_s=40.0).truth.rms
     assert 1.5 < levels["lower_z"] < 4.0
     assert 0.6 < levels["upper_z"] < 0.9
     assert 2e-3 < levels["travel"] < 4e-3
@@ -66,7 +66,7 @@ def test_the_motion_of_a_linear_gear_scales_with_the_road():
     smooth, rough = (run(linear, road_class=road_class).truth.samples for road_class in ("A", "C"))
     np.testing.assert_allclose(rough, 4.0 * smooth, rtol=1e-6, atol=1e-9)
     # friction holds the strut of the real gear on a smooth road
-    smooth, rough = (run(road_class=road_class).truth.levels["travel"] for road_class in ("A", "C"))
+    smooth, rough = (run(road_class=road_class).truth.rms["travel"] for road_class in ("A", "C"))
     assert rough > 4.3 * smooth
 
 

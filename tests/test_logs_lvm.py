@@ -139,7 +139,7 @@ def test_segments_follow_one_another(lvm, block_bytes, second, clock):
     track = open_log(path).tracks[0]
     lines = path.read_text().splitlines()
     for row, text in ((0, "\t".join(ROWS[0])), (5, "\t".join(later[1]))):
-        assert lines[int(track.place(row).removeprefix("line ")) - 1] == text
+        assert lines[int(track.locate(row).removeprefix("line ")) - 1] == text
 
 
 def test_a_pause_between_segments_is_a_gap_and_not_hidden(lvm):
@@ -273,7 +273,7 @@ def test_a_refused_file_is_closed_while_the_error_is_still_held(lvm, monkeypatch
         opened.append(path.open("rb"))
         return opened[-1]
 
-    monkeypatch.setattr(text_lines, "_opened", remember)
+    monkeypatch.setattr(text_lines, "_open", remember)
     with pytest.raises(InputError) as caught:
         open_log(lvm(text))
     assert opened, caught.value

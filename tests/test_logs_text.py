@@ -343,7 +343,7 @@ def test_opening_reads_the_head_and_reading_stops_where_it_may(wrote):
     path = wrote("time [s],a [g]\n# remark\n" + "\n".join(rows) + "\n")
     track = open_log(path).tracks[0]
     assert track.n_samples is None
-    assert track.place(3) == "line 6"
+    assert track.locate(3) == "line 6"
     few = np.concatenate([block.samples for block in track.blocks(start=1000, stop=1010)])
     np.testing.assert_array_equal(few[:, 0], np.arange(1000, 1010) % 7)
     with pytest.raises(InputError, match="line 250003, column 'a': 'off' is not a number"):

@@ -29,7 +29,7 @@ from opid.report.suspensions.again import command_of, python_of
 from opid.report.suspensions.figures import figures_of
 from opid.report.writing import document_of
 from opid.signals import files
-from opid.signals.directory import made_directory, require_directory, write_together
+from opid.signals.files import make_directory, require_directory, write_together
 from opid.signals.health.inspection import inspect
 from opid.signals.logs import read_log
 from opid.studies.study_file import read_study
@@ -571,7 +571,7 @@ def test_a_second_report_replaces_the_first_and_nothing_else(identified, tmp_pat
 @pytest.mark.parametrize("inside", ["", "deeper/still"])
 def test_a_file_in_the_way_is_named(tmp_path, inside):
     (tmp_path / "taken").write_text("")
-    for make in (require_directory, made_directory):
+    for make in (require_directory, make_directory):
         with pytest.raises(InputError, match="taken is no directory: choose another place"):
             make(tmp_path / "taken" / inside)
 

@@ -231,7 +231,7 @@ def test_the_json_has_every_figure_and_no_arrays(faulty):
     assert document["schema"] == "opid.health/1"
     (log,) = document["logs"]
     assert {"log", "fs", "duration_s", "n_samples", "channels", "looks_unsprung", "findings"} <= set(log)
-    assert set(log) == {"log", *Health.__dataclass_fields__} - {"levels", "files"}
+    assert set(log) == {"log", *Health.__dataclass_fields__} - {"rms_history", "files"}
     assert "overview" not in log["channels"][0]
     assert log["clocks"][0]["gaps"][0] == {"kind": "gap", "start_s": 33.0, "stop_s": 36.5}
     assert log["channels"][2]["lines"][0]["name"] == "mains, 50 Hz"

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from opid.errors import InputError
 from opid.mechanics.hysteresis import Sliders, force_of, iwan
 from opid.mechanics.laws.law import LINEAR, default_law, law
-from opid.mechanics.response import advance, assembled, state_at, time_response
+from opid.mechanics.response import advance, assemble, state_at, time_response
 from opid.mechanics.structure import Joint, Structure, frequency_response, linear_matrices, natural_frequencies
 from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
@@ -349,7 +349,7 @@ def test_block_by_block_is_at_once():
     whole = time_response(
         structure, forces, fs=3e3, duration_s=301 / 3e3, loads=loads, steps_per_sample=3, initial_displacement=[1e-4, 0]
     )
-    ready = assembled(structure, loads)
+    ready = assemble(structure, loads)
     state, begin = state_at(ready, [1e-4, 0.0]), 0
     for n in (1, 60, 7, 232):
         block = forces[6 * begin : 6 * (begin + n) + 1]
@@ -397,12 +397,12 @@ UNSTABLE = oscillator(damping_n_s_per_m=-4e3)
          "steps_per_sample is 0"),
         (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=1.0, steps_per_sample=1.5),
          "steps_per_sample is 1.5"),
-        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE)), np.zeros((7, 1)), fs=1.0,
+        (lambda: advance(assemble(UNSTABLE), state_at(assemble(UNSTABLE)), np.zeros((7, 1)), fs=1.0,
                          steps_per_sample=2), r"the forces have shape \(7, 1\)"),
-        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE)), np.zeros(7), fs=1.0), "forces have shape"),
-        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE)), np.full((3, 1), np.inf), fs=1.0),
+        (lambda: advance(assemble(UNSTABLE), state_at(assemble(UNSTABLE)), np.zeros(7), fs=1.0), "forces have shape"),
+        (lambda: advance(assemble(UNSTABLE), state_at(assemble(UNSTABLE)), np.full((3, 1), np.inf), fs=1.0),
          "not finite"),
-        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE), [1e300]), np.zeros((9, 1)), fs=1e-9,
+        (lambda: advance(assemble(UNSTABLE), state_at(assemble(UNSTABLE), [1e300]), np.zeros((9, 1)), fs=1e-9,
                          steps_per_sample=2), "take steps_per_sample above 2"),
     ],
 )  # fmt: skip

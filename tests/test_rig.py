@@ -195,7 +195,7 @@ RNG = np.random.default_rng(0)
         (lambda: Rig(rig().structure, [1.0], SHAPES, ("a",)), r"drive_point of the rig has shape \(1,\)"),
         (lambda: open_rig(rig(), 0.0), "fs is 0.0 Hz"),
         (lambda: open_rig(rig(), FS, steps_per_sample=0), "steps_per_sample is 0"),
-        (lambda: open_rig(rig(), FS, initial_velocity=[1.0]), "initial_velocity has shape"),
+        (lambda: open_rig(rig(), FS, initial_velocity=[1.0]), r"initial_velocity is \[1.0\]: give 3 finite"),
         (lambda: rig_run(rig(), np.zeros((9, 2)), fs=FS, rng=RNG), r"the voltage has shape \(9, 2\)"),
         (lambda: rig_run(rig(), np.full(99, np.nan), fs=FS, rng=RNG), "not finite"),
         (lambda: rig_run(rig(), np.zeros(99), fs=FS, rng=RNG, noise_share=-1.0), "noise_share is -1.0"),

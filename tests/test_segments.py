@@ -8,9 +8,8 @@ from hypothesis import given, settings, strategies as st
 from made_logs import log_of, noise, track_of
 
 from opid.errors import InputError
-from opid.signals import segments
 from opid.signals.health.inspection import inspect
-from opid.signals.segments import LEAST_S, MOST_S, LeftOut, Segment, sound_segments, taxi_segment
+from opid.signals.segments import SEGMENTS, LeftOut, Segment, sound_segments, taxi_segment
 
 FS = 64.0  # a bin is a second
 NAMES = ("c0", "c1")
@@ -137,14 +136,14 @@ def test_a_log_that_is_clipped_all_along_is_taken_where_it_can_be_read():
 def test_a_log_with_no_stretch_that_can_be_read_is_taken_whole_and_told():
     segment = taxi_segment(health_of(np.ones(60), fault=nan_at(*np.arange(3, 60, 5))), NAMES)
     assert (segment.start_s, segment.stop_s) == (None, None)
-    assert f"no stretch of {LEAST_S:g} s is sound" in segment.reason
+    assert f"no stretch of {SEGMENTS.least_s:g} s is sound" in segment.reason
 
 
 def test_of_a_long_motion_the_steadiest_part_is_taken():
     rng = np.random.default_rng(0)
     level = np.concatenate([np.exp(0.5 * rng.standard_normal(400)), np.ones(400), np.exp(rng.standard_normal(200))])
     segment = taxi_segment(health_of(level), NAMES)
-    assert segment.stop_s - segment.start_s == MOST_S
+    assert segment.stop_s - segment.start_s == SEGMENTS.most_s
     assert segment.start_s >= 395
     assert segment.stop_s <= 805
     assert "the 300 s with the steadiest motion" in segment.reason
@@ -167,7 +166,7 @@ def test_what_is_chosen_holds_no_fault_and_the_rest_is_accounted_for(parts):
     segment = taxi_segment(health, NAMES)
     first = 0 if segment.start_s is None else int(segment.start_s)
     stop = n if segment.stop_s is None else int(segment.stop_s)
-    assert stop - first <= MOST_S
+    assert stop - first <= SEGMENTS.most_s
     if "no stretch" not in segment.reason:
         assert not (kinds[first:stop] == "nan").any()
         rest = sum(part.stop_s - part.start_s for part in segment.left_out)
@@ -212,6 +211,8 @@ def test_channels_of_two_clocks_are_sound_where_both_are():
 
 def test_health_of_before_completeness_was_known_can_be_used():
     health = health_of(np.ones(60), fault=nan_at(20.5))
-    old = dataclasses.replace(health, levels=tuple(dataclasses.replace(each, complete=None) for each in health.levels))
+    old = dataclasses.replace(
+        health, rms_history=tuple(dataclasses.replace(each, complete=None) for each in health.rms_history)
+    )
     assert taxi_segment(old, NAMES) == taxi_segment(health, NAMES)
-    assert segments.STILL_S < LEAST_S
+    assert SEGMENTS.least_s > SEGMENTS.still_s

@@ -9,6 +9,9 @@ import pytest
 from law_runs import study_of
 
 from opid.errors import InputError
+from opid.signals.health.settings import HealthSettings
+from opid.signals.health.spikes import SpikeSettings
+from opid.signals.segments import SegmentSettings
 from opid.suspensions import settings
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.flights.settings import FlightSettings
@@ -37,7 +40,8 @@ def is_settings(record):
 
 RECORDS = [each for each in records_of_the_wing() if each.__module__.startswith("opid.suspensions.")]
 TUNED = [record for record in dict.fromkeys(RECORDS) if record is not Settings]
-FIELDS = [(record, field.name) for record in TUNED for field in fields(record)]
+OF_SIGNALS = (HealthSettings, SegmentSettings, SpikeSettings)
+FIELDS = [(record, field.name) for record in (*TUNED, *OF_SIGNALS) for field in fields(record)]
 
 
 @pytest.mark.parametrize(("record", "name"), FIELDS, ids=lambda each: each if isinstance(each, str) else each.__name__)

@@ -7,7 +7,7 @@ from scipy import signal
 
 from opid.mechanics.laws.law import law
 from opid.signals.health.inspection import inspect
-from opid.signals.health.spikes import SPIKES, without_spikes
+from opid.signals.health.spikes import SPIKES, remove_spikes
 from opid.signals.recording import recording_from_arrays
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
@@ -49,7 +49,7 @@ def random_indices(rng, n, every=400):
 def test_clean_dry_friction_loses_no_sample(seed):
     recording = stick_slip(seed)
     for samples in recording.samples.T:
-        mended, indices = without_spikes(samples, fs=recording.fs)
+        mended, indices = remove_spikes(samples, fs=recording.fs)
         assert indices.size == 0
         np.testing.assert_array_equal(mended, samples)
     assert [channel.spikes for channel in inspect(recording).channels] == [0, 0]
@@ -63,7 +63,7 @@ def test_spikes_among_dry_friction_are_mended(seed, height):
         planted = random_indices(rng, samples.size)
         spiky = samples.copy()
         spiky[planted] += height * samples.std() * rng.choice([-1.0, 1.0], planted.size)
-        mended, indices = without_spikes(spiky, fs=recording.fs)
+        mended, indices = remove_spikes(spiky, fs=recording.fs)
         assert set(indices) <= set(planted)
         # one at a reversal of the friction may be missed
         assert indices.size >= planted.size - 1
@@ -80,7 +80,7 @@ def test_a_spike_that_just_stands_out_is_mended(seed, noise):
     spiky = samples.copy()
     # noise takes away four standard deviations of the departure at the most, and the limit has an error of its own
     spiky[planted] += (SPIKES.least_sigma + 5) * departure.std() * rng.choice([-1.0, 1.0], planted.size)
-    assert without_spikes(spiky, fs=512.0)[1].tolist() == planted.tolist()
+    assert remove_spikes(spiky, fs=512.0)[1].tolist() == planted.tolist()
 
 
 @pytest.mark.parametrize("order", [None, 2, 4])
@@ -92,7 +92,7 @@ def test_a_jump_is_no_spike_behind_any_usual_filter(seed, factor, order):
     filtered = jumps if order is None else signal.sosfilt(signal.butter(order, 0.8 / factor, output="sos"), jumps)
     samples = filtered[::factor] + 0.001 * rng.standard_normal(80_000 // factor)
     # two jumps within two samples of a recorder without a filter are a spike to anybody
-    assert without_spikes(samples, fs=512.0)[1].size <= (order is None) * 2
+    assert remove_spikes(samples, fs=512.0)[1].size <= (order is None) * 2
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -102,7 +102,7 @@ def test_spikes_beside_the_border_of_chunks_are_counted_once(seed):
     borders = np.array([2**18, 2**19, 2**20])
     planted = np.concatenate([border + 13 * np.arange(-5, 5) + seed for border in borders])
     samples[planted] += 50.0
-    assert without_spikes(samples, fs=512.0)[1].tolist() == planted.tolist()
+    assert remove_spikes(samples, fs=512.0)[1].tolist() == planted.tolist()
     (channel,) = inspect(recording_from_arrays([samples], ["a"], fs=512.0)).channels
     assert channel.spikes == planted.size
 
@@ -125,6 +125,6 @@ def test_values_that_a_bus_lost_on_a_real_axle_are_found(name, column, row):
     # single readings of 0 or -1028 (two equal bytes) amid others
     samples = np.loadtxt(DATA / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",", usecols=column)
     assert samples[row] in (0.0, -1028.0)
-    indices = without_spikes(samples, fs=117.0)[1]
+    indices = remove_spikes(samples, fs=117.0)[1]
     assert row in indices
     assert indices.size <= 4

@@ -139,7 +139,7 @@ def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool, optio
         InputError: a file stands in the way, the place is not writable, or an older file is there and `overwrite`,
             which `option` asks for, is False.
     """
-    from opid.signals.directory import require_directory
+    from opid.signals.files import require_directory
 
     target = require_directory(path)
     there = [name for name in names if (target / name).exists()]

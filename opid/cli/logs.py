@@ -37,7 +37,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     from opid.provenance import traced
     from opid.report import text
     from opid.report.health import channels_left_out
-    from opid.signals.health.as_json import health_json
+    from opid.signals.health.result import health_json
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
     if studies:
@@ -121,7 +121,7 @@ def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> lis
     """Draw each log, some channels on every picture, and return the names of the files."""
     from opid.report.health import health_figures
     from opid.report.page import pictured
-    from opid.signals.directory import write_together
+    from opid.signals.files import write_together
 
     images: dict[str, bytes] = {}
     for stem, health in zip(_distinct(stems), found, strict=True):

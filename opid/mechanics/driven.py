@@ -21,7 +21,7 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.kernels import law_arrays, predictor
 from opid.mechanics.laws.law import LINEAR, FloatArray, TermSet
 
-# half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
+# half width of the interpolating kernel in samples; under a Kaiser window of 8.6 a longer one gains nothing
 _HALF_WIDTH = 32
 
 
@@ -166,8 +166,8 @@ def half_steps(samples: ArrayLike) -> FloatArray:
     from scipy import ndimage
 
     values = np.asarray(samples, dtype=np.float64)
-    place = np.arange(-_HALF_WIDTH, _HALF_WIDTH) + 0.5
-    kernel = np.sinc(place) * np.kaiser(place.size, 8.6)
+    offset = np.arange(-_HALF_WIDTH, _HALF_WIDTH) + 0.5
+    kernel = np.sinc(offset) * np.kaiser(offset.size, 8.6)
     doubled = np.empty((2 * values.shape[0] - 1, *values.shape[1:]))
     doubled[::2] = values
     # with an even length entry i lies between samples i and i + 1
@@ -177,10 +177,6 @@ def half_steps(samples: ArrayLike) -> FloatArray:
 
 def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.ndarray, ...]:
     """Return interfaces as the compiled functions take them.
-
-    Args:
-        interfaces: the suspensions.
-        ground: whether the place below the suspension is followed.
 
     Returns:
         Stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law,
@@ -193,7 +189,7 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
     if not ground and linear[:, 2].any():
         raise InputError("an interface has a ground stiffness, but ground is False: set it to 0, or leave ground out")
     if ground:
-        # a kind may divide zero by zero at rest before it puts the right value in place
+        # a kind may divide zero by zero at rest before it replaces the result
         with np.errstate(all="ignore"):
             linear[:, 3] = [i.stiffness + float(i.law.gradient(0.0, 0.0)[0]) for i in interfaces]
     firsts, codes, *others = law_arrays(*(interface.law for interface in interfaces))

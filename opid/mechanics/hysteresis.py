@@ -53,7 +53,7 @@ class Sliders:
 
     @property
     def tangent_n_per_m(self) -> float:
-        """Stiffness with every slider stuck, N/m: that of low level."""
+        """Stiffness with every slider stuck, N/m: that of small amplitudes."""
         return float(self.stiffness_n_per_m.sum())
 
     @property
@@ -100,7 +100,7 @@ def iwan(
     chi: float = -0.5,
     beta: float = 1.0,
     n: int = 40,
-    smallest_share: float = 1e-3,
+    smallest_fraction: float = 1e-3,
 ) -> Sliders:
     """Return the four-parameter Iwan model of a bolted joint (Segalman, J. Appl. Mech. 72, 2005, pp. 752-760).
 
@@ -122,9 +122,9 @@ def iwan(
         stiffness_n_per_m: K_T, with everything stuck, N/m.
         slip_force_n: F_S, at which the whole joint slips, N.
         chi: exponent of the density, above -1 and at most 0; the energy of a cycle grows with the power 3 + chi.
-        beta: jump of the slope of F(u) at phi_max, as a share of what the power law carries; 0 or more.
+        beta: jump of the slope of F(u) at phi_max, as a fraction of what the power law carries; 0 or more.
         n: number of elements, the last one the delta.
-        smallest_share: of phi_max: slip displacements below it share one element.
+        smallest_fraction: of phi_max: slip displacements below it share one element.
 
     Raises:
         InputError: a value out of range.
@@ -140,11 +140,13 @@ def iwan(
     if not (-1.0 < chi <= 0.0 and 0.0 <= beta < np.inf):
         raise InputError(f"chi is {chi}, beta {beta}: give chi above -1 and at most 0, and beta of 0 or more")
     n_ranges = n - (beta > 0.0)
-    if n_ranges < 2 or not 0.0 < smallest_share < 1.0:
-        raise InputError(f"n is {n}, smallest_share {smallest_share}: give 3 elements or more, and a share below 1")
+    if n_ranges < 2 or not 0.0 < smallest_fraction < 1.0:
+        raise InputError(
+            f"n is {n}, smallest_fraction {smallest_fraction}: give 3 elements or more, and a fraction below 1"
+        )
     carried = stiffness_n_per_m / (1.0 + beta)
     phi_max = slip_force_n * (1.0 + beta) / (stiffness_n_per_m * (beta + (chi + 1.0) / (chi + 2.0)))
-    edges = np.concatenate([[0.0], np.geomspace(smallest_share, 1.0, n_ranges)])
+    edges = np.concatenate([[0.0], np.geomspace(smallest_fraction, 1.0, n_ranges)])
     stiffness = carried * np.diff(edges ** (chi + 1.0))
     slip = carried * phi_max * (chi + 1.0) / (chi + 2.0) * np.diff(edges ** (chi + 2.0))
     if beta > 0.0:

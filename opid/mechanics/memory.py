@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidates
 
-# evaluations that a recorded motion keeps: those of a fit of three or four inner parameters
+# number of evaluations that a recorded motion keeps: a fit of three or four inner parameters needs so many
 _N_KEPT = 8
 
 
@@ -28,27 +28,15 @@ class Motion:
     v: FloatArray
 
     def force(self, law: Law) -> FloatArray:
-        """Return the force of a law, N, (n,).
-
-        Args:
-            law: any law.
-        """
+        """Return the force of a law, N, (n,)."""
         return self.parameter_gradient(law)[:, _amplitudes(law)] @ law.vector[_amplitudes(law)]
 
     def parameter_gradient(self, law: Law) -> FloatArray:
-        """Return the derivatives of the force by each entry of `law.vector`, (n, n_parameters).
-
-        Args:
-            law: any law.
-        """
+        """Return the derivatives of the force by each entry of `law.vector`, (n, n_parameters)."""
         return law.parameter_gradient(self.z, self.v)
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return the forces by which memories that are not zero at first depart, (n, n_memories), in any unit.
-
-        Args:
-            law: any law.
-        """
+        """Return the forces by which memories that are not zero at first depart, (n, n_memories), in any unit."""
         return np.empty((self.z.size, 0))
 
 
@@ -70,11 +58,8 @@ class RecordedPath:
     _followed: dict[Term, FloatArray] = field(init=False, repr=False, default_factory=dict)
     _starts: dict[Term, FloatArray] = field(init=False, repr=False, default_factory=dict)
 
-    def followed(self, term: Term) -> FloatArray:
+    def follow(self, term: Term) -> FloatArray:
         """Return the derivatives by the values of a term for unit amplitude, and its start column behind them.
-
-        Args:
-            term: with memory.
 
         Returns:
             (n, n_values + 1).
@@ -82,7 +67,7 @@ class RecordedPath:
         unit = Term(term.name, (1.0, *term.inner))
         found = self._followed.pop(unit, None)
         if found is None:
-            found = np.column_stack([_remembered((unit,), self.v, self.fs), self._start_column(unit)])
+            found = np.column_stack([_follow_memory((unit,), self.v, self.fs), self._start_column(unit)])
         _keep(self._followed, unit, found)
         return found
 
@@ -108,7 +93,7 @@ class RecordedMotion(Motion):
     Args:
         z: (m,) travel of the samples, m.
         v: (m,) their velocity, m/s.
-        sample: (m,) their places on the path; between its samples where that is thinned.
+        sample: (m,) their positions on the path; between its samples where that is thinned.
         path: of the whole record.
 
     >>> from opid.mechanics.laws.law import default_law
@@ -122,41 +107,29 @@ class RecordedMotion(Motion):
     path: RecordedPath
 
     def parameter_gradient(self, law: Law) -> FloatArray:
-        """Return the derivatives of the force by each entry of `law.vector`, (m, n_parameters).
-
-        Args:
-            law: any law.
-        """
+        """Return the derivatives of the force by each entry of `law.vector`, (m, n_parameters)."""
         gradient = super().parameter_gradient(law)
         first = 0
         for term in law.terms:
             last = first + len(term.values)
             if term.kind.memory is not None:
-                gradient[:, first:last] = self._followed(term)[:, :-1]
+                gradient[:, first:last] = self._at_samples(term)[:, :-1]
                 gradient[:, first + 1 : last] *= term.amplitude
             first = last
         return gradient
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return the forces by which memories that are not zero at first depart, (m, n_memories), in any unit.
-
-        Args:
-            law: any law.
-        """
-        columns = [self._followed(term)[:, -1] for term in law.terms if term.kind.memory is not None]
+        """Return the forces by which memories that are not zero at first depart, (m, n_memories), in any unit."""
+        columns = [self._at_samples(term)[:, -1] for term in law.terms if term.kind.memory is not None]
         return np.stack(columns, axis=1) if columns else super().start_columns(law)
 
     def part(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> RecordedMotion:
-        """Return some of the samples.
-
-        Args:
-            chosen: which of them.
-        """
+        """Return some of the samples."""
         return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.path)
 
-    def _followed(self, term: Term) -> FloatArray:
+    def _at_samples(self, term: Term) -> FloatArray:
         """What the path says of a term, at the samples."""
-        along = self.path.followed(term)
+        along = self.path.follow(term)
         if not self.path.is_thinned:
             return along[self.sample]
         before = np.minimum(self.sample.astype(np.int64), len(along) - 2)
@@ -238,11 +211,11 @@ def gradient_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> Flo
     gradient = law.parameter_gradient(z, v)
     remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
     if remembers.any():
-        gradient[:, remembers] = _remembered(law.terms, v, fs)[:, remembers]
+        gradient[:, remembers] = _follow_memory(law.terms, v, fs)[:, remembers]
     return gradient
 
 
-def _remembered(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
+def _follow_memory(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
     """Return the derivatives by the values of the terms along a motion, (n, n_parameters), of those with memory."""
     # numba takes long to load, and laws without memory do without
     from opid.mechanics.driven import N_HEAD, Interface, joint_arrays
@@ -254,7 +227,7 @@ def _remembered(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
 
 
 def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
-    """Return half the force after a way forward less that after one back, (n,), for unit amplitude.
+    """Return half the force after a motion forward less that after one back, (n,), for unit amplitude.
 
     It fades: no more of the record is followed than shows it.
     """
@@ -271,7 +244,7 @@ def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
     while True:
         part = v[:n]
         forward, back = (
-            _remembered((term,), np.concatenate([np.full(n_before, sign * speed), part]), fs)[n_before:, 0]
+            _follow_memory((term,), np.concatenate([np.full(n_before, sign * speed), part]), fs)[n_before:, 0]
             for sign in (1.0, -1.0)
         )
         column[:n] = 0.5 * (forward - back)

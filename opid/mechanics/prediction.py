@@ -2,9 +2,9 @@
 
 The measured acceleration below each suspension drives the body (`opid.mechanics.driven`), and it is noisy: simulated
 freely, the model carries that noise along, more so where a law is stiff, a ground spring takes part or an AC coupling
-was undone. Here every reading on the body corrects the simulated motion by as much as the noise levels make right (a
-Kalman filter about the nonlinear trajectory). What is left, the innovation, is white for the true model whatever the
-law: least squares over it is maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4).
+was undone. Here every reading on the body corrects the simulated motion, by as much as the noise of the sensors allows
+(a Kalman filter about the nonlinear trajectory). What is left, the innovation, is white for the true model whatever
+the law: least squares over it is maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4).
 
 No acceleration is integrated without a restoring force, and with exact sensors nothing is corrected at all.
 """
@@ -48,11 +48,7 @@ class Noise:
     unmeasured_corner_hz: float | Sequence[float] = 10.0
 
     def table(self, n: int) -> FloatArray:
-        """(7, n) the rows as the predictor takes them: the last is a rate, 1/s.
-
-        Args:
-            n: number of interfaces.
-        """
+        """(7, n) the rows as the predictor takes them: the last is a rate, 1/s."""
         rate = 2 * np.pi * np.asarray(self.unmeasured_corner_hz, dtype=np.float64)
         rows = (
             self.drive,

@@ -40,48 +40,38 @@ class Departure:
         """In the order of `PARTS`."""
         return self.spring, self.damper, self.friction
 
-    def of(self, slot: Interface) -> Interface:
-        """Return the suspension as it is in that run, without what that does to the place where it rests.
-
-        Args:
-            slot: as it is on average.
-        """
+    def of(self, interface: Interface) -> Interface:
+        """Return the suspension as it is in that run, without what that does to the position where it rests."""
         factor = [1.0 + each for each in self.values]
-        terms = tuple(_scaled(term, factor[_part(term)]) for term in slot.law.terms)
-        law = replace(slot.law, terms=terms) if terms else slot.law
-        return replace(slot, stiffness=factor[0] * slot.stiffness, damping=factor[1] * slot.damping, law=law)
+        terms = tuple(_scale(term, factor[_part(term)]) for term in interface.law.terms)
+        law = replace(interface.law, terms=terms) if terms else interface.law
+        return replace(
+            interface, stiffness=factor[0] * interface.stiffness, damping=factor[1] * interface.damping, law=law
+        )
 
 
-def part_rows(slot: Interface) -> list[list[tuple[int, float]]]:
-    """Return what each of `PARTS` multiplies: places among what an interface has, as it orders them, and values.
-
-    Args:
-        slot: as it is on average.
-    """
-    rows: list[list[tuple[int, float]]] = [[(0, slot.stiffness)], [(1, slot.damping)], []]
-    place = N_HEAD
-    for term in slot.law.terms:
-        rows[_part(term)].append((place, term.amplitude))
-        place += len(term.values)
+def part_rows(interface: Interface) -> list[list[tuple[int, float]]]:
+    """Return what each of `PARTS` multiplies: indices among what an interface has, as it orders them, and values."""
+    rows: list[list[tuple[int, float]]] = [[(0, interface.stiffness)], [(1, interface.damping)], []]
+    index = N_HEAD
+    for term in interface.law.terms:
+        rows[_part(term)].append((index, term.amplitude))
+        index += len(term.values)
     return rows
 
 
-def _scaled(term: Term, factor: float) -> Term:
+def _scale(term: Term, factor: float) -> Term:
     return replace(term, values=(factor * term.amplitude, *term.inner))
 
 
 def _part(term: Term) -> int:
-    """Place of the part that a term belongs to."""
+    """Index of the part that a term belongs to."""
     return PARTS.index(part_of(term.kind))
 
 
 @lru_cache
 def part_of(kind: Kind) -> str:
-    """Return which of `PARTS` a kind of law belongs to.
-
-    Args:
-        kind: of law.
-    """
+    """Return which of `PARTS` a kind of law belongs to."""
     if kind.is_friction:
         return "friction"
     law = Law((Term(kind.name, tuple(parameter.default for parameter in kind.parameters)),))

@@ -65,8 +65,8 @@ class Assembled:
         n_sliders: number of sliders of all joints.
         n_memories: number of terms with memory in the laws of all joints.
         matrices: stiffness and damping without the joints, first and last nonzero of each row, and M^-1 loads.
-        joints: directions, places, linear stiffness and damping, loads, laws, and stiffness and reach of the
-            sliders, of the joints.
+        joints: of the joints the directions, ranges of their entries, linear stiffness and damping, loads and laws, and
+            stiffness and reach of the sliders.
         kernel: the compiled time step.
     """
 
@@ -123,15 +123,15 @@ def time_response(
     n_samples = round(fs * duration_s)
     if n_samples < 2:
         raise InputError(f"{duration_s} s at {fs} Hz make {n_samples} sample(s): at least two are needed")
-    _check_steps(steps_per_sample)
-    ready = assembled(structure, loads)
+    require_steps(steps_per_sample)
+    ready = assemble(structure, loads)
     n_half_steps = 2 * (n_samples - 1) * steps_per_sample + 1
     forces = _half_step_forces(force, n_half_steps, ready.n_inputs, fs * steps_per_sample)
     start = state_at(ready, initial_displacement, initial_velocity)
     return advance(ready, start, forces, fs=fs, steps_per_sample=steps_per_sample)[0]
 
 
-def assembled(structure: Structure, loads: ArrayLike | None = None) -> Assembled:
+def assemble(structure: Structure, loads: ArrayLike | None = None) -> Assembled:
     """Return a structure as `advance` takes it.
 
     Args:
@@ -162,8 +162,8 @@ def assembled(structure: Structure, loads: ArrayLike | None = None) -> Assembled
     ]
     slider_firsts = np.cumsum([0, *(len(each[0]) for each in sliders)], dtype=np.int64)
     laws = law_arrays(*(joint.law for joint in joints))
-    places = [slider_firsts[:-1], slider_firsts[1:], laws.firsts[:-1], laws.firsts[1:]]
-    spans = np.column_stack([_spans(directions != 0), _spans(loads_of_joints != 0), *places])
+    ranges = [slider_firsts[:-1], slider_firsts[1:], laws.firsts[:-1], laws.firsts[1:]]
+    spans = np.column_stack([_spans(directions != 0), _spans(loads_of_joints != 0), *ranges])
     table = np.hstack([np.empty((2, 0)), *sliders])
     return Assembled(
         n_dof=n_dof,
@@ -195,8 +195,8 @@ def state_at(ready: Assembled, displacement: ArrayLike | None = None, velocity: 
         InputError: a wrong number of values, or values that are not finite.
     """
     return State(
-        _state("initial_displacement", displacement, ready.n_dof),
-        _state("initial_velocity", velocity, ready.n_dof),
+        initial_values("initial_displacement", displacement, ready.n_dof),
+        initial_values("initial_velocity", velocity, ready.n_dof),
         np.zeros(ready.n_sliders),
         np.zeros(ready.n_memories),
     )
@@ -210,7 +210,7 @@ def advance(
     The time of the response counts from the state given. Its last sample is the first of the next call.
 
     Args:
-        ready: the structure, see `assembled`.
+        ready: the structure, see `assemble`.
         state: where it stands.
         forces: (2 n steps_per_sample + 1, n_inputs) N at half steps, t = k / (2 fs steps_per_sample); n + 1 samples
             are returned.
@@ -221,7 +221,7 @@ def advance(
         InputError: forces of another shape or not finite, a response that grows without bound, or a law with memory
             that turns over within a step.
 
-    >>> swing = assembled(Structure([[1.0]], [[0.0]], [[(2.0 * np.pi) ** 2]]))
+    >>> swing = assemble(Structure([[1.0]], [[0.0]], [[(2.0 * np.pi) ** 2]]))
     >>> state = state_at(swing, [1.0])
     >>> for _ in range(2):
     ...     motion, state = advance(swing, state, np.zeros((501, 1)), fs=1000.0)
@@ -262,7 +262,7 @@ def advance(
 
 
 def _spans(nonzero: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """First place and the one after the last that is true in each row, (n, 2); both 0 where none is."""
+    """First index and the one after the last that is true in each row, (n, 2); both 0 where none is."""
     n_columns = nonzero.shape[1]
     some = nonzero.any(axis=1)
     first, last = nonzero.argmax(axis=1), n_columns - nonzero[:, ::-1].argmax(axis=1)
@@ -282,14 +282,16 @@ def _half_step_forces(
     return forces
 
 
-def _state(name: str, given: ArrayLike | None, n_dof: int) -> FloatArray:
+def initial_values(name: str, given: ArrayLike | None, n_dof: int) -> FloatArray:
+    """Return displacements or velocities at the start, (n_dof,); zero where none are given."""
     state = np.zeros(n_dof) if given is None else np.array(given, dtype=np.float64)
     if state.shape != (n_dof,) or not np.isfinite(state).all():
         raise InputError(f"{name} is {given!r}: give {n_dof} finite number(s), one a degree of freedom")
     return state
 
 
-def _check_steps(steps_per_sample: int) -> None:
+def require_steps(steps_per_sample: int) -> None:
+    """Refuse a number of steps that is not whole and positive."""
     if steps_per_sample != int(steps_per_sample) or steps_per_sample < 1:
         raise InputError(f"steps_per_sample is {steps_per_sample}: give a whole number, 1 or more")
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import FloatArray
-from opid.mechanics.response import Assembled, State, advance, assembled, state_at
+from opid.mechanics.response import Assembled, State, advance, assemble, initial_values, require_steps, state_at
 from opid.mechanics.shaker import Shaker, armature_force, on_shaker
 from opid.mechanics.structure import Structure, natural_frequencies
 from opid.signals.recording import Channel, Recording, recording_from_arrays
@@ -137,7 +137,7 @@ def open_rig(
     if not 0.0 < fs < np.inf:
         raise InputError(f"fs is {fs} Hz: give a positive rate")
     structure, sensors, stinger, load = rig.structure, rig.sensors, None, rig.drive_point
-    start = [_initial(name, given, structure.n_dof) for name, given in
+    start = [initial_values(name, given, structure.n_dof) for name, given in
              (("initial_displacement", initial_displacement), ("initial_velocity", initial_velocity))]  # fmt: skip
     if rig.shaker is not None:
         structure = on_shaker(structure, rig.shaker, rig.drive_point)
@@ -146,10 +146,9 @@ def open_rig(
         stinger = (joint.direction, joint.stiffness_n_per_m, joint.damping_n_s_per_m)
         load = np.eye(structure.n_dof)[-1]
         start = [np.append(each, rig.drive_point @ each) for each in start]
-    ready = assembled(structure, load[:, np.newaxis])
+    ready = assemble(structure, load[:, np.newaxis])
     steps = _steps(structure, fs) if steps_per_sample is None else steps_per_sample
-    if steps != int(steps) or steps < 1:
-        raise InputError(f"steps_per_sample is {steps}: give a whole number, 1 or more")
+    require_steps(steps)
     return OpenRig(ready, sensors, stinger, rig.shaker, float(fs), int(steps), state_at(ready, *start))
 
 
@@ -237,7 +236,7 @@ def rig_run(
     # the spline may be off by rounding where the voltage is given
     between = between.copy()
     between[::finer] = volts
-    return _recorded(rig, ready, between, noise_share, rng, FORCE)
+    return _record(rig, ready, between, noise_share, rng, FORCE)
 
 
 def impact(
@@ -274,9 +273,9 @@ def impact(
             "four samples or more inside the record"
         )
     ready = open_rig(_without_shaker(rig), fs, steps_per_sample=steps_per_sample)
-    share = (_half_steps_s(ready, duration_s) - at_s) / pulse_s
-    force = np.where((share > 0.0) & (share < 1.0), peak_n * np.sin(np.pi * share), 0.0)
-    return _recorded(rig, ready, force, noise_share, rng, FORCE)
+    phase = (_half_steps_s(ready, duration_s) - at_s) / pulse_s
+    force = np.where((phase > 0.0) & (phase < 1.0), peak_n * np.sin(np.pi * phase), 0.0)
+    return _record(rig, ready, force, noise_share, rng, FORCE)
 
 
 def free_decay(
@@ -309,10 +308,10 @@ def free_decay(
         _without_shaker(rig), fs, steps_per_sample=steps_per_sample,
         initial_displacement=initial_displacement, initial_velocity=initial_velocity,
     )  # fmt: skip
-    return _recorded(rig, ready, np.zeros(_half_steps_s(ready, duration_s).size), noise_share, rng)
+    return _record(rig, ready, np.zeros(_half_steps_s(ready, duration_s).size), noise_share, rng)
 
 
-def _recorded(
+def _record(
     rig: Rig, ready: OpenRig, voltage: FloatArray, noise_share: float, rng: np.random.Generator, *forces: str
 ) -> RigRun:
     if not 0.0 <= noise_share < np.inf:
@@ -347,10 +346,3 @@ def _half_steps_s(ready: OpenRig, duration_s: float) -> FloatArray:
 def _steps(structure: Structure, fs: float) -> int:
     highest = 2.0 * np.pi * float(natural_frequencies(structure).frequency_hz[-1])
     return max(1, int(np.ceil(highest / (LARGEST_ANGLE * fs))))
-
-
-def _initial(name: str, given: ArrayLike | None, n_dof: int) -> FloatArray:
-    values = np.zeros(n_dof) if given is None else np.asarray(given, dtype=np.float64)
-    if values.shape != (n_dof,):
-        raise InputError(f"{name} has shape {values.shape}: give {n_dof} number(s), one a degree of freedom")
-    return values

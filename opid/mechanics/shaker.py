@@ -25,7 +25,7 @@ class Shaker:
         F = (Bl/R) (V + 2 h V^2 / V_full),
 
     so that a sine of amplitude V_full has a second harmonic of h times its fundamental, and one of half the amplitude
-    half that share: distortion grows with level, whatever hangs on the shaker.
+    half that fraction: distortion grows with the amplitude, whatever hangs on the shaker.
 
     Args:
         armature_kg: moving mass, kg.
@@ -35,7 +35,7 @@ class Shaker:
         force_per_volt_n: Bl / R, N/V.
         stinger_n_per_m: axial stiffness of the stinger with the force cell, N/m.
         stinger_n_s_per_m: its damping, N s/m.
-        second_harmonic: h, share of the second harmonic at the full voltage; 0 for none.
+        second_harmonic: h, fraction of the second harmonic at the full voltage; 0 for none.
         full_voltage_v: V_full, amplitude of the voltage at full force, V.
 
     Raises:
@@ -63,10 +63,6 @@ class Shaker:
 
 def armature_force(shaker: Shaker, voltage: ArrayLike) -> FloatArray:
     """Return the force on an armature that is held, N, of the shape of the voltage.
-
-    Args:
-        shaker: the shaker.
-        voltage: V.
 
     >>> armature_force(Shaker(second_harmonic=0.05, full_voltage_v=10.0), [-10.0, 10.0])
     array([-144.,  176.])
@@ -103,15 +99,15 @@ def on_shaker(structure: Structure, shaker: Shaker, direction: ArrayLike) -> Str
         raise InputError("the structure has an armature or a stinger already: one shaker can drive it")
     stinger = Joint(STINGER, np.append(-point, 1.0), shaker.stinger_n_per_m, shaker.stinger_n_s_per_m)
     return Structure(
-        _bordered(structure.mass, shaker.armature_kg),
-        _bordered(structure.damping, shaker.suspension_n_s_per_m + shaker.back_emf_n_s_per_m),
-        _bordered(structure.stiffness, shaker.suspension_n_per_m),
+        _border(structure.mass, shaker.armature_kg),
+        _border(structure.damping, shaker.suspension_n_s_per_m + shaker.back_emf_n_s_per_m),
+        _border(structure.stiffness, shaker.suspension_n_per_m),
         (*(replace(joint, direction=np.append(joint.direction, 0.0)) for joint in structure.joints), stinger),
         names=(*structure.names, ARMATURE),
     )
 
 
-def _bordered(matrix: FloatArray, corner: float) -> FloatArray:
+def _border(matrix: FloatArray, corner: float) -> FloatArray:
     bordered = np.zeros((matrix.shape[0] + 1, matrix.shape[0] + 1))
     bordered[:-1, :-1] = matrix
     bordered[-1, -1] = corner

@@ -96,7 +96,7 @@ class Structure:
         return self.mass.shape[0]
 
     def index(self, name: str) -> int:
-        """Place of the degree of freedom called `name`; InputError names the nearest one."""
+        """Index of the degree of freedom called `name`; InputError names the nearest one."""
         if name not in self.names:
             raise InputError(f"there is no degree of freedom {name!r}: {nearest(name, self.names)}")
         return self.names.index(name)
@@ -118,12 +118,9 @@ class Modes:
 
 
 def linear_matrices(structure: Structure) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return M, C, K with the linear part of the joints, the nonlinear laws left out, each (n_dof, n_dof).
+    """Return M, C, K of a structure with the linear part of its joints, the laws left out, each (n_dof, n_dof).
 
-    Sliders count as springs: they are stuck at low level.
-
-    Args:
-        structure: the structure.
+    Sliders count as springs: they are stuck at small amplitudes.
     """
     damping, stiffness = structure.damping.copy(), structure.stiffness.copy()
     for joint in structure.joints:

@@ -28,10 +28,10 @@ ATMOSPHERE_PA = 101325.0
 """Standard atmosphere, ISO 2533."""
 
 
-# no suspension gives way so far
+# no suspension travels so far
 FARTHEST_REST_M = 10.0
 _MOST_STEPS, _MOST_HALVINGS = 50, 30
-# a kind may divide zero by zero at rest before it puts the right value in place
+# a kind may divide zero by zero at rest before it replaces the result
 _QUIETLY = np.errstate(all="ignore")
 
 
@@ -40,9 +40,9 @@ class Rest:
     """Where the suspensions of a run rest.
 
     Args:
-        travel: (n_slots,) from where they rest in the reference run, m.
-        compliance: (n_slots, n_slots) what a force on each slot moves, m/N.
-        by_load: (n_slots,) what the load moves, times one over the reference mass, m kg.
+        travel: (n_interfaces,) from where they rest in the reference run, m.
+        compliance: (n_interfaces, n_interfaces) what a force on each interface moves, m/N.
+        by_load: (n_interfaces,) what the load moves, times one over the reference mass, m kg.
     """
 
     travel: FloatArray
@@ -51,32 +51,34 @@ class Rest:
 
 
 @_QUIETLY
-def find_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, held: FloatArray | float = 0.0) -> Rest:
+def find_rest(
+    interfaces: Sequence[Interface], rows: FloatArray, load: FloatArray, held: FloatArray | float = 0.0
+) -> Rest:
     """Return where the suspensions rest under a load.
 
     Args:
-        slots: the suspensions, each law where it rests in the reference run; forces per unit of the reference mass.
-        rows: (n_slots, n_dof) j of each.
+        interfaces: each law where it rests in the reference run; forces per unit of the reference mass.
+        rows: (n_interfaces, n_dof) j of each.
         load: (n_dof,) what the run's loading weighs, likewise.
         held: (n_dof,) what the suspensions carry of the body less than in the reference run, likewise.
 
     Raises:
-        UnboundedResponseError: no place where springs and weight balance.
+        UnboundedResponseError: no position at which springs and weight balance.
     """
-    travel = np.zeros(len(slots))
-    carried, slope = _springs(slots, travel)
+    travel = np.zeros(len(interfaces))
+    carried, slope = _springs(interfaces, travel)
     total = load + held
     missing = total
     for _ in range(_MOST_STEPS):
         compliance = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
         step = compliance @ missing
         size = np.abs(step).max()
-        # a micrometre is far below what any accelerometer tells
+        # a micrometre is far below what any accelerometer resolves
         if size < 1e-9:
             return Rest(travel + step, compliance @ rows.T, compliance @ load)
         # where a spring gives way, Newton's step goes too far: what is missing, as travel, must become less
         for _ in range(_MOST_HALVINGS):
-            force, slope = _springs(slots, travel + step)
+            force, slope = _springs(interfaces, travel + step)
             missing = total - rows.T @ (force - carried)
             if np.abs(compliance @ missing).max() < size:
                 break
@@ -89,44 +91,44 @@ def find_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, he
     )
 
 
-def laws_at_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> list[Law]:
+def laws_at_rest(interfaces: Sequence[Interface], rows: FloatArray, load: FloatArray) -> list[Law]:
     """Return the laws of suspensions that carry a load, each where it rests then.
 
     Args:
-        slots: the suspensions as they rest without it.
-        rows: (n_slots, n_dof) j of each.
+        interfaces: the suspensions as they rest without it.
+        rows: (n_interfaces, n_dof) j of each.
         load: (n_dof,) what it weighs, N and N m.
 
     Raises:
-        UnboundedResponseError: no place where springs and weight balance.
+        UnboundedResponseError: no position at which springs and weight balance.
     """
-    laws = [slot.law for slot in slots if isinstance(slot.law, Law)]
+    laws = [interface.law for interface in interfaces if isinstance(interface.law, Law)]
     if not any(map(depends_on_rest, laws)):
         return laws
-    travel = find_rest(slots, rows, load).travel
+    travel = find_rest(interfaces, rows, load).travel
     return [law.resting_at(law.rest_m + float(z)) for law, z in zip(laws, travel, strict=True)]
 
 
-def by_parameters(slot: Interface, travel: float) -> FloatArray:
+def by_parameters(interface: Interface, travel: float) -> FloatArray:
     """Return the derivatives of a spring's force at rest by what an interface has, as `Interface` orders them.
 
     Args:
-        slot: where it rests in the reference run.
+        interface: where it rests in the reference run.
         travel: where it rests now, from there, m.
     """
-    _, by_place, of_law = slot.law.static_force(travel)
-    of_rest = by_place - slot.law.static_force(0.0)[1]
+    _, by_position, of_law = interface.law.static_force(travel)
+    of_rest = by_position - interface.law.static_force(0.0)[1]
     return np.array([travel, 0.0, travel, float(of_rest), *of_law])
 
 
-def resting(slot: Interface, travel: float) -> Interface:
+def resting(interface: Interface, travel: float) -> Interface:
     """Return a suspension that rests elsewhere.
 
     Args:
-        slot: where it rests in the reference run.
+        interface: where it rests in the reference run.
         travel: where it rests now, from there, m.
     """
-    return replace(slot, law=replace(slot.law, rest_m=slot.law.rest_m + float(travel)))
+    return replace(interface, law=replace(interface.law, rest_m=interface.law.rest_m + float(travel)))
 
 
 @_QUIETLY
@@ -148,15 +150,15 @@ def slopes_at_rest(law: TermSet) -> bool:
     return bool(law.gradient(0.0, 0.0)[0])
 
 
-def _springs(slots: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _springs(interfaces: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Spring forces, each about the origin of its law, and their slopes."""
-    force, slope = np.empty((2, len(slots)))
-    for number, (slot, z) in enumerate(zip(slots, travel, strict=True)):
-        slope[number] = slot.stiffness + slot.ground_stiffness
+    force, slope = np.empty((2, len(interfaces)))
+    for number, (interface, z) in enumerate(zip(interfaces, travel, strict=True)):
+        slope[number] = interface.stiffness + interface.ground_stiffness
         force[number] = slope[number] * z
-        place = np.array(slot.law.rest_m + z)
-        for term in slot.law.terms:
-            shape, by_z, *_ = term.static_force(place)
+        position = np.array(interface.law.rest_m + z)
+        for term in interface.law.terms:
+            shape, by_z, *_ = term.static_force(position)
             force[number] += term.amplitude * shape
             slope[number] += term.amplitude * by_z
     return force, slope

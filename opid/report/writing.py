@@ -17,7 +17,7 @@ from opid.report.as_text import as_text
 from opid.report.document import Document, Figure
 from opid.report.page import as_page, pictured
 from opid.result import Result
-from opid.signals.directory import write_together
+from opid.signals.files import write_together
 
 
 @dataclass(frozen=True)

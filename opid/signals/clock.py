@@ -1,14 +1,21 @@
-"""From time stamps to a uniform rate: what rounding explains is accepted, what it does not is refused."""
+"""From time stamps to a uniform rate: what rounding explains is accepted, what it does not is refused.
+
+Columns of a log that are clocks beside its time (counters, a second time) are found here as well.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
+from opid.signals.column_names import time_name
+from opid.signals.log import Log, LoggedChannel, Track
 from opid.signals.recording import FloatArray
+from opid.signals.units import to_si
 
 JITTER_LIMIT = 0.02
 """Largest accepted error of one step between stamps, as a part of the period, beyond the rounding.
@@ -17,10 +24,10 @@ Two stamps 1 % early and late make a step 2 % wrong. A sample at a tenth of the 
 2 pi 0.1 0.01 = 0.6 % of its amplitude, below the gain error of an ordinary accelerometer."""
 
 COARSE_STAMPS = 0.6
-"""Resolution of the stamps over the period, above which rounding can no longer be told from a lost sample.
+"""Resolution of the stamps over the period, above which rounding can no longer be distinguished from a lost sample.
 
 Rounded to q, the steps of a uniform clock of period p lie between p - q and p + q; a lost sample makes one of
-at least 2 p - q. Three decimals at 512 Hz (q = 0.51 p) are still told apart, at 1024 Hz they are not."""
+at least 2 p - q. Three decimals at 512 Hz (q = 0.51 p) still distinguish them, at 1024 Hz they do not."""
 
 GAP = 1.5
 """A step longer than this many periods is a gap: half-way between a usual step and one lost sample."""
@@ -30,6 +37,11 @@ LONGEST_OF_STEPS = 3.0
 
 LEAST_BINS = 8
 """Bins of rows of which a few may be left out."""
+
+_ROWS_TO_TELL = 1000
+_LEAST_ROWS = 10
+_OFF_THE_LINE = 0.6
+"""Part of a step by which a clock may lie off a straight line: half a step is rounding."""
 
 _RESOLUTIONS = sorted([10.0**-k for k in range(10)] + [2.0**-k for k in range(1, 25)], reverse=True)
 
@@ -51,7 +63,7 @@ class Clock:
         start_s: the first stamp, s.
         fs_as_written: the rate before that rounding, Hz.
         resolution_s: step to which the stamps were rounded, s.
-        stray_s: how far the stamps lie off this clock at the most, s; 0 where that was not asked.
+        stray_s: how far the stamps lie off this clock at the most, s; 0 where that was not computed.
     """
 
     fs: float
@@ -61,7 +73,7 @@ class Clock:
     stray_s: float = 0.0
 
 
-def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
+def uniform_clock(stamps: ArrayLike) -> Clock:
     """Return the uniform clock behind time stamps that were written with few or many digits.
 
     The period p is the slope of the least-squares line through the stamps. Each step between stamps may
@@ -77,18 +89,17 @@ def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
     >>> uniform_clock(np.round(np.arange(20480) / 512, 3)).fs
     512.0
     """
-    written = np.asarray(stamps, dtype=np.float64)
-    time_s = written * seconds_per_unit
+    time_s = np.asarray(stamps, dtype=np.float64)
     steps = np.diff(time_s)
     _require_increasing(time_s, steps)
-    resolution_s = resolution_of(written) * seconds_per_unit
+    resolution_s = resolution_of(time_s)
     float_noise = 4 * float(np.spacing(np.abs(time_s).max()))
 
     count = np.arange(time_s.size) - 0.5 * (time_s.size - 1)
     elapsed = time_s - time_s[0]
     period = float(count @ elapsed / (count @ count))
     worst_step = float(np.abs(steps - period).max())
-    # of few stamps the rounding of the first and the last one tells the period but roughly
+    # the rounding of the first and the last of few stamps leaves the period uncertain
     longest_s = period + resolution_s / (time_s.size - 1)
     rounding = resolution_s if resolution_s < COARSE_STAMPS * longest_s else 0.0
     if worst_step > max(rounding * (1 + 1e-6), JITTER_LIMIT * period) + float_noise:
@@ -128,26 +139,25 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
     """
     time_s = np.asarray(stamps, dtype=np.float64)
     steps = np.diff(time_s)
-    if (steps < 0).any():
-        sample = int(np.argmax(steps < 0)) + 1
-        raise ClockError(
-            f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
-            "put the samples in order, or split the log here if two were joined",
-            sample,
-        )
+    _require_forward(time_s, steps)
     if time_s[-1] == time_s[0]:
         raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
     usual = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
-    longest_s = max(GAP * usual, LONGEST_OF_STEPS * float(np.quantile(steps[steps > 0], 0.99)))
+    longest_s = longest_usual_step(steps, usual)
     rows_a_bin = max(1, time_s.size // 1000)
-    bins = binned(0, time_s - time_s[0], usual, rows_a_bin)
+    bins = sum_bins(0, time_s - time_s[0], usual, rows_a_bin)
     period, first_s, _ = line_without_stalls(bins, usual, longest_s)
     start_s = float(time_s[0]) + first_s
     stray = time_s - (start_s + period * np.arange(time_s.size))
     return Clock(1 / period, start_s, 1 / period, 0.0, float(np.abs(stray).max()))
 
 
-def binned(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int) -> FloatArray:
+def longest_usual_step(steps: FloatArray, period_s: float) -> float:
+    """Return the longest step between a host's stamps, s, that is neither a stall nor lost samples."""
+    return max(GAP * period_s, LONGEST_OF_STEPS * float(np.quantile(steps[steps > 0], 0.99)))
+
+
+def sum_bins(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int) -> FloatArray:
     """Return what a line through stamps needs of each bin of rows, (n_bins, 7).
 
     That is: how many rows, the sums of row, stamp, row^2 and row stamp, least and greatest stamp - row `period_s`.
@@ -165,11 +175,11 @@ def binned(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int) 
 def line_without_stalls(bins: FloatArray, period_s: float, longest_s: float) -> tuple[float, float, np.ndarray]:
     """Return the period and the stamp of row 0 by least squares, and which bins of rows lie on that line.
 
-    A host that stalls stamps rows late and catches up: such bins are left out. The line that tells them has the median
-    of the slopes over half of the rows. Where most bins would be off it, no line is better than that of all.
+    A host that stalls stamps rows late and catches up: such bins are left out. They lie off a line whose slope is the
+    median of the slopes over half of the rows. Where most bins would be off it, no line is better than that of all.
 
     Args:
-        bins: (n_bins, 7) of `binned`.
+        bins: (n_bins, 7) of `sum_bins`.
     """
     n, row, stamp = bins[:, 0], bins[:, 1], bins[:, 2]
     x, t = row / n, stamp / n
@@ -226,8 +236,6 @@ def plain_number(value: float, uncertainty: float) -> float:
 
 
 def _require_increasing(time_s: FloatArray, steps: FloatArray) -> None:
-    if (steps > 0).all():
-        return
     sample = int(np.argmax(steps <= 0)) + 1
     if steps[sample - 1] == 0:
         pairs = int((steps == 0).sum())
@@ -236,11 +244,17 @@ def _require_increasing(time_s: FloatArray, steps: FloatArray) -> None:
             "remove the repeated samples, or write the time with more digits",
             sample,
         )
-    raise ClockError(
-        f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
-        "put the samples in order, or split the log here if two were joined",
-        sample,
-    )
+    _require_forward(time_s, steps)
+
+
+def _require_forward(time_s: FloatArray, steps: FloatArray) -> None:
+    sample = int(np.argmax(steps < 0)) + 1
+    if steps[sample - 1] < 0:
+        raise ClockError(
+            f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
+            "put the samples in order, or split the log here if two were joined",
+            sample,
+        )
 
 
 def _irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:
@@ -269,3 +283,65 @@ def _irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> Cl
         "resample the log to a uniform rate, or write the time with more digits",
         sample,
     )
+
+
+# ---- columns that are clocks -----------------------------------------------------------------------
+
+
+def mark_clocks(log: Log) -> Log:
+    """Return the log, the channels marked that run with its time.
+
+    Such a channel states no unit, or one of time, and goes up in each of the first rows: along a straight line over the
+    time (or over the rows where there are no stamps), or however it likes if its name is one of a time.
+    """
+    tracks = tuple(_mark_track(track) for track in log.tracks)
+    names = [channel.name for track in tracks for channel in track.channels if channel.is_clock]
+    remarks = tuple(f"{name!r} runs with the time and is taken for no signal: name it if it is one" for name in names)
+    return replace(log, tracks=tracks, remarks=(*log.remarks, *remarks)) if names else log
+
+
+def _mark_track(track: Track) -> Track:
+    columns = [column for column, channel in enumerate(track.channels) if _may_be_clock(channel)]
+    if not columns:
+        return track
+    values = np.empty((0, len(columns)))
+    stamps: FloatArray | None = None
+    with suppress(InputError):  # a fault there is reported where it is read
+        blocks = list(track.blocks(columns, 0, _ROWS_TO_TELL))
+        values = np.concatenate([values, *(block.samples for block in blocks)])
+        known = [block.stamps for block in blocks if block.stamps is not None]
+        stamps = np.concatenate(known) if known else None
+    time_s = np.arange(len(values), dtype=np.float64) if stamps is None else stamps
+    clocks = {
+        column
+        for column, own in zip(columns, values.T, strict=True)
+        if _is_clock(own, time_s, called_time=time_name([track.channels[column].name]) is not None)
+    }
+    if not clocks or len(clocks) == len(track.channels):
+        return track
+    channels = (replace(each, is_clock=column in clocks) for column, each in enumerate(track.channels))
+    return replace(track, channels=tuple(channels))
+
+
+def _may_be_clock(channel: LoggedChannel) -> bool:
+    if channel.unit is None:
+        return True
+    with suppress(InputError):
+        return to_si(channel.unit)[1] == "s"
+    return False
+
+
+def _is_clock(values: FloatArray, time_s: FloatArray, *, called_time: bool) -> bool:
+    if len(values) < _LEAST_ROWS or not np.isfinite(values).all():
+        return False
+    steps = np.diff(values)
+    if not (steps > 0).all():
+        return False
+    if called_time:
+        return True
+    if not (np.isfinite(time_s).all() and np.ptp(time_s) > 0):
+        return False
+    beside = time_s - time_s.mean()
+    own = values - values.mean()
+    off = own - beside * float(beside @ own / (beside @ beside))
+    return float(np.abs(off).max()) <= _OFF_THE_LINE * float(np.median(steps))

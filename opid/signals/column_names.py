@@ -25,12 +25,9 @@ RATE_RANGE_HZ = (1e-6, 1e9)
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """Split `upper_z [m/s^2]` or `upper_z (m/s^2)` into name and unit; None where there is none.
+    """Split a text like `upper_z [m/s^2]` or `upper_z (m/s^2)` into name and unit; None where there is none.
 
     That of a time may stand behind it without brackets, `time_ms`, and is then a part of the name as well.
-
-    Args:
-        text: a name, with or without its unit.
 
     >>> split_unit("upper_z [m/(s^2)]"), split_unit("speed (km/h)"), split_unit("a[0]"), split_unit("upper_z")
     (('upper_z', 'm/(s^2)'), ('speed', 'km/h'), ('a[0]', None), ('upper_z', None))
@@ -81,7 +78,7 @@ def _is_time_unit(unit: str) -> bool:
         return False
 
 
-def named(values: Mapping[str, object], names: Sequence[str]) -> str | None:
+def find_key(values: Mapping[str, object], names: Sequence[str]) -> str | None:
     """Return the key of `values` that is one of the names, whatever its case; None for none."""
     plain = {key.casefold(): key for key in reversed(list(values))}
     return next((plain[known] for known in names if known in plain), None)
@@ -93,24 +90,26 @@ def stated_rate(numbers: Mapping[str, float]) -> float | None:
     >>> stated_rate({"Fs": 512.0}), stated_rate({"dt": 0.002}), stated_rate({"range": 16.0})
     (512.0, 500.0, None)
     """
-    if (rate := named(numbers, RATE_NAMES)) is not None:
+    if (rate := find_key(numbers, RATE_NAMES)) is not None:
         return float(numbers[rate])
-    if (interval := named(numbers, INTERVAL_NAMES)) is not None:
+    if (interval := find_key(numbers, INTERVAL_NAMES)) is not None:
         dt_s = float(numbers[interval])
         if not dt_s:
             return math.inf
         fs = 1 / dt_s
-        # the interval of 51.2 Hz is no round number, its rate is
+        # a rate like 51.2 Hz is a round number, its interval is not
         return round(fs, 6) if abs(round(fs, 6) / fs - 1) < 1e-12 else fs
     return None
 
 
-def sound_rate(fs: float, *, where: str) -> float:
-    """Return a rate, Hz, if there can be such a one.
+def require_names(path: object, names: Sequence[str], n: int, what: str = "channel(s)") -> None:
+    """Refuse another number of names in [log] than there are columns to be named."""
+    if len(names) != n:
+        raise InputError(f"{path} has {n} {what}, names in [log] are {len(names)}: name each of them")
 
-    Args:
-        fs: what is stated, Hz.
-    """
+
+def require_rate(fs: float, *, where: str) -> float:
+    """Return a rate, Hz, if there can be such a one."""
     if not (math.isfinite(fs) and RATE_RANGE_HZ[0] <= fs <= RATE_RANGE_HZ[1]):
         raise InputError(f"{where} states a rate of {fs:g} Hz: give the true one as fs_hz in [log]")
     return float(fs)

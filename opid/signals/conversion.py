@@ -26,35 +26,33 @@ def recording_of(
 ) -> Recording:
     """Return a stretch of a log in SI units on one uniform clock.
 
-    Args:
-        log: as its file holds it.
-        settings: what the file does not say.
-        channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
-        start_s: first time, s; from the beginning where left out.
-        stop_s: end, s; to the end where left out.
-        fs_hz: rate to which the channels are resampled, Hz; where left out the lowest of theirs, if they differ.
+    `settings`, `channels`, `start_s`, `stop_s` and `fs_hz` are those of `opid.read_log`.
 
     Raises:
         InputError: a channel that is not there, a unit that is not known, stamps that are no uniform clock, a value
             that is missing, a stretch without samples, or all channels of a log with several clocks.
     """
-    if channels is None:
-        if len(log.tracks) > 1:
-            raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_listed(log)}")
-        wanted: dict[str, ChannelSettings] = {name: ChannelSettings(name) for name in log.signals}
-    elif isinstance(channels, Mapping):
-        wanted = dict(channels)
-    else:
-        wanted = {name: ChannelSettings(name) for name in channels}
-    places = {name: log.find(own.channel) for name, own in wanted.items()}
+    if channels is None and len(log.tracks) > 1:
+        raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_list_names(log)}")
+    wanted = choose_channels(log, channels)
+    positions = {name: log.find(own.channel) for name, own in wanted.items()}
     parts = []
     for track in log.tracks:
-        own = {name: column for name, (where, column) in places.items() if where is track}
+        own = {name: column for name, (where, column) in positions.items() if where is track}
         if own:
             parts.append(_part(log, track, own, wanted, settings, start_s, stop_s))
     if len(parts) > 1:
         return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz)
     return parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
+
+
+def choose_channels(
+    log: Log, channels: Sequence[str] | Mapping[str, ChannelSettings] | None
+) -> dict[str, ChannelSettings]:
+    """Return the settings of the channels wanted by their names in the result; of all signals for None."""
+    if isinstance(channels, Mapping):
+        return dict(channels)
+    return {name: ChannelSettings(name) for name in (log.signals if channels is None else channels)}
 
 
 def _part(
@@ -71,7 +69,7 @@ def _part(
     try:
         clock = clock if isinstance(clock, Clock) else uniform_clock(clock)
     except ClockError as error:
-        raise InputError(f"{log.path} {track.place(first + error.sample)}: {error}") from error
+        raise InputError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
     converted, found, words = [], [], []
     for (name, column), values in zip(columns.items(), samples.T, strict=True):
         written = track.channels[column].unit or settings.unit
@@ -87,7 +85,7 @@ def _part(
         if missing.size:
             more = f", nor in {missing.size - 1} more row(s)" * (missing.size > 1)
             raise InputError(
-                f"{log.path} {track.place(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
+                f"{log.path} {track.locate(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
                 f"number there{more}: mend the log, or take a sound part of it (start_s and stop_s in a study)"
             )
     history = [
@@ -123,10 +121,10 @@ def _stretch(
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
     whole = _known_clock(log, track, settings)
     if whole is not None:
-        # half a sample of slack: times written with few digits must not lose a sample
+        # half a sample of slack keeps times that are written with few digits from losing a sample
         first = 0 if start_s is None else max(0, int(np.ceil((low - whole.start_s) * whole.fs - 0.5)))
         stop = None if stop_s is None else max(first, int(np.ceil((high - whole.start_s) * whole.fs - 0.5)))
-        samples = _joined(log, [block.samples for block in track.blocks(columns, first, stop)], low, high)
+        samples = _join(log, [block.samples for block in track.blocks(columns, first, stop)], low, high)
         return samples, replace(whole, start_s=whole.start_s + first / whole.fs), first
     parts, times, row = [], [], 0
     begun: int | None = None
@@ -142,7 +140,7 @@ def _stretch(
         elif begun is not None and block.stamps[0] >= high:
             break
         row += keep.size
-    samples = _joined(log, parts, low, high)
+    samples = _join(log, parts, low, high)
     return samples, np.concatenate(times), begun or 0
 
 
@@ -160,10 +158,10 @@ def _known_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
     try:
         return reconstructed_clock(np.concatenate(stamps))
     except ClockError as error:
-        raise InputError(f"{log.path} {track.place(error.sample)}: {error}") from error
+        raise InputError(f"{log.path} {track.locate(error.sample)}: {error}") from error
 
 
-def _joined(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatArray:
+def _join(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatArray:
     n = sum(part.shape[0] for part in parts)
     if n < 2:
         held = ("no samples", "one sample")[n]
@@ -196,24 +194,20 @@ def _time(value: float | None, word: str) -> str:
     return word if value is None else f"{value:g} s"
 
 
-def _listed(log: Log, most: int = 12) -> str:
-    names = [repr(name) for name in log.names[:most]]
-    return ", ".join(names) + (f" and {len(log.names) - most} more" if len(log.names) > most else "")
+def _list_names(log: Log) -> str:
+    more = f" and {len(log.names) - 12} more" if len(log.names) > 12 else ""
+    return ", ".join(map(repr, log.names[:12])) + more
 
 
 def require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:
-    """Refuse a channel of a log that is taken twice.
-
-    Args:
-        log: the log.
-        channels: what is taken from it, by the names that it will have.
+    """Refuse `channels` that take one channel of a log twice.
 
     Raises:
         InputError: there is one, or a channel that the log does not have.
     """
-    places: dict[tuple[int, int], str] = {}
+    positions: dict[tuple[int, int], str] = {}
     for name, settings in channels.items():
         track, column = log.find(settings.channel)
-        other = places.setdefault((id(track), column), name)
+        other = positions.setdefault((id(track), column), name)
         if other != name:
             raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError, require
 from opid.signals.clock import ClockError, resolution_of, uniform_clock
-from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit
-from opid.signals.recording import Channel, FloatArray, Recording
+from opid.signals.column_names import require_rate, seconds_per_unit, split_unit
+from opid.signals.recording import Channel, FloatArray, Recording, require_distinct_names
 from opid.signals.resampling import on_common_clock
 from opid.signals.units import to_si
 
@@ -71,7 +71,7 @@ def recording_from_frame(frame: pandas.DataFrame, *, units: Units = None) -> Rec
         if not pandas.api.types.is_numeric_dtype(values):
             raise InputError(f"channel {plain!r} does not hold numbers only: leave it out")
         columns[plain] = (_numbers(values.to_numpy(dtype=float, na_value=np.nan), plain), unit)
-    _require_distinct([split_unit(str(name))[0] for name in frame.columns])
+    require_distinct_names([split_unit(str(name))[0] for name in frame.columns])
     return _recording(columns, stamps, frame.attrs, "a DataFrame")
 
 
@@ -141,7 +141,7 @@ def recording_from_xarray(array: xarray.DataArray | xarray.Dataset, *, units: Un
             own = _unit(whole.attrs.get("units"), (key, name)) if stored is None else str(np.ravel(stored)[number])
             unit = _unit(units, (key, name)) or own or bracketed
             columns[name] = (_numbers(whole.to_numpy()[:, number], name), unit)
-        _require_distinct([split_unit(key)[0] for key in keys])
+        require_distinct_names([split_unit(key)[0] for key in keys])
     return _recording(columns, stamps, array.attrs, "an xarray")
 
 
@@ -197,7 +197,7 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
     for number, channel in enumerate(channels, start=1):
         _require_sep5(channel, number)
     names = [str(channel["name"]) for channel in channels]
-    _require_distinct(names)
+    require_distinct_names(names)
     starts = {channel.get("start_timestamp") for channel in channels}
     if len(starts) > 1:
         raise InputError(f"the channels began at {len(starts)} different times of day: cut them to a common start")
@@ -215,17 +215,17 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
             stamps = _seconds(np.asarray(channel["time"]), "s")
             parts.append(_recording({name: (data, unit)}, stamps, {}, "SEP 5"))
     began = next(iter(starts))
-    return _together(parts, () if began is None else (f"began {began}",))
+    return _merge(parts, () if began is None else (f"began {began}",))
 
 
 def _require_same_clock(name: str, channel: Mapping[str, Any], n: int) -> float:
     """Refuse a time that is not that of the stated rate; return the first one, s."""
-    stated = sound_rate(float(channel["fs"]), where=f"channel {name!r}")
+    stated = require_rate(float(channel["fs"]), where=f"channel {name!r}")
     stamps = _seconds(np.asarray(channel["time"]), "s")
     if stamps.shape != (n,):
         raise InputError(f"channel {name!r} has {n} samples, the time {stamps.size}: give as many")
     fs, start_s = _clock(stamps, {})
-    # rounded stamps do not tell the rate better than this
+    # rounded stamps do not determine the rate better than this
     rounding_s = resolution_of(stamps) if np.ptp(np.diff(stamps)) * fs > 1e-6 else 0.0
     if abs(fs / stated - 1) > _SAME_RATE + rounding_s / (stamps[-1] - stamps[0]):
         raise InputError(
@@ -312,12 +312,6 @@ def _seconds(stamps: np.ndarray, unit: str) -> FloatArray:
     return stamps.astype(np.float64) * seconds_per_unit(unit, where="the time")
 
 
-def _require_distinct(names: Sequence[str]) -> None:
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"the channel name {twice!r} stands {names.count(twice)} times: rename one")
-
-
 def _recording(
     columns: Mapping[str, tuple[FloatArray, str | None]],
     stamps: FloatArray | None,
@@ -349,7 +343,7 @@ def _recording(
 def _clock(stamps: FloatArray | None, attributes: Mapping[Any, Any]) -> tuple[float, float]:
     stated, start_s = attributes.get("fs"), attributes.get("start_s", 0.0)
     if stamps is None:
-        return sound_rate(float(attributes["fs"]), where="the channel"), float(start_s)
+        return require_rate(float(attributes["fs"]), where="the channel"), float(start_s)
     if stamps.size < 2 or not np.isfinite(stamps).all():
         raise InputError(f"the time has {stamps.size} stamp(s), or some are missing: give two or more, all finite")
     try:
@@ -363,7 +357,7 @@ def _clock(stamps: FloatArray | None, attributes: Mapping[Any, Any]) -> tuple[fl
     return clock.fs, clock.start_s
 
 
-def _together(parts: Sequence[Recording], words: tuple[str, ...]) -> Recording:
+def _merge(parts: Sequence[Recording], words: tuple[str, ...]) -> Recording:
     """Channels of one clock side by side; of several on a common one."""
     clocks = {(part.fs, part.start_s, part.n_samples) for part in parts}
     if len(clocks) > 1:

@@ -1,11 +1,11 @@
-"""Files are written whole or not at all, and for one that does not exist its neighbours are looked at."""
+"""Files are written whole or not at all, one or several together, in directories that are made when needed."""
 
 from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Container, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Container, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -17,7 +17,7 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
     """Return the hint for a path that does not exist: what has a like name beside it, or what to check.
 
     Args:
-        path: what was asked for.
+        path: of the file that was wanted.
         endings: of the files that may be meant; of any file or directory where left out.
     """
     if not path.parent.is_dir():
@@ -30,13 +30,7 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
 
 
 @contextmanager
-def written_whole(
-    path: str | os.PathLike[str],
-    mode: Literal["w", "wb"] = "w",
-    *,
-    encoding: str = "utf-8",
-    newline: str = "\n",
-) -> Iterator[IO[Any]]:
+def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Open a file that appears under its name only when the block has ended without an error.
 
     The text goes to a temporary name in the same directory and is moved over `path` at the end; after a
@@ -44,27 +38,25 @@ def written_whole(
 
     Args:
         path: the file to write; its directory must exist.
-        mode: "w" for text, "wb" for bytes.
-        encoding: of text.
-        newline: the end of a line of text.
+        mode: "w" for text in UTF-8 with "\\n" at the end of lines, "wb" for bytes.
 
     Raises:
         InputError: the directory is missing, full or not writable, or `path` is no ordinary file.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
-    ...     with written_whole(f"{directory}/note.txt") as file:
+    ...     with write_whole(f"{directory}/note.txt") as file:
     ...         _ = file.write("done")
     ...     Path(directory, "note.txt").read_text()
     'done'
     """
-    target = Path(os.path.realpath(path))  # write through a link, do not replace it
+    target = Path(os.path.realpath(path))  # a link is written through, not replaced
     if not target.parent.is_dir():
         raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
     if target.exists() and not target.is_file():
         raise InputError(f"cannot write {path}: it is a directory or a device: give the name of a file")
     temporary = target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
-    text = {"encoding": encoding, "newline": newline} if mode == "w" else {}
+    text = {"encoding": "utf-8", "newline": "\n"} if mode == "w" else {}
     try:
         # "x" makes the file with the user's usual permissions, which tempfile would not
         with open(temporary, mode.replace("w", "x"), **text) as file:  # type: ignore[call-overload]
@@ -78,3 +70,70 @@ def written_whole(
     finally:
         with suppress(FileNotFoundError):
             os.remove(temporary)
+
+
+def require_directory(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a directory that is there or can be made, without making it.
+
+    It is called before long work, so that a mistyped path does not cost that work.
+
+    Raises:
+        InputError: a file stands in the way, or the directory is not writable.
+
+    >>> require_directory(".")
+    PosixPath('.')
+    """
+    target = Path(path)
+    there = next(part for part in (target, *target.absolute().parents) if os.path.lexists(part))
+    if not there.is_dir():
+        raise InputError(f"cannot write into {path}: {there} is no directory: choose another place")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write into {path}: {there} is not writable: choose another place")
+    return target
+
+
+def make_directory(path: str | os.PathLike[str]) -> Path:
+    """Make the directory `path`, and those above it, unless it is there.
+
+    Raises:
+        InputError: as `require_directory`.
+    """
+    target = require_directory(path)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the directory {path}: {error.strerror}: choose another place") from error
+    return target
+
+
+def write_together(directory: str | os.PathLike[str], contents: Mapping[str, bytes]) -> None:
+    """Write several files so that either all of them appear or none; other files in the directory stay.
+
+    Args:
+        directory: made if it is not there, and taken away again after a failure.
+        contents: bytes by the name of the file.
+
+    Raises:
+        InputError: a place that cannot be written to.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     write_together(f"{parent}/new", {"a": b"1", "b": b"2"})
+    ...     sorted(os.listdir(f"{parent}/new"))
+    ['a', 'b']
+    """
+    target = Path(directory)
+    made = [part for part in (target, *target.parents) if not part.exists()]
+    make_directory(target)
+    try:
+        with ExitStack() as stack:
+            files = {name: stack.enter_context(write_whole(target / name, "wb")) for name in contents}
+            for name, content in contents.items():
+                files[name].write(content)
+                # a full disk must show before the first file is moved to its name
+                files[name].flush()
+    except BaseException:
+        for part in made:
+            with suppress(OSError):
+                part.rmdir()
+        raise

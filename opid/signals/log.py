@@ -53,7 +53,7 @@ class Block:
     stamps: FloatArray | None = None
 
 
-# columns, first row and end (None: to the last) -> their blocks, one after the other, of `BLOCK_VALUES` or so values
+# (columns, first row, end or None for the last row) -> blocks of about `BLOCK_VALUES` values, one after the other
 Rows = Callable[[Sequence[int], int, int | None], Iterator[Block]]
 
 
@@ -66,9 +66,9 @@ class Track:
         rows: gives the blocks of some columns from one row to another.
         fs: rate that the file states, Hz; None where each row has a time stamp.
         start_s: time of the first row where there are no stamps, s.
-        n_samples: number of rows; None where only reading tells.
-        name: tells the tracks of a log apart; empty where there is but one.
-        place: says where in the file a row stands, for error messages.
+        n_samples: number of rows; None where only reading shows it.
+        name: distinguishes the tracks of a log; empty where there is but one.
+        locate: row -> where it stands in the file, for messages: "line 7".
     """
 
     channels: tuple[LoggedChannel, ...]
@@ -77,7 +77,7 @@ class Track:
     start_s: float = 0.0
     n_samples: int | None = None
     name: str = ""
-    place: Callable[[int], str] = lambda row: f"row {row + 1}"
+    locate: Callable[[int], str] = lambda row: f"row {row + 1}"
 
     def blocks(self, columns: Sequence[int] | None = None, start: int = 0, stop: int | None = None) -> Iterator[Block]:
         """Yield the rows from `start` to before `stop` in blocks.
@@ -99,10 +99,10 @@ class Log:
         path: of the file; a name in brackets where there is none.
         format: what it is called.
         tracks: one for each clock.
-        zero: the moment at which its times are zero, where the file tells: logs of several recorders are put on one
+        zero: the moment at which its times are zero, where the file states it: logs of several recorders are put on one
             time axis by it. Without a zone it is what the recorder's clock showed.
         history: what the file says was done to its samples before it was written.
-        remarks: how it is read beside what it states, where that was found out: told by `inspect`, kept in the history.
+        remarks: how it is read beside what it states, where that was found out: for `inspect` and the history.
     """
 
     path: Path
@@ -119,7 +119,7 @@ class Log:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each channel, track by track: "track/channel" where a name alone does not tell."""
+        """Name of each channel, track by track: "track/channel" where a name stands twice."""
         plain = [channel.name for track in self.tracks for channel in track.channels]
         full = [_full(track, channel) for track in self.tracks for channel in track.channels]
         times = Counter(plain)
@@ -140,26 +140,26 @@ class Log:
         Raises:
             InputError: there is none, or several of that name.
         """
-        places = [(track, column) for track in self.tracks for column in range(len(track.channels))]
+        columns = [(track, column) for track in self.tracks for column in range(len(track.channels))]
         if isinstance(channel, int):
-            if not 1 <= channel <= len(places):
-                raise InputError(f"there is no channel number {channel} in {self.path}: it has {len(places)}")
-            return places[channel - 1]
-        names = [_full(track, track.channels[column]) for track, column in places]
-        plain = [track.channels[column].name for track, column in places]
-        found = [i for i in range(len(places)) if channel in (names[i], plain[i])]
+            if not 1 <= channel <= len(columns):
+                raise InputError(f"there is no channel number {channel} in {self.path}: it has {len(columns)}")
+            return columns[channel - 1]
+        names = [_full(track, track.channels[column]) for track, column in columns]
+        plain = [track.channels[column].name for track, column in columns]
+        found = [i for i in range(len(columns)) if channel in (names[i], plain[i])]
         if not found:
             raise InputError(f"there is no channel {channel!r} in {self.path}: {nearest(channel, self.names)}")
         if len(found) > 1:
             several = ", ".join(repr(names[i]) for i in found)
             raise InputError(f"{len(found)} channels of {self.path} are called {channel!r}: write one of {several}")
-        return places[found[0]]
+        return columns[found[0]]
 
 
 def rows_in_steps(
     n: int,
     read: Callable[[Any, Sequence[int], int, int], tuple[Iterable[np.ndarray], FloatArray | None]],
-    opened: Callable[[], AbstractContextManager[Any]] = nullcontext,
+    open_file: Callable[[], AbstractContextManager[Any]] = nullcontext,
     *,
     width: int | None = None,
 ) -> Rows:
@@ -172,7 +172,7 @@ def rows_in_steps(
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         end = n if stop is None else min(stop, n)
         step = rows_at_once(width or len(columns))
-        with opened() as file:
+        with open_file() as file:
             for first in range(start, end, step):
                 last = min(first + step, end)
                 values, stamps = read(file, columns, first, last)
@@ -187,14 +187,14 @@ def rows_in_steps(
     return rows
 
 
-def in_blocks(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
+def rows_of_array(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
     """Return the rows of an array, in memory or mapped to it: only what is asked for is converted to float64.
 
     Args:
         samples: (n, n_channels) of any type of number.
         stamps: (n,) time of each row, s.
 
-    >>> rows = in_blocks(np.arange(6, dtype=np.int16).reshape(3, 2))
+    >>> rows = rows_of_array(np.arange(6, dtype=np.int16).reshape(3, 2))
     >>> [block.samples.tolist() for block in rows([1], 1, None)]
     [[[3.0], [5.0]]]
     """
@@ -206,7 +206,7 @@ def in_blocks(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
     return rows_in_steps(samples.shape[0], read)
 
 
-def from_first_row(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Rows:
+def rows_from_start(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Rows:
     """Return the rows of what can only be read from its beginning."""
 
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
@@ -229,10 +229,10 @@ def rows_at_once(n_columns: int) -> int:
     return max(1024, BLOCK_VALUES // max(n_columns, 1))
 
 
-def distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ...]:
+def make_distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ...]:
     """Return names that differ, for files that use one twice: the second "a" becomes "a (2)".
 
-    >>> distinct(["a", "b", "a", ""])
+    >>> make_distinct(["a", "b", "a", ""])
     ('a', 'b', 'a (2)', 'channel')
     """
     found: dict[str, None] = {}
@@ -246,12 +246,12 @@ def distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ..
     return tuple(found)
 
 
-def log_of_recording(recording: Recording, *, path: str = "[recording]") -> Log:
+def log_of_recording(recording: Recording) -> Log:
     """Return a recording as the log that it would be."""
     channels = tuple(LoggedChannel(channel.name, channel.unit) for channel in recording.channels)
     n = recording.n_samples
-    track = Track(channels, in_blocks(recording.samples), recording.fs, recording.start_s, n)
-    return Log(Path(path), "recording", (track,), history=recording.history)
+    track = Track(channels, rows_of_array(recording.samples), recording.fs, recording.start_s, n)
+    return Log(Path("[recording]"), "recording", (track,), history=recording.history)
 
 
 def _full(track: Track, channel: LoggedChannel) -> str:

@@ -47,7 +47,7 @@ class Motion:
     settle_s: float
 
     @property
-    def settled(self) -> slice:
+    def interior(self) -> slice:
         """The samples that lie more than `settle_s` from both ends."""
         margin = round(self.settle_s * self.fs)
         return slice(margin, len(self.acceleration) - margin)
@@ -77,7 +77,7 @@ def integrate(
 
     >>> fs, t = 256.0, np.arange(20 * 256) / 256.0
     >>> motion = integrate(np.sin(2 * np.pi * 2 * t), fs=fs)
-    >>> bool(np.allclose(motion.velocity[motion.settled].std(), 0.5**0.5 / (2 * np.pi * 2), rtol=2e-3))
+    >>> bool(np.allclose(motion.velocity[motion.interior].std(), 0.5**0.5 / (2 * np.pi * 2), rtol=2e-3))
     True
     """
     samples = np.asarray(acceleration, dtype=np.float64)
@@ -145,7 +145,7 @@ def relative_motion(
 
     >>> t = np.arange(20 * 256) / 256.0
     >>> motion = relative_motion(np.zeros(t.size), np.cos(2 * np.pi * 2 * t), fs=256.0)
-    >>> round(float(np.abs(motion.displacement[motion.settled]).max()), 4)
+    >>> round(float(np.abs(motion.displacement[motion.interior]).max()), 4)
     0.0063
     """
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
@@ -158,10 +158,6 @@ def filter_like(samples: ArrayLike, motion: Motion) -> FloatArray:
     """Return `samples` through the filter that `motion.acceleration` went through.
 
     A linear equation between signals survives only if every one of them is filtered alike.
-
-    Args:
-        samples: (n,) any signal sampled with the motion.
-        motion: the motion whose filter is wanted.
 
     >>> t = np.arange(20 * 256) / 256.0
     >>> motion = integrate(np.sin(t), fs=256.0)

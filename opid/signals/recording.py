@@ -64,9 +64,7 @@ class Recording:
         if not (np.isfinite(self.fs) and self.fs > 0):
             raise InputError(f"fs is {self.fs} Hz: give a positive sampling rate in Hz")
         names = [channel.name for channel in channels]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"the channel name {name!r} stands {names.count(name)} times: rename one")
+        require_distinct_names(names)
         bad = ~np.isfinite(samples)
         if bad.any():
             row, column = np.argwhere(bad)[0]
@@ -111,10 +109,9 @@ class Recording:
         return self.samples[:, self.index(name)]
 
     @property
-    def levels(self) -> dict[str, float]:
+    def rms(self) -> dict[str, float]:
         """Rms of each channel, SI."""
-        rms = np.sqrt(np.mean(self.samples**2, axis=0))
-        return dict(zip(self.names, rms.tolist(), strict=True))
+        return dict(zip(self.names, np.sqrt(np.mean(self.samples**2, axis=0)).tolist(), strict=True))
 
     def unit(self, name: str) -> str:
         """SI unit of the channel called `name`."""
@@ -128,7 +125,7 @@ class Recording:
         """
         first = -np.inf if start_s is None else start_s
         last = np.inf if stop_s is None else stop_s
-        # half a sample of slack: times written with few digits must not lose a sample
+        # half a sample of slack keeps times that are written with few digits from losing a sample
         slack = 0.5 / self.fs
         time_s = self.time_s
         keep = (time_s >= first - slack) & (time_s < last - slack)
@@ -144,6 +141,13 @@ class Recording:
             start_s=float(time_s[begin]),
             history=(*self.history, f"section {first:g} s to {last:g} s"),
         )
+
+
+def require_distinct_names(names: Sequence[str]) -> None:
+    """Refuse a channel name that stands more than once."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"the channel name {twice!r} stands {names.count(twice)} times: rename one")
 
 
 def recording_from_arrays(

@@ -15,7 +15,7 @@ PASS, STOP = 0.4, 0.5
 STOP_DB = 80.0
 """What the filter leaves of what would fold back: 1 part in 10^4, below the noise of any accelerometer."""
 
-SPLINE_SHARE = 0.12
+SPLINE_FRACTION = 0.12
 """A quintic spline through samples of at least eight a period is right to 1 part in 10^4; else they are made finer."""
 
 HALF_WIDTH = 48
@@ -50,8 +50,8 @@ def resampled(
     offset = (begin - recording.start_s) * recording.fs
     last = recording.n_samples - 1
     n = n_samples or int(np.floor((last - offset) * fs_hz / recording.fs + _SAME)) + 1
-    place = offset + np.arange(n) * (recording.fs / fs_hz)
-    if n < 2 or place[0] < -_SAME or place[-1] > last + 2 * _SAME * n:
+    position = offset + np.arange(n) * (recording.fs / fs_hz)
+    if n < 2 or position[0] < -_SAME or position[-1] > last + 2 * _SAME * n:
         raise InputError(
             f"{n} samples at {fs_hz:g} Hz from {begin:g} s on are wanted of a recording from {recording.start_s:g} s "
             f"to {recording.time_s[-1]:g} s: choose times inside it"
@@ -59,9 +59,9 @@ def resampled(
     samples = recording.samples
     limit = 0.5
     if fs_hz < recording.fs * (1 - _SAME):
-        samples, limit = _low_passed(samples, fs_hz / recording.fs), STOP * fs_hz / recording.fs
+        samples, limit = _low_pass(samples, fs_hz / recording.fs), STOP * fs_hz / recording.fs
     return Recording(
-        _at(samples, np.clip(place, 0, last), limit),
+        _at(samples, np.clip(position, 0, last), limit),
         fs=fs_hz,
         channels=recording.channels,
         start_s=begin,
@@ -118,19 +118,19 @@ def on_common_clock(
 
 def _fits(recording: Recording, fs: float, begin: float) -> bool:
     """Whether its samples lie on the common clock already, but for a thousandth of a sample."""
-    place = (begin - recording.start_s) * recording.fs
+    position = (begin - recording.start_s) * recording.fs
     drift = abs(recording.fs / fs - 1) * recording.n_samples
-    return abs(place - round(place)) + drift < 1e-3
+    return abs(position - round(position)) + drift < 1e-3
 
 
-def _low_passed(samples: FloatArray, ratio: float) -> FloatArray:
+def _low_pass(samples: FloatArray, ratio: float) -> FloatArray:
     """Without what the lower rate, `ratio` of the old one, cannot hold; without delay."""
     from scipy import signal
 
     n_taps, beta = signal.kaiserord(STOP_DB, 2 * (STOP - PASS) * ratio)
     taps = signal.firwin(n_taps | 1, (PASS + STOP) * ratio, window=("kaiser", beta))
     half = min(taps.size // 2, samples.shape[0] - 1)
-    # what lies before the first and after the last sample is taken to go on as its mirror image through that sample
+    # beyond its ends the record is taken to go on as its mirror image through the first and the last sample
     before = 2 * samples[:1] - samples[half:0:-1]
     after = 2 * samples[-1:] - samples[-2 : -half - 2 : -1]
     extended = np.concatenate([before, samples, after])
@@ -138,19 +138,19 @@ def _low_passed(samples: FloatArray, ratio: float) -> FloatArray:
     return filtered[half : half + samples.shape[0]]
 
 
-def _at(samples: FloatArray, place: FloatArray, limit: float) -> FloatArray:
-    """Values between samples, `place` in samples, of signals that hold nothing above `limit` of their rate."""
+def _at(samples: FloatArray, position: FloatArray, limit: float) -> FloatArray:
+    """Values between samples, `position` in samples, of signals that hold nothing above `limit` of their rate."""
     from scipy import interpolate, signal
 
-    nearest = np.round(place)
-    if np.abs(place - nearest).max() < _SAME * max(1.0, place.size / 1e3):
+    nearest = np.round(position)
+    if np.abs(position - nearest).max() < _SAME * max(1.0, position.size / 1e3):
         return samples[nearest.astype(np.int64)]
-    finer = int(np.ceil(limit / SPLINE_SHARE))
+    finer = int(np.ceil(limit / SPLINE_FRACTION))
     if finer > 1:
-        # a mirror image beyond the ends, so that the filter of the finer rate does not start from nothing
+        # mirror images beyond the ends keep the filter of the finer rate from starting with zeros
         edge = min(HALF_WIDTH, samples.shape[0] - 1)
         taps = signal.firwin(2 * HALF_WIDTH * finer + 1, 1 / finer, window=("kaiser", signal.kaiser_beta(STOP_DB)))
         before, after = 2 * samples[:1] - samples[edge:0:-1], 2 * samples[-1:] - samples[-2 : -edge - 2 : -1]
         samples = signal.resample_poly(np.concatenate([before, samples, after]), finer, 1, axis=0, window=taps)
-        place = (place + edge) * finer
-    return interpolate.make_interp_spline(np.arange(samples.shape[0]), samples, k=5)(place)
+        position = (position + edge) * finer
+    return interpolate.make_interp_spline(np.arange(samples.shape[0]), samples, k=5)(position)

@@ -9,31 +9,40 @@ from typing import Literal
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.health.result import Health, Levels
+from opid.signals.health.result import Health, RmsHistory
 from opid.signals.recording import FloatArray
 
-MOST_S = 300.0
-"""Length of a stretch beyond which an identification gains little: some hundred periods of the slowest resonance."""
 
-LEAST_S = 10.0
-"""Length of a stretch below which an identification has too few periods of the suspension's resonance, s."""
+@dataclass(frozen=True)
+class SegmentSettings:
+    """Which stretches are worth an identification.
 
-STILL_PART = 0.02
-"""Part of the usual motion below which a vehicle stands: 34 dB."""
+    Args:
+        most_s: length of a stretch beyond which an identification gains little: some hundred periods of the slowest
+            resonance, s.
+        least_s: length of a stretch below which it has too few periods of the suspension's resonance, s.
+        still: fraction of the usual motion below which a vehicle stands: 34 dB.
+        idle: likewise where the rms is steady, as of an engine that idles. A vehicle that rolls slowly to its end may
+            be as quiet, but from bump to bump its rms halves or doubles.
+        idle_scatter: largest robust standard deviation of the logarithm of a steady rms.
+        still_s: time for which it stands before the stretch is cut, s: a moment between two bumps is no standstill.
+        usual_s: the usual motion is the strongest that lasts for so long, s.
+        usual: of a short log it lasts for this fraction, for the vehicle may stand for the rest.
+        nearly: of the stretches at least this fraction as long as the longest, the most energetic is taken.
+    """
 
-IDLE_PART, IDLE_SCATTER = 0.1, 0.25
-"""Likewise where the level is steady, its logarithm scattering so little: an engine that idles. A vehicle that rolls
-slowly to its end may be as quiet, but from bump to bump its level halves or doubles."""
+    most_s: float = 300.0
+    least_s: float = 10.0
+    still: float = 0.02
+    idle: float = 0.1
+    idle_scatter: float = 0.25
+    still_s: float = 5.0
+    usual_s: float = 30.0
+    usual: float = 1 / 3
+    nearly: float = 0.8
 
-STILL_S = 5.0
-"""Time for which it stands before the stretch is cut: a moment between two bumps is no standstill."""
 
-USUAL_S, USUAL_PART = 30.0, 1 / 3
-"""The usual motion is the strongest that lasts for so long, or for this part of a short log: it may stand for the rest.
-"""
-
-NEARLY = 0.8
-"""Of stretches that are at least this part as long as the longest the most energetic is taken."""
+SEGMENTS = SegmentSettings()
 
 Why = Literal["faulty", "standstill", "short", "not chosen"]
 
@@ -76,12 +85,14 @@ class _Course:
 
     start_s: FloatArray
     stop_s: FloatArray
-    level: FloatArray  # of the channel that moves most, each over its own usual motion; NaN where none is known
+    relative_rms: FloatArray  # of the channel that moves most, each over its own usual motion; NaN where none is known
     sound: np.ndarray
     complete: np.ndarray
 
 
-def sound_segments(health: Health, channels: Sequence[str], *, least_s: float = LEAST_S) -> tuple[Segment, ...]:
+def sound_segments(
+    health: Health, channels: Sequence[str], *, least_s: float = SEGMENTS.least_s
+) -> tuple[Segment, ...]:
     """Return the stretches in which nothing is wrong with any of the channels, in order of time.
 
     Single spikes do not end a stretch. One that begins (ends) with the log has no start (stop).
@@ -121,92 +132,92 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
         usable, cut = course.complete, "incomplete"
         runs = _long_runs(course, usable & moving)
     if not runs:
-        reason = f"no stretch of {LEAST_S:g} s is sound and in motion, so the whole log is taken"
+        reason = f"no stretch of {SEGMENTS.least_s:g} s is sound and in motion, so the whole log is taken"
         return Segment(None, None, reason)
     parts = [_steadiest(course, run) for run in runs]
     longest = max(_length(course, part) for part in parts)
-    near = [part for part in parts if _length(course, part) >= NEARLY * longest]
+    near = [part for part in parts if _length(course, part) >= SEGMENTS.nearly * longest]
     chosen = max(near, key=lambda part: _energy(course, part))
     left_out = _left_out(course, chosen, usable, moving)
     return _segment(course, chosen, _reason(course, chosen, left_out, cut, len(runs)), left_out)
 
 
 def _course(health: Health, channels: Sequence[str]) -> _Course:
-    """The levels of the channels on the clock that has the coarsest of them."""
+    """The history of the channels on the clock that has the coarsest of them."""
     names = [name for clock in health.clocks for name in clock.channels]
     for name in channels:
         if name not in names:
             raise InputError(f"the channel {name!r} was not inspected: {nearest(name, names)}")
     own = [
         (
-            levels,
+            history,
             clock.start_s + clock.duration_s,
             [clock.channels.index(name) for name in channels if name in clock.channels],
         )
-        for clock, levels in zip(health.clocks, health.levels, strict=True)
+        for clock, history in zip(health.clocks, health.rms_history, strict=True)
         if any(name in clock.channels for name in channels)
     ]
     main, end_s, columns = max(own, key=lambda each: each[0].length_s)
     # a stretch lasts until the next one begins, gaps included: those are not sound
     stop_s = np.append(main.start_s[1:], max(end_s, main.start_s[-1]))
-    level = _over_usual(main, columns)
+    relative_rms = _over_usual(main, columns)
     sound, complete = _all_of(main.sound, columns), _all_of(_complete(main), columns)
-    for levels, _, others in own:
-        if levels is main:
+    for history, _, others in own:
+        if history is main:
             continue
-        level = np.fmax(level, _at(levels, _over_usual(levels, others), main.start_s, stop_s))
-        sound &= _all_within(levels, _all_of(levels.sound, others), main.start_s, stop_s)
-        complete &= _all_within(levels, _all_of(_complete(levels), others), main.start_s, stop_s)
-    return _Course(main.start_s, stop_s, level, sound, complete)
+        relative_rms = np.fmax(relative_rms, _at(history, _over_usual(history, others), main.start_s, stop_s))
+        sound &= _all_within(history, _all_of(history.sound, others), main.start_s, stop_s)
+        complete &= _all_within(history, _all_of(_complete(history), others), main.start_s, stop_s)
+    return _Course(main.start_s, stop_s, relative_rms, sound, complete)
 
 
-def _complete(levels: Levels) -> np.ndarray:
-    return levels.sound if levels.complete is None else levels.complete
+def _complete(history: RmsHistory) -> np.ndarray:
+    return history.sound if history.complete is None else history.complete
 
 
 def _all_of(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
     return np.asarray(flags[:, columns].all(axis=1))
 
 
-def _over_usual(levels: Levels, columns: Sequence[int]) -> FloatArray:
-    """(n,) level of the channel that moves most, over the strongest motion of it that lasts."""
-    rms = levels.rms[:, columns]
-    n = max(1, min(round(USUAL_PART * rms.shape[0]), round(USUAL_S / levels.length_s)))
+def _over_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
+    """(n,) rms of the channel that moves most, over the strongest motion of it that lasts."""
+    rms = history.rms[:, columns]
+    n = max(1, min(round(SEGMENTS.usual * rms.shape[0]), round(SEGMENTS.usual_s / history.length_s)))
     filled = np.nan_to_num(rms)
     usual = np.array([np.median(np.lib.stride_tricks.sliding_window_view(own, n), axis=1).max() for own in filled.T])
     return np.fmax.reduce(rms / np.where(usual > 0, usual, np.inf), axis=1)
 
 
-def _at(levels: Levels, values: FloatArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
-    place = np.searchsorted(levels.start_s, 0.5 * (start_s + stop_s), "right") - 1
-    return values[np.clip(place, 0, values.size - 1)]
+def _at(history: RmsHistory, values: FloatArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
+    index = np.searchsorted(history.start_s, 0.5 * (start_s + stop_s), "right") - 1
+    return values[np.clip(index, 0, values.size - 1)]
 
 
-def _all_within(levels: Levels, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
+def _all_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
     """Whether all stretches of another clock that lie within are good, and there are any."""
     bad = np.concatenate([[0], np.cumsum(~good)])
-    first = np.searchsorted(levels.start_s, start_s + 1e-9, "right") - 1
-    last = np.searchsorted(levels.start_s, stop_s - 1e-9, "left")
+    first = np.searchsorted(history.start_s, start_s + 1e-9, "right") - 1
+    last = np.searchsorted(history.start_s, stop_s - 1e-9, "left")
     # a clock may begin up to a stretch later, and end earlier, without anything missing
-    near = stop_s > levels.start_s[0]
-    near &= start_s < levels.start_s[-1] + levels.length_s
+    near = stop_s > history.start_s[0]
+    near &= start_s < history.start_s[-1] + history.length_s
     return (bad[np.maximum(last, 0)] - bad[np.clip(first, 0, good.size)] == 0) & near
 
 
 def _still(course: _Course) -> np.ndarray:
     """Where all channels are far below their usual motion for several seconds."""
-    level = np.nan_to_num(course.level)
-    still = np.zeros(level.size, dtype=bool)
-    for part in (STILL_PART, IDLE_PART):
-        for run in _runs(level < part):
-            steady = part == STILL_PART or _scatter(level[slice(*run)]) < IDLE_SCATTER
-            still[slice(*run)] |= steady and _length(course, run) >= STILL_S
+    relative_rms = np.nan_to_num(course.relative_rms)
+    still = np.zeros(relative_rms.size, dtype=bool)
+    for part in (SEGMENTS.still, SEGMENTS.idle):
+        for run in _runs(relative_rms < part):
+            steady = part == SEGMENTS.still or _scatter(relative_rms[slice(*run)]) < SEGMENTS.idle_scatter
+            still[slice(*run)] |= steady and _length(course, run) >= SEGMENTS.still_s
     return still
 
 
-def _scatter(level: FloatArray) -> float:
+def _scatter(relative_rms: FloatArray) -> float:
     """Robust standard deviation of its logarithm."""
-    logarithm = np.log(np.maximum(level, 1e-9))
+    logarithm = np.log(np.maximum(relative_rms, 1e-9))
     return 1.4826 * float(np.median(np.abs(logarithm - np.median(logarithm))))
 
 
@@ -222,24 +233,24 @@ def _length(course: _Course, run: tuple[int, int]) -> float:
 
 def _energy(course: _Course, run: tuple[int, int]) -> float:
     inside = slice(*run)
-    return float(np.nan_to_num(course.level[inside]) ** 2 @ (course.stop_s[inside] - course.start_s[inside]))
+    return float(np.nan_to_num(course.relative_rms[inside]) ** 2 @ (course.stop_s[inside] - course.start_s[inside]))
 
 
 def _long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:
     """Runs that are long enough; the whole log, if nothing speaks against it, is, however short."""
     runs = _runs(good)
-    return runs if good.all() else [run for run in runs if _length(course, run) >= LEAST_S]
+    return runs if good.all() else [run for run in runs if _length(course, run) >= SEGMENTS.least_s]
 
 
 def _steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
-    """The part of a run, no longer than `MOST_S`, in which the logarithm of the level scatters least."""
-    if _length(course, run) <= MOST_S + 1e-6:
+    """The part of a run, no longer than `most_s`, in which the logarithm of the rms scatters least."""
+    if _length(course, run) <= SEGMENTS.most_s + 1e-6:
         return run
     typical = float(np.median(course.stop_s[slice(*run)] - course.start_s[slice(*run)]))
-    n = max(1, int(MOST_S / typical + 1e-9)) if typical > 0 else run[1] - run[0]
+    n = max(1, int(SEGMENTS.most_s / typical + 1e-9)) if typical > 0 else run[1] - run[0]
     n = min(n, run[1] - run[0])
-    level = np.log(np.maximum(np.nan_to_num(course.level[slice(*run)]), 1e-9))
-    sums, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (level, level**2))
+    logarithm = np.log(np.maximum(np.nan_to_num(course.relative_rms[slice(*run)]), 1e-9))
+    sums, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (logarithm, logarithm**2))
     mean = (sums[n:] - sums[:-n]) / n
     scatter = (squares[n:] - squares[:-n]) / n - mean**2
     # of parts as steady as each other the strongest motion tells most
@@ -253,7 +264,7 @@ def _left_out(course: _Course, chosen: tuple[int, int], usable: np.ndarray, movi
     inside[slice(*chosen)] = True
     short = np.zeros(usable.size, dtype=bool)
     for run in _runs(usable & moving):
-        short[slice(*run)] = _length(course, run) < LEAST_S
+        short[slice(*run)] = _length(course, run) < SEGMENTS.least_s
     every: tuple[tuple[Why, np.ndarray], ...] = (
         ("faulty", ~usable),
         ("standstill", usable & ~moving),
@@ -273,7 +284,7 @@ def _reason(course: _Course, chosen: tuple[int, int], left_out: Sequence[LeftOut
         return ""
     of_why = {why: sum(part.stop_s - part.start_s for part in left_out if part.why == why) for why in _WORDS}
     lost = ", ".join(f"{_seconds(seconds)} {_WORDS[why].format(cut=cut)}" for why, seconds in of_why.items() if seconds)
-    if _length(course, chosen) > MOST_S - 2 and of_why["not chosen"]:
+    if _length(course, chosen) > SEGMENTS.most_s - 2 and of_why["not chosen"]:
         which = f"the {_seconds(_length(course, chosen))} with the steadiest motion"
     else:
         which = "the longest stretch in motion" if n_runs > 1 else "the stretch in motion"
@@ -288,7 +299,7 @@ def _seconds(length_s: float) -> str:
 _WORDS: dict[Why, str] = {
     "faulty": "{cut}",
     "standstill": "of standstill",
-    "short": f"in pieces shorter than {LEAST_S:g} s",
+    "short": f"in pieces shorter than {SEGMENTS.least_s:g} s",
     "not chosen": "of other motion",
 }
 

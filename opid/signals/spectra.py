@@ -178,7 +178,7 @@ def transmissibility(
 
 
 def noise_floor(samples: ArrayLike, *, fs: float) -> float:
-    """Estimate the white-noise level of a channel from the quietest tenth of its spectrum.
+    """Estimate the rms of the white noise of a channel from the quietest tenth of its spectrum.
 
     The lowest decile of a Welch spectrum bounds the broadband noise from above: at some frequencies a structure
     hardly moves, and only the noise is left.
@@ -219,7 +219,7 @@ def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_
 
     Returns:
         (n_channels,) the standard deviation that white noise of that density would have, in the unit of `channels`;
-        infinite where the run is too short to tell.
+        infinite where the run is too short.
 
     >>> rng = np.random.default_rng(0)
     >>> x = rng.standard_normal((20000, 1))
@@ -228,7 +228,7 @@ def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_
     True
     """
     own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
-    # blocks so long that a lightly damped resonance leaks little
+    # the blocks are so long that a lightly damped resonance leaks little
     found = _incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=min(len(own), round(4 * fs)))
     if found is None:
         return np.full(own.shape[1], np.inf)
@@ -242,7 +242,7 @@ def coherent_fraction(
     """Return the fraction of the power of channels, in a band, that goes along with other channels.
 
     It is the squared multiple coherence, weighed by the power, less what chance makes of it: about 0 where neither side
-    knows of the other (Bendat & Piersol 2010, Random data, sec. 9.2); NaN where the run is too short to tell.
+    knows of the other (Bendat & Piersol 2010, Random data, sec. 9.2); NaN where the run is too short.
 
     Args:
         channels: (n, n_channels).
@@ -302,7 +302,7 @@ def white_noise_rms(
 
     # the last tenth below the Nyquist frequency is often the anti-aliasing filter's, and empty
     inside = (frequency_hz > 0) & (frequency_hz < 0.4 * fs)
-    # a quantile of n averaged periodograms of white noise over their mean (gamma distribution)
+    # n averaged periodograms of white noise follow a gamma distribution: this is its quantile over its mean
     over_mean = special.gammaincinv(n_blocks, quantile) / n_blocks
     return float(np.sqrt(np.quantile(density[inside], quantile) / over_mean * fs / 2))
 

@@ -16,7 +16,7 @@ _INCH, _FOOT, _POUND_FORCE = 0.0254, 0.3048, 4.4482216152605
 _LENGTHS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": _INCH, "ft": _FOOT}
 
 
-def _prefixed(symbol: str, prefixes: str) -> dict[str, float]:
+def _with_prefixes(symbol: str, prefixes: str) -> dict[str, float]:
     factors = {"G": 1e9, "M": 1e6, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9}
     return {symbol: 1.0} | {prefix + symbol: factors[prefix] for prefix in prefixes}
 
@@ -39,22 +39,22 @@ _TABLE: dict[str, dict[str, float]] = {
     "m": _LENGTHS
     | dict.fromkeys(("metre", "meter", "metres", "meters"), 1.0)
     | {"inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "mils": 1e-3 * _INCH, "feet": _FOOT, "micron": 1e-6},
-    "N": _prefixed("N", "Mkm")
+    "N": _with_prefixes("N", "Mkm")
     | dict.fromkeys(("newton", "newtons"), 1.0)
     | {"lbf": _POUND_FORCE, "klbf": 1e3 * _POUND_FORCE, "kip": 1e3 * _POUND_FORCE, "kips": 1e3 * _POUND_FORCE}
     | {"kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "tf": 1e3 * STANDARD_GRAVITY, "daN": 10.0},
     "N/m": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3, "kN/mm": 1e6, "lbf/in": _POUND_FORCE / _INCH},
     "N*m": {"Nm": 1.0, "kNm": 1e3},
     "kg": {"kg": 1.0, "t": 1e3, "lb": 0.45359237, "lbm": 0.45359237},
-    "s": _prefixed("s", "mun")
+    "s": _with_prefixes("s", "mun")
     | dict.fromkeys(("sec", "second", "seconds"), 1.0)
     | {"msec": 1e-3, "usec": 1e-6, "min": 60.0, "h": 3600.0},
-    "Hz": _prefixed("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
+    "Hz": _with_prefixes("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "dps": math.pi / 180, "°/s": math.pi / 180},
-    "V": _prefixed("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
-    "A": _prefixed("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
-    "Pa": _prefixed("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},
+    "V": _with_prefixes("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
+    "A": _with_prefixes("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
+    "Pa": _with_prefixes("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},
     "degC": dict.fromkeys(("degC", "°C"), 1.0),
     "1": dict.fromkeys(("1", "-", "ratio", "count", "counts"), 1.0)
     | {"%": 1e-2, "percent": 1e-2, "strain": 1.0, "ustrain": 1e-6, "ue": 1e-6},
@@ -64,26 +64,8 @@ _SPELLINGS: dict[str, tuple[float, str]] = {
     spelling: (factor, name) for name, row in _TABLE.items() for spelling, factor in row.items()
 }
 
-# Offered to whoever wrote an unknown unit.
-_USUAL = (
-    "m/s^2",
-    "g",
-    "mg",
-    "mm/s^2",
-    "in/s^2",
-    "m/s",
-    "mm/s",
-    "m",
-    "mm",
-    "in",
-    "N",
-    "kN",
-    "lbf",
-    "s",
-    "ms",
-    "V",
-    "%",
-)
+# These are suggested where a unit is not known.
+_USUAL = ("m/s^2", "g", "mg", "mm/s^2", "in/s^2", "m/s", "mm/s", "m", "mm", "in", "N", "kN", "lbf", "s", "ms", "V", "%")
 
 
 def _plain(unit: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
-from opid.signals.health.inspection import inspect, without_spikes
+from opid.signals.health.inspection import inspect, remove_spikes
 from opid.signals.health.result import Finding, Health
 from opid.signals.log import Log
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
@@ -223,7 +223,7 @@ def _without_spikes(recording: Recording) -> Recording:
     """Single spikes mended at the rate at which they were recorded: a filter would make long ones of them."""
     columns, history = [], list(recording.history)
     for channel, samples in zip(recording.channels, recording.samples.T, strict=True):
-        mended, spikes = without_spikes(samples, fs=recording.fs)
+        mended, spikes = remove_spikes(samples, fs=recording.fs)
         columns.append(mended)
         history += [f"{channel.name}: {spikes.size} spike(s) mended"] * (spikes.size > 0)
     return replace(recording, samples=np.stack(columns, axis=1), history=tuple(history))

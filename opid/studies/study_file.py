@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 from opid.studies.kinds import KINDS, MODAL_TESTS, SUSPENSIONS, TEST_BENCH, StudyKind, kind_of
 from opid.studies.schema import Say, load
 
@@ -131,7 +131,7 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
         record, _, write = _room(kind)
         if isinstance(study, record):
             text = write(study, target.parent)
-            with written_whole(target) as file:
+            with write_whole(target) as file:
                 file.write(text)
             return
     raise InputError(

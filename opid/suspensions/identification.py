@@ -12,7 +12,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import default_law
-from opid.signals.health.inspection import check_channels, without_spikes
+from opid.signals.health.inspection import check_channels, remove_spikes
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import bootstrap_over_white, limits, std_over_white
 from opid.suspensions.answer.numbers import found_numbers
@@ -187,7 +187,7 @@ def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
         for side in ("unsprung", "sprung"):
             columns = []
             for name in study.channels(side):
-                samples, indices = without_spikes(run.recording.channel(name), fs=study.fs)
+                samples, indices = remove_spikes(run.recording.channel(name), fs=study.fs)
                 columns.append(samples)
                 mended[side] += indices.size
             sides.append(np.stack(columns, axis=1))

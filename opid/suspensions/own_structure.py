@@ -19,7 +19,7 @@ from opid.mechanics.structure import Structure
 from opid.mechanics.weight import depends_on_travel
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
-from opid.signals.health.inspection import check_channels, findings_in_words, without_spikes
+from opid.signals.health.inspection import check_channels, findings_in_words, remove_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.answer.intervals import Parameters, limits_of_mass
@@ -390,7 +390,7 @@ def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sen
                 raise InputError(f"channel {name!r} of run {index} is in {run.unit(name)}: an acceleration is needed")
 
     def samples(run: Recording, names: Sequence[str]) -> FloatArray:
-        return np.stack([without_spikes(run.channel(name), fs=run.fs)[0] for name in names], axis=1)
+        return np.stack([remove_spikes(run.channel(name), fs=run.fs)[0] for name in names], axis=1)
 
     return [
         (samples(run, tuple(interfaces.values())), samples(run, tuple(sensors.values())), np.empty((run.n_samples, 0)))

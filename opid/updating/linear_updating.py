@@ -263,7 +263,7 @@ def _say_what_strayed(
     coefficient = _coefficient(base, mode, sensor, float(amplitude[-1]), wanted)
     if coefficient is None:
         return None
-    column = base.place(mode)
+    column = base.index(mode)
     relative, converged = [], []
     for system in (base, *moved):
         solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=amplitude)([[coefficient]])
@@ -278,7 +278,7 @@ def _say_what_strayed(
 
 def _coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float, growth: float) -> float | None:
     """Of a cubic law with which lambda grows by this fraction up to the amplitude; None where none makes it grow."""
-    column = system.place(mode)
+    column = system.index(mode)
     at_sensor, at_joints = system.at_sensors[system.sensor(sensor), column], system.at_joints[:, column]
     if abs(growth) < LEAST_GROWTH or not at_sensor or not at_joints.any():
         return None

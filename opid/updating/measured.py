@@ -16,7 +16,7 @@ import numpy as np
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
 from opid.signals.column_names import split_unit
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
 from opid.signals.units import to_si
@@ -176,7 +176,7 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
     for sensor in backbone.sensors:
         if split_unit(f"{sensor} [m]") != (sensor, "m") or "\n" in sensor or sensor.casefold() in FREQUENCY_NAMES:
             raise InputError(f"the sensor {sensor!r} cannot be the name of a column of {path}: rename it")
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["frequency_hz", *(f"{sensor} [m]" for sensor in backbone.sensors)])
         for frequency, row in zip(backbone.frequency_hz, backbone.amplitude, strict=True):

@@ -219,7 +219,7 @@ class Updating(Result):
         for curve in self.measured:
             if curve.mode > system.n_modes or not system.joints or curve.controlled_sensor not in system.sensors:
                 continue
-            column = system.place(curve.mode)
+            column = system.index(curve.mode)
             moved = abs(float(system.at_sensors[system.sensor(curve.controlled_sensor), column]))
             if moved > 0:
                 extended = float(np.abs(system.at_joints[:, column]).max()) / moved

@@ -9,53 +9,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.errors import InputError
-from opid.mechanics.backbones.family import checked_amplitudes, laws_of_joints, refuse_unseen
+from opid.mechanics.backbones.family import Backbone, laws_of_joints, refuse_unseen, require_amplitudes
 from opid.mechanics.backbones.harmonic_balance import Balance, balance, linear_start, modal_motion, residual, solve_at
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import FloatArray, Law
 
 MOST_ITERATIONS = 8
-"""Of Newton's method in one step: a longer way is taken in smaller steps."""
+"""Iterations of Newton's method in one step: where more are needed, the step is made smaller."""
 EASY, HARD = 3, 5
 """Iterations up to which the next step is longer, and from which it is shorter."""
 SMALLEST_STEP = 1e-9
-"""Share of the first step below which the curve is given up."""
+"""Fraction of the first step below which the curve is given up."""
 MOST_TURN = 0.9
 """Least cosine between the directions of two steps."""
 
 
 @dataclass(frozen=True, eq=False)
-class ContinuedBackbone:
-    """A backbone as a curve: amplitude and frequency may both turn back.
+class ContinuedBackbone(Backbone):
+    """A backbone as a curve: amplitude and frequency may both turn back, and the amplitude may pass zero.
+
+    All points are solutions, and `reason` says why the curve ended before the amplitude asked for.
 
     Attributes:
-        mode: number of the mode, from 1.
-        sensor: the sensor whose amplitude is followed.
-        amplitude: (n,) its first-harmonic amplitude along the curve, m; it may pass zero.
-        frequency_hz: (n,) Hz.
-        shapes: (n, n_sensors) first-harmonic displacement of all sensors, m.
-        harmonics: of the motion.
-        turning_points: (n_turns,) places in the curve of the points at which the amplitude turns back.
-        reason: why the curve ended before the amplitude asked for; empty where it reached that.
-        extension: (n, n_harmonics, n_joints) cosine coefficients of the joints' extensions, m.
+        turning_points: (n_turns,) indices of the points at which the amplitude turns back.
         modal_motion: (n, n_harmonics, n_modes) cosine coefficients of the modal coordinates, m kg^1/2.
     """
 
-    mode: int
-    sensor: str
-    amplitude: FloatArray
-    frequency_hz: FloatArray
-    shapes: FloatArray
-    harmonics: tuple[int, ...]
     turning_points: NDArray[np.int64]
-    reason: str
-    extension: FloatArray
     modal_motion: FloatArray
-
-    @property
-    def converged(self) -> NDArray[np.bool_]:
-        """(n,) all points are solutions."""
-        return np.ones(self.amplitude.size, dtype=np.bool_)
 
 
 def continued_backbone(
@@ -84,7 +65,7 @@ def continued_backbone(
         first_amplitude_m: where the curve begins, near the linear mode, m.
         last_amplitude_m: the amplitude, in absolute value, at which it ends, m.
         harmonics: of the motion, as in `backbone`.
-        largest_step: of the curve, as a share of the last amplitude and of the coordinates at it.
+        largest_step: of the curve, as a fraction of the last amplitude and of the coordinates at it.
         most_points: after which the curve is given up.
 
     Raises:
@@ -97,14 +78,14 @@ def continued_backbone(
     >>> bool(np.allclose((2 * np.pi * curve.frequency_hz) ** 2, 100.0 + 3e6 * curve.amplitude**2, rtol=1e-9))
     True
     """
-    amplitudes = checked_amplitudes([first_amplitude_m, last_amplitude_m])
+    amplitudes = require_amplitudes([first_amplitude_m, last_amplitude_m])
     if amplitudes[0] >= amplitudes[1]:
         raise InputError(
             f"the amplitudes run from {first_amplitude_m:g} to {last_amplitude_m:g} m: give the smaller first"
         )
     if not (0.0 < largest_step <= 1.0 and most_points >= 2):
         raise InputError(f"largest_step is {largest_step} and most_points {most_points}: give up to 1, and 2 or more")
-    refuse_unseen(system, system.place(mode), system.sensor(sensor))
+    refuse_unseen(system, system.index(mode), system.sensor(sensor))
     equations = balance(system, laws_of_joints(law, system), mode=mode, sensor=sensor, harmonics=harmonics)
     start = solve_at(equations, linear_start(equations, amplitudes[0]), amplitudes[0])
     if start is None:
@@ -128,7 +109,7 @@ def _scales(equations: Balance, linear: FloatArray, last_amplitude_m: float) -> 
     ])  # fmt: skip
 
 
-def _bordered(
+def _border(
     equations: Balance, scales: FloatArray, point: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Values of the equations and their scaled Jacobian with the amplitude, bordered by a direction."""
@@ -144,18 +125,18 @@ def _bordered(
 
 def _direction(equations: Balance, scales: FloatArray, point: FloatArray, before: FloatArray) -> FloatArray:
     """Unit vector along the curve, on from the direction before."""
-    _, bordered = _bordered(equations, scales, point, before)
+    _, bordered = _border(equations, scales, point, before)
     along = np.linalg.solve(bordered, np.eye(point.size)[-1])
     return along / np.linalg.norm(along)
 
 
-def _corrected(
+def _correct(
     equations: Balance, scales: FloatArray, predicted: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, int] | None:
     """The point of the curve perpendicular to the direction, and the iterations it took; None where there is none."""
     point = predicted.copy()
     for iteration in range(MOST_ITERATIONS):
-        value, bordered = _bordered(equations, scales, point, direction)
+        value, bordered = _border(equations, scales, point, direction)
         try:
             step = np.linalg.solve(bordered, np.append(value, direction @ (point - predicted)))
         except np.linalg.LinAlgError:
@@ -176,20 +157,20 @@ def _follow(
     largest_step: float,
     most_points: int,
 ) -> tuple[FloatArray, list[int], str]:
-    """The points of the curve, the places of its turns, and why it ended early."""
+    """The points of the curve, the indices of its turns, and why it ended early."""
     points = [np.append(start, amplitudes[0]) / scales]
     turns: list[int] = []
     along = _direction(equations, scales, points[0], np.eye(scales.size)[-1])
     step = largest_step / 10.0
     while abs(points[-1][-1]) < 1.0:
         if len(points) >= most_points:
-            return _unscaled(points, scales), turns, _ended(points, scales, f"{most_points} points are taken")
-        found = _corrected(equations, scales, points[-1] + step * along, along)
+            return _unscale(points, scales), turns, _describe_end(points, scales, f"{most_points} points are taken")
+        found = _correct(equations, scales, points[-1] + step * along, along)
         turned = None if found is None else _direction(equations, scales, found[0], along)
         if found is None or turned is None or turned @ along < MOST_TURN:
             step /= 2.0
             if step < SMALLEST_STEP * largest_step:
-                return _unscaled(points, scales), turns, _ended(points, scales, "Newton's method fails at any step")
+                return _unscale(points, scales), turns, _describe_end(points, scales, "Newton's method fails")
             continue
         if along[-1] * turned[-1] < 0.0:
             points.append(_turn(equations, scales, points[-1], along, step, turned))
@@ -197,7 +178,7 @@ def _follow(
         points.append(found[0])
         along = turned
         step = min(step * (1.5 if found[1] <= EASY else 0.7 if found[1] >= HARD else 1.0), largest_step)
-    return _unscaled(_ended_at(equations, scales, points), scales), turns, ""
+    return _unscale(_move_last(equations, scales, points), scales), turns, ""
 
 
 def _turn(
@@ -208,7 +189,7 @@ def _turn(
     best = point
     for _ in range(8):
         middle = low + (high - low) * np.clip(at_low / (at_low - at_high), 0.05, 0.95)
-        found = _corrected(equations, scales, point + middle * along, along)
+        found = _correct(equations, scales, point + middle * along, along)
         if found is None:
             break
         best = found[0]
@@ -220,21 +201,21 @@ def _turn(
     return best
 
 
-def _ended_at(equations: Balance, scales: FloatArray, points: list[FloatArray]) -> list[FloatArray]:
+def _move_last(equations: Balance, scales: FloatArray, points: list[FloatArray]) -> list[FloatArray]:
     """The points with the last one moved back onto the last amplitude."""
     before, beyond = points[-2], points[-1]
     target = np.sign(beyond[-1])
-    share = (target - before[-1]) / (beyond[-1] - before[-1])
-    guess = (before + share * (beyond - before)) * scales
+    fraction = (target - before[-1]) / (beyond[-1] - before[-1])
+    guess = (before + fraction * (beyond - before)) * scales
     found = solve_at(equations, guess[:-1], float(target * scales[-1]))
     return points if found is None else [*points[:-1], np.append(found, target * scales[-1]) / scales]
 
 
-def _unscaled(points: list[FloatArray], scales: FloatArray) -> FloatArray:
+def _unscale(points: list[FloatArray], scales: FloatArray) -> FloatArray:
     return np.array(points) * scales
 
 
-def _ended(points: list[FloatArray], scales: FloatArray, why: str) -> str:
+def _describe_end(points: list[FloatArray], scales: FloatArray, why: str) -> str:
     at = points[-1] * scales
     return (
         f"the curve ends at {np.sqrt(at[-2]) / (2 * np.pi):.6g} Hz and {at[-1]:.4g} m, point {len(points)}: {why}; "
@@ -254,6 +235,7 @@ def _as_curve(
         frequency_hz=np.sqrt(points[:, -2]) / (2 * np.pi),
         shapes=motion[:, first] @ equations.system.at_sensors.T,
         harmonics=equations.harmonics,
+        converged=np.ones(len(points), dtype=np.bool_),
         turning_points=np.array(turns, dtype=np.int64),
         reason=reason,
         extension=points[:, :n].reshape(len(points), len(equations.harmonics), len(equations.laws)),

@@ -24,7 +24,7 @@ from opid.mechanics.kernels import backbones as backbones_kernel, code_of, law_a
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray, Law, Term
 
-# share of the largest value below which a shape counts as zero
+# fraction of the largest value below which a shape counts as zero
 NOTHING = 1e-9
 
 
@@ -181,13 +181,7 @@ def family_evaluator(
 ) -> Callable[[ArrayLike], BackboneFamily]:
     """Return coefficients -> `BackboneFamily`, with all that does not depend on them made once: for samplers.
 
-    Args:
-        system: as in `backbone_family`.
-        kinds: likewise.
-        mode: likewise.
-        sensor: likewise.
-        amplitude: likewise.
-        harmonics: likewise.
+    `system`, `kinds`, `mode`, `sensor`, `amplitude` and `harmonics` are those of `backbone_family`.
 
     Raises:
         InputError: as `backbone_family`, which the function returned raises for coefficients of the wrong shape.
@@ -195,8 +189,8 @@ def family_evaluator(
     for kind in kinds:
         if kind not in LAWS:
             raise InputError(f"there is no law {kind!r}: {nearest(kind, LAWS)}")
-    places = [(row, column) for row, kind in enumerate(kinds) for column in range(len(LAWS[kind].parameters))]
-    rows, columns = np.array(places, dtype=np.int64).reshape(-1, 2).T
+    positions = [(row, column) for row, kind in enumerate(kinds) for column in range(len(LAWS[kind].parameters))]
+    rows, columns = np.array(positions, dtype=np.int64).reshape(-1, 2).T
     terms = tuple(Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds)
     n_joints = len(system.joints)
     codes = np.array([code_of(kind) for kind in kinds], dtype=np.int64)
@@ -238,10 +232,6 @@ def first_harmonic_factor(power: ArrayLike) -> FloatArray:
 def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:
     """Return one law a joint.
 
-    Args:
-        law: of all joints, or one for each.
-        system: with its joints.
-
     Raises:
         InputError: another number of laws than joints, or a law that rests elsewhere than at its origin.
     """
@@ -253,7 +243,7 @@ def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law,
     for each in laws:
         if each.rest_m and each.terms:
             raise InputError(
-                f"{each.name} rests {each.rest_m:g} m from its origin: backbones take laws about the place of rest"
+                f"{each.name} rests {each.rest_m:g} m from its origin: backbones take laws about the position at rest"
             )
     return laws
 
@@ -292,7 +282,7 @@ def _curves(
     amplitude: ArrayLike,
     harmonics: Sequence[int],
 ) -> _Curves:
-    prescribed = checked_amplitudes(amplitude)
+    prescribed = require_amplitudes(amplitude)
     refuse_velocity(terms)
     used = harmonics_of(terms, harmonics)
     if 0 in used:
@@ -302,7 +292,7 @@ def _curves(
     nothing = np.empty((1, 0))
     transform = Transform(nothing, nothing, nothing[0]) if closed else period_transform(terms, used)
     products = transform.weights[:, np.newaxis] * transform.cosines[np.newaxis]
-    condensed, seen = _condensed(system, system.place(mode), system.sensor(sensor))
+    condensed, seen = _condense(system, system.index(mode), system.sensor(sensor))
     return _Curves(
         amplitude=prescribed,
         harmonics=used,
@@ -319,7 +309,7 @@ def _curves(
     )
 
 
-def _condensed(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _condense(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """The modes as the kernel takes them; those that no joint moves are left out."""
     refuse_unseen(system, m, a)
     psi, phi = system.at_joints.T, system.at_sensors.T
@@ -344,11 +334,8 @@ def _condensed(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], t
     return condensed, (phi[m].copy(), phi[others], psi[others], at_sensor)
 
 
-def checked_amplitudes(amplitude: ArrayLike) -> FloatArray:
+def require_amplitudes(amplitude: ArrayLike) -> FloatArray:
     """Return amplitudes as an array of their own.
-
-    Args:
-        amplitude: (n,) m.
 
     Raises:
         InputError: none, or values that are not positive or not finite.
@@ -360,12 +347,7 @@ def checked_amplitudes(amplitude: ArrayLike) -> FloatArray:
 
 
 def refuse_unseen(system: JointedModes, m: int, a: int) -> None:
-    """Refuse a mode that is a rigid-body motion, or that the sensor does not see.
-
-    Args:
-        system: the linear structure.
-        m: column of the mode.
-        a: row of the sensor.
+    """Refuse a mode, column `m` of `system`, that is a rigid-body motion, or that the sensor of row `a` does not see.
 
     Raises:
         InputError: either of the two.
@@ -386,7 +368,7 @@ def _reason(amplitude: FloatArray, frequency_hz: FloatArray, sensor: str) -> str
     failed = np.flatnonzero(np.isnan(frequency_hz))
     if failed.size == 0:
         return ""
-    points = ", ".join(f"{place + 1} ({amplitude[place]:.4g} m at {sensor!r})" for place in failed[:5])
+    points = ", ".join(f"{point + 1} ({amplitude[point]:.4g} m at {sensor!r})" for point in failed[:5])
     more = f" and {failed.size - 5} more" if failed.size > 5 else ""
     return (
         f"no solution near the curve at point {points}{more}: take smaller steps of the amplitude or fewer harmonics, "

@@ -24,6 +24,8 @@ POWERS = {
 POLYNOMIALS = {"even_quadratic_stiffness": 2, "cubic_stiffness": 3, "quintic_stiffness": 5}
 # extensions at which a law is tried for its symmetry, m
 TRIED_M = np.geomspace(1e-6, 1e-1, 21)
+# iterations after which Newton's method is given up
+MOST_ITERATIONS = 15
 # times of half a period for laws with corners that may lie anywhere
 MANY_TIMES = 256
 
@@ -44,11 +46,7 @@ class Transform:
 
 
 def is_odd(terms: Sequence[Term]) -> bool:
-    """Return whether every term is an odd function of the extension.
-
-    Args:
-        terms: of laws.
-    """
+    """Return whether every term is an odd function of the extension."""
     at_rest = np.zeros(TRIED_M.size)
     return all(
         np.allclose(term.evaluate(-TRIED_M, at_rest)[0], -term.evaluate(TRIED_M, at_rest)[0], rtol=1e-9, atol=0.0)
@@ -58,9 +56,6 @@ def is_odd(terms: Sequence[Term]) -> bool:
 
 def refuse_velocity(terms: Sequence[Term]) -> None:
     """Refuse terms that are no springs.
-
-    Args:
-        terms: of laws.
 
     Raises:
         InputError: one depends on the rate: a backbone is a free motion that neither grows nor decays.
@@ -73,9 +68,6 @@ def refuse_velocity(terms: Sequence[Term]) -> None:
 
 def refuse_held_free_modes(system: JointedModes) -> None:
     """Refuse rigid-body modes that joints extend: their mean position is not determined by the linear springs.
-
-    Args:
-        system: the linear structure.
 
     Raises:
         InputError: there is one.
@@ -91,11 +83,7 @@ def refuse_held_free_modes(system: JointedModes) -> None:
 
 
 def harmonics_of(terms: Sequence[Term], harmonics: Sequence[int]) -> tuple[int, ...]:
-    """Return the harmonics in order; odd laws leave out the even ones, which are zero.
-
-    Args:
-        terms: of all joints' laws.
-        harmonics: asked for.
+    """Return the harmonics in order; where all `terms` are odd, the even ones are zero and left out.
 
     Raises:
         InputError: harmonics that are no whole numbers, twice the same, without 1, or without 0 for a law that is not
@@ -120,10 +108,6 @@ def period_transform(terms: Sequence[Term], harmonics: tuple[int, ...]) -> Trans
 
     A motion of odd harmonics under odd laws repeats itself in every quarter, and its extensions are zero where quarters
     meet: Gauss points between are as good for |z| z as for polynomials.
-
-    Args:
-        terms: of all joints' laws.
-        harmonics: of the motion, as `harmonics_of` gives them.
     """
     names = {term.name for term in terms}
     powers = [POLYNOMIALS.get(name, POWERS.get(name, 3)) for name in names]
@@ -227,7 +211,7 @@ def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str
     terms = [term for each in laws for term in each.terms]
     refuse_velocity(terms)
     used = harmonics_of(terms, harmonics)
-    m = system.place(mode)
+    m = system.index(mode)
     moved = np.abs(system.at_joints).max(axis=0, initial=0.0) > 1e-9 * np.abs(system.at_joints).max(initial=0.0)
     at = np.square(used)[:, np.newaxis] * system.eigenvalue[m]
     # within an octave of the harmonic; in harmonic 0 the rigid-body modes
@@ -239,12 +223,7 @@ def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str
 
 
 def linear_start(equations: Balance, amplitude: float) -> FloatArray:
-    """Return the unknowns of the linear mode.
-
-    Args:
-        equations: of the backbone.
-        amplitude: of the sensor, m.
-    """
+    """Return the unknowns of the linear mode."""
     system, m, first = equations.system, equations.mode, equations.harmonics.index(1)
     q = amplitude / system.at_sensors[equations.sensor, m]
     extension = np.zeros((len(equations.harmonics), len(equations.laws)))
@@ -271,12 +250,12 @@ def residual(equations: Balance, unknowns: FloatArray, amplitude: float) -> tupl
     value, jacobian = np.zeros(equations.size), np.zeros((equations.size, equations.size))
     value[:n], jacobian[:n, :n] = unknowns[:n], np.eye(n)
     value[-1] = -amplitude
-    place = n
+    first = n
     for k, h in enumerate(equations.harmonics):
         rows = slice(k * n_joints, (k + 1) * n_joints)
         kept = equations.explicit[k]
-        own = slice(place, place + int(kept.sum()))
-        place = own.stop
+        own = slice(first, first + int(kept.sum()))
+        first = own.stop
         psi, away = system.at_joints[:, kept], system.eigenvalue[kept] - h**2 * at
         others, seen = system.at_joints[:, ~kept], system.at_sensors[equations.sensor]
         receptance = 1.0 / (system.eigenvalue[~kept] - h**2 * at)
@@ -301,12 +280,7 @@ def residual(equations: Balance, unknowns: FloatArray, amplitude: float) -> tupl
 
 
 def modal_motion(equations: Balance, unknowns: FloatArray) -> FloatArray:
-    """Return the cosine coefficients of all modal coordinates, (n_harmonics, n_modes) m kg^1/2.
-
-    Args:
-        equations: of the backbone.
-        unknowns: (size,) that solve them.
-    """
+    """Return the cosine coefficients of all modal coordinates, (n_harmonics, n_modes) m kg^1/2."""
     system, n = equations.system, equations.n_joint_unknowns
     force, _ = joint_harmonics(equations.laws, equations.transform, unknowns[:n].reshape(-1, len(equations.laws)))
     away = system.eigenvalue - np.square(equations.harmonics)[:, np.newaxis] * unknowns[-1]
@@ -316,19 +290,10 @@ def modal_motion(equations: Balance, unknowns: FloatArray) -> FloatArray:
     return motion
 
 
-def solve_at(
-    equations: Balance, start: FloatArray, amplitude: float, *, most_iterations: int = 15
-) -> FloatArray | None:
-    """Return the unknowns at a prescribed amplitude by Newton's method, or None where it does not converge.
-
-    Args:
-        equations: of the backbone.
-        start: (size,) unknowns to start from.
-        amplitude: of the sensor, m.
-        most_iterations: after which it is given up.
-    """
+def solve_at(equations: Balance, start: FloatArray, amplitude: float) -> FloatArray | None:
+    """Return the unknowns at a prescribed amplitude by Newton's method, or None where it does not converge."""
     unknowns = start.copy()
-    for _ in range(most_iterations):
+    for _ in range(MOST_ITERATIONS):
         value, jacobian = residual(equations, unknowns, amplitude)
         try:
             step = np.linalg.solve(jacobian, value)

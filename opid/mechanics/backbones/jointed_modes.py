@@ -68,8 +68,8 @@ class JointedModes:
             raise InputError(f"there is no sensor {name!r}: {nearest(name, self.sensors)}")
         return self.sensors.index(name)
 
-    def place(self, mode: int) -> int:
-        """Column of a mode, which users count from 1; InputError outside the modes."""
+    def index(self, mode: int) -> int:
+        """Index of a mode, which users count from 1; InputError outside the modes."""
         if mode not in range(1, self.n_modes + 1):
             raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
         return int(mode) - 1

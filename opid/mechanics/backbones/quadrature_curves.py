@@ -13,30 +13,30 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from opid.errors import InputError
-from opid.mechanics.backbones.family import checked_amplitudes, laws_of_joints
+from opid.mechanics.backbones.family import laws_of_joints, require_amplitudes
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import FloatArray, Law
 from opid.mechanics.shaker import Shaker
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
-# of the frequencies among which quadrature of the linear structure is looked for
+# number of frequencies among which quadrature of the linear structure is looked for
 _N_SCANNED = 6001
-# share of the largest extension by which a solution may differ from its prediction
+# fraction of the largest extension by which a solution may differ from its prediction
 _FROM_PREDICTION = 0.05
-# share of an amplitude
+# smallest step of the amplitude, as a fraction of it
 _LEAST_STEP = 1 / 64
 
 
 @dataclass(frozen=True, eq=False)
 class Specimen:
-    """A structure with damped modes and nonlinear joints, and a shaker at the place of one of its sensors.
+    """A structure with damped modes and nonlinear joints, and a shaker at one of its sensors.
 
     Args:
         system: its modes, as its sensors and joints see them.
         laws: one law a joint; a single `Law` counts for all.
         damping_ratio: (n_modes,) zeta of each mode, or one number for all.
-        drive: name of the sensor where the force acts.
+        drive: name of the sensor at which the force acts.
         shaker: None for a force that acts directly; else the feedback moves its armature, and the force is that in its
             stinger. Its amplifier is taken as linear.
 
@@ -192,7 +192,7 @@ def quadrature_curve(
     controlled_sensor: str,
     amplitude: ArrayLike,
     harmonics: Sequence[int] = (1, 3, 5, 7),
-    widest_share: float = 0.03,
+    widest_fraction: float = 0.03,
 ) -> MeasuredCurve:
     """Return the curve that single-point forcing tends to, by harmonic balance: what continuation measures, in no time.
 
@@ -213,7 +213,7 @@ def quadrature_curve(
         controlled_sensor: whose amplitude is stepped up.
         amplitude: (n,) of its first harmonic, m, growing.
         harmonics: that are balanced, 1 among them; 0 and the even ones, too, where a law is not odd.
-        widest_share: how far the frequency may move from level to level, share of it.
+        widest_fraction: how far the frequency may move from level to level, as a fraction of it.
 
     Raises:
         InputError: no such mode or sensor, amplitudes that are not positive and growing, harmonics without the first,
@@ -226,17 +226,17 @@ def quadrature_curve(
     _, force_n = linear_start(specimen, mode, controlled_sensor)
     system = specimen.system
     columns = system.sensor(sensor), system.sensor(controlled_sensor)
-    linear_hz = float(system.frequency_hz[system.place(mode)])
-    found = _linear_quadrature(specimen, linear_hz, columns[0], widest_share)
+    linear_hz = float(system.frequency_hz[system.index(mode)])
+    found = _linear_quadrature(specimen, linear_hz, columns[0], widest_fraction)
     balance = _Balance(specimen, numbers, columns, 0.0, found or linear_hz, force_n)
     branch = _Branch(0.0, balance.linear_motion())
     last, levels = 1.0, []
     for a in map(float, wanted):
-        followed = _followed(balance, branch, a) if found else None
+        followed = _follow(balance, branch, a) if found else None
         branch, here = followed or branch, replace(balance, amplitude=a)
-        _, ratio, force = here.unpacked(branch.x)
-        if followed is None or abs(ratio / last - 1.0) > widest_share or force <= 0.0:
-            reason = f"no quadrature at {sensor!r} within {widest_share:.0%} of {last * balance.frequency_hz:.3f} Hz"
+        _, ratio, force = here.unpack(branch.x)
+        if followed is None or abs(ratio / last - 1.0) > widest_fraction or force <= 0.0:
+            reason = f"no quadrature at {sensor!r} within {widest_fraction:.0%} of {last * balance.frequency_hz:.3f} Hz"
             levels.append(here.level(branch.x, numbers, reason))
             break
         last = ratio
@@ -253,7 +253,7 @@ class _Branch:
     slope: FloatArray | float = 0.0
 
 
-def _followed(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
+def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
     """The solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
     goal = amplitude
     while branch.amplitude < amplitude:
@@ -272,62 +272,54 @@ def _followed(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch |
     return branch
 
 
-def _linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_share: float) -> float | None:
+def _linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_fraction: float) -> float | None:
     """Frequency of quadrature of a sensor of the linear structure, the nearest to a mode's, Hz; None without one."""
     system, shapes = specimen.system, specimen.system.at_sensors[column] * specimen.drive_row
 
-    def in_phase(share: ArrayLike) -> FloatArray:
-        omega = 2.0 * np.pi * linear_hz * (1.0 + np.asarray(share))[..., None]
+    def in_phase(shift: ArrayLike) -> FloatArray:
+        omega = 2.0 * np.pi * linear_hz * (1.0 + np.asarray(shift))[..., None]
         stiffness = system.eigenvalue - omega**2
         damping = omega * specimen.modal_damping
         return np.asarray((shapes * stiffness / (stiffness**2 + damping**2)).sum(axis=-1))
 
-    shares = np.linspace(-widest_share, widest_share, _N_SCANNED)
-    values = in_phase(shares)
+    shifts = np.linspace(-widest_fraction, widest_fraction, _N_SCANNED)
+    values = in_phase(shifts)
     turns = np.flatnonzero(np.signbit(values[1:]) != np.signbit(values[:-1]))
     if not turns.size:
         return None
-    nearest = turns[np.argmin(np.abs(shares[turns]))]
-    return linear_hz * (1.0 + float(optimize.brentq(in_phase, shares[nearest], shares[nearest + 1], xtol=1e-14)))
+    nearest = turns[np.argmin(np.abs(shifts[turns]))]
+    return linear_hz * (1.0 + float(optimize.brentq(in_phase, shifts[nearest], shifts[nearest + 1], xtol=1e-14)))
 
 
 def growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
-    """Return amplitudes as an array (n,).
-
-    Args:
-        amplitude: (n,) m.
+    """Return `amplitude` as an array (n,).
 
     Raises:
         InputError: unless they are positive and growing.
     """
-    wanted = checked_amplitudes(amplitude)
+    wanted = require_amplitudes(amplitude)
     if (np.diff(wanted) <= 0.0).any():
         raise InputError(f"the amplitudes are {amplitude!r}: give them from small to large, m")
     return wanted
 
 
 def linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple[FloatArray, float]:
-    """Return the extension of each joint and the force, N, for 1 m at the controlled sensor in the linear mode.
-
-    Args:
-        specimen: the structure.
-        mode: number of the mode, from 1.
-        controlled_sensor: a sensor.
+    """Return the extension of each joint of `specimen` and the force, N, for 1 m at `controlled_sensor`, linearly.
 
     Raises:
         InputError: no such mode or sensor, or one of rigid motion, or one without motion there or at the drive point.
     """
-    system, place = specimen.system, specimen.system.place(mode)
-    row, drive = system.at_sensors[system.sensor(controlled_sensor), place], specimen.drive_row[place]
-    eigenvalue = system.eigenvalue[place]
+    system, column = specimen.system, specimen.system.index(mode)
+    row, drive = system.at_sensors[system.sensor(controlled_sensor), column], specimen.drive_row[column]
+    eigenvalue = system.eigenvalue[column]
     if eigenvalue <= 0.0:
-        raise InputError(f"mode {mode} has {system.frequency_hz[place]:g} Hz: only an elastic mode resonates")
-    largest = np.abs(system.at_sensors[:, place]).max()
+        raise InputError(f"mode {mode} has {system.frequency_hz[column]:g} Hz: only an elastic mode resonates")
+    largest = np.abs(system.at_sensors[:, column]).max()
     for name, value in ((controlled_sensor, row), (specimen.drive, drive)):
         if abs(value) <= 1e-9 * largest:
             raise InputError(f"the sensor {name!r} does not move in mode {mode}: take another one")
-    force = specimen.modal_damping[place] * np.sqrt(eigenvalue) / abs(row * drive)
-    return system.at_joints[:, place] / abs(row) * np.sign(drive), float(force)
+    force = specimen.modal_damping[column] * np.sqrt(eigenvalue) / abs(row * drive)
+    return system.at_joints[:, column] / abs(row) * np.sign(drive), float(force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,14 +342,14 @@ class _Balance:
         z[self.numbers.index(1)] = system.at_joints @ q * stiffness
         return np.concatenate([z.real.ravel(), z.imag.ravel(), [1.0, stiffness / self.force_n_per_m]])
 
-    def unpacked(self, x: FloatArray) -> tuple[ComplexArray, float, float]:
+    def unpack(self, x: FloatArray) -> tuple[ComplexArray, float, float]:
         """Extensions (n_harmonics, n_joints) over the amplitude, frequency and force over their scales."""
         parts = x[:-2].reshape(2, len(self.numbers), -1)
         return parts[0] + 1j * parts[1], float(x[-2]), float(x[-1])
 
     def motion(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
         """Misfit of the joints (n_harmonics, n_joints), sensors (n_harmonics, n_sensors), both over the amplitude."""
-        z, ratio, force = self.unpacked(x)
+        z, ratio, force = self.unpack(x)
         system, specimen = self.specimen.system, self.specimen
         omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
         held = self._joint_force(self.amplitude * z, omega[:, 0])
@@ -375,8 +367,8 @@ class _Balance:
         force = np.column_stack(
             [law.force(extension[:, k], rate[:, k]) for k, law in enumerate(self.specimen.joint_laws)]
         )
-        share = np.where(np.array(self.numbers) == 0, 1.0, 2.0) / _SAMPLES
-        return np.asarray(share[:, None] * (wave.conj().T @ force), dtype=np.complex128)
+        weight = np.where(np.array(self.numbers) == 0, 1.0, 2.0) / _SAMPLES
+        return np.asarray(weight[:, None] * (wave.conj().T @ force), dtype=np.complex128)
 
     def residual(self, x: FloatArray) -> FloatArray:
         """(n_unknowns,) all zero at quadrature."""
@@ -397,7 +389,7 @@ class _Balance:
         forces = np.zeros(kept, dtype=complex)
         forces[0] = force
         error = phase_error(forces[0], displacement[self.columns[0], 0])
-        frequency = self.frequency_hz * self.unpacked(x)[1]
+        frequency = self.frequency_hz * self.unpack(x)[1]
         return ContinuationLevel(self.amplitude, frequency, forces, displacement, error, 0.0, not reason, 1, 0, reason)
 
 
@@ -405,10 +397,6 @@ def phase_error(force: complex, displacement: complex) -> float:
     """Return how far a displacement is off quadrature with a force, radians, within pi / 2 on either side.
 
     It is positive below resonance. A sensor that moves against the drive point counts as one that moves with it.
-
-    Args:
-        force: its first harmonic.
-        displacement: likewise.
 
     >>> round(phase_error(1.0, 0.1 - 1j), 4)
     0.0997

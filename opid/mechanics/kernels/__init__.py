@@ -42,10 +42,10 @@ class LawArrays(NamedTuple):
         values: (n_terms, 14) amplitude times `Term.loading`, and two inner values, filled up with ones; where it rests;
             at rest the force for unit amplitude and its derivatives by z and by both inner values; the fourth inner
             value, 0 where there is none; the third one, 1 where there is none; `Term.loading` where it rests and the
-            derivatives of its logarithm by that place and by both inner values.
+            derivatives of its logarithm by that position and by both inner values.
         memories: (n_terms, 4) first of its memories and how many a term has, and the same of the states of a prediction
             that stand for them: one for each memory, or one for the mean of those that slip. The first memory is -1
-            where there is none, and -2 - q where a faint term's first is that of the place q among those of all faint
+            where there is none, and -2 - q where a faint term's first is that of the index q among those of all faint
             terms, which have no states.
         elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.laws.Kind`; of
             one that slips h' / v and its derivatives by three inner values, else zero; its weight.
@@ -62,9 +62,6 @@ class LawArrays(NamedTuple):
 
 def law_arrays(*laws: Law | TermSet) -> LawArrays:
     """Return laws as the compiled functions take them.
-
-    Args:
-        laws: any laws.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> law_arrays(default_law("arctan_velocity")).values[:, :4].tolist()
@@ -194,10 +191,10 @@ def predictor(
     covariance[np.arange(2 * n, 2 * n + memory_start.size), np.arange(2 * n, 2 * n + memory_start.size)] = (
         memory_start**2 if correct else 0.0
     )
-    # what is compiled for one interface has room for few states
+    # the kernel for one interface has room for few states
     single = n == 1 and memory_start.size <= 1 and not (ground and unmeasured)
     # directions last: the innermost loops go over them
-    ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
+    directions = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     begun = into[:, : n_start - 2 * n].copy()
 
     def predictions(start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -209,9 +206,9 @@ def predictor(
             (unmeasured or None) if single else unmeasured,
             joints,
             accelerance,
-            ways[0],
+            directions[0],
             reading,
-            ways[1],
+            directions[1],
             drive,
             by_drive,
             measured,
@@ -224,18 +221,14 @@ def predictor(
             correct,
             sensitivity,
         )
-        # made sample by sample: rows of a whole record, a power of two apart, would share few places of the cache
+        # made sample by sample: rows of a whole record, a power of two apart, would share few lines of the cache
         return innovation, spread, changes.transpose(1, 2, 0), motion
 
     return predictions
 
 
 def memory_starts(joints: tuple[Any, ...]) -> FloatArray:
-    """Return how uncertain the memories are where a record begins, one number for each state of them.
-
-    Args:
-        joints: as of `predictor`.
-    """
+    """Return how uncertain the memories are where a record begins, one number for each state of them."""
     codes, memories = joints[2], joints[5]
     rows = np.flatnonzero(memories[:, 0] >= 0)
     return np.repeat([BUILT_IN[code].memory_start for code in codes[rows]], memories[rows, 3]).astype(np.float64)
@@ -258,9 +251,6 @@ def remembered_along(joints: tuple[Any, ...], v: FloatArray, step_s: float) -> F
 
 def check_compiles(kind: Kind) -> None:
     """Compile the function of a kind.
-
-    Args:
-        kind: of a user.
 
     Raises:
         InputError: numba cannot compile it.

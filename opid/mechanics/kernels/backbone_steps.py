@@ -12,7 +12,7 @@ _SMALL_STEP = 1e-8
 _MOST_ITERATIONS = 12
 # how often a step of the amplitude is halved before a point is given up
 _MOST_HALVINGS = 8
-# shares of the eigenvalue and of the extensions by which a point may lie beside its prediction: farther off it may be
+# parts of the eigenvalue and of the extensions by which a point may lie beside its prediction: farther off it may be
 # on another branch, and smaller steps are taken
 _FARTHEST = 0.05
 _FARTHEST_EXTENSION = 0.2
@@ -195,8 +195,8 @@ def _eliminate(matrix):  # type: ignore[no-untyped-def]
 
 
 @part(inline=False)
-def _newton(system, harmonics, law, sample, transform, amplitude, share, y, rooms):  # type: ignore[no-untyped-def]
-    """Move y to a solution for a share of the law and leave its forces in the rooms; False where there is none near."""
+def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):  # type: ignore[no-untyped-def]
+    """Move y to a solution for a fraction of the law, leave its forces in the rooms; False where none is near."""
     force, slope, once, twice, matrix, work, moved = rooms
     n = y.size
     predicted = y[n - 1]
@@ -209,12 +209,12 @@ def _newton(system, harmonics, law, sample, transform, amplitude, share, y, room
             _power_forces(law, sample, y, force, slope)
         else:
             _transformed_forces(law, sample, transform, y, force, slope, work)
-        if share != 1.0:
+        if fraction != 1.0:
             for j in range(force.shape[1]):
                 for k in range(force.shape[0]):
-                    force[k, j] *= share
+                    force[k, j] *= fraction
                     for other in range(force.shape[0]):
-                        slope[j, k, other] *= share
+                        slope[j, k, other] *= fraction
         if done:
             # of the first harmonic alone: an interaction may change the others at once
             farthest, size = 0.0, 0.0
@@ -234,7 +234,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, share, y, room
             step = max(step, abs(matrix[k, n]))
             size = max(size, abs(y[k]))
         y[n - 1] -= matrix[n - 1, n]
-        # written so that nan is no success
+        # the comparison is written so that nan is no success
         if not abs(y[n - 1] - predicted) < abs(predicted):
             return False
         done = step <= _SMALL_STEP * size and abs(matrix[n - 1, n]) <= _SMALL_STEP * y[n - 1]
@@ -242,7 +242,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, share, y, room
 
 
 @part(inline=False)
-def _predict(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-untyped-def]
+def _predict(positions, ratios, n_known, position, amplitude, y):  # type: ignore[no-untyped-def]
     """Extrapolate z / A and the eigenvalue by the polynomial through the last (at most three) points."""
     for k in range(y.size):
         y[k] = 0.0
@@ -250,7 +250,7 @@ def _predict(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-u
         weight = 1.0
         for other in range(n_known):
             if other != known:
-                weight *= (place - places[other]) / (places[known] - places[other])
+                weight *= (position - positions[other]) / (positions[known] - positions[other])
         for k in range(y.size):
             y[k] += weight * ratios[known, k]
     for k in range(y.size - 1):
@@ -258,13 +258,13 @@ def _predict(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-u
 
 
 @part(inline=False)
-def _remember(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-untyped-def]
+def _remember(positions, ratios, n_known, position, amplitude, y):  # type: ignore[no-untyped-def]
     """Put a point in front of the others and return how many there are."""
     for known in range(min(n_known, 2), 0, -1):
-        places[known] = places[known - 1]
+        positions[known] = positions[known - 1]
         for k in range(y.size):
             ratios[known, k] = ratios[known - 1, k]
-    places[0] = place
+    positions[0] = position
     for k in range(y.size - 1):
         ratios[0, k] = y[k] / amplitude
     ratios[0, y.size - 1] = y[y.size - 1]
@@ -275,25 +275,25 @@ def _remember(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-
 def _march(system, harmonics, law, sample, transform, known, n_known, goal, held, y, rooms):  # type: ignore[no-untyped-def]
     """Go from the last known point to a goal, in smaller steps where needed, and return how many points are known.
 
-    The goal is an amplitude or, where an amplitude is held (not 0), a share of the law. 0 where it is not reached: then
+    The goal is an amplitude or, where one is held (not 0), a fraction of the law. 0 where it is not reached: then
     the known points stay as they were.
     """
-    places, ratios, trial_places, trial_ratios = known
+    positions, ratios, trial_positions, trial_ratios = known
     for point in range(n_known):
-        trial_places[point] = places[point]
+        trial_positions[point] = positions[point]
         for k in range(y.size):
             trial_ratios[point, k] = ratios[point, k]
-    last, n_trial, halvings = places[0], n_known, 0
+    last, n_trial, halvings = positions[0], n_known, 0
     step = goal - last
     while last < goal:
         # the last step ends on the goal itself
         target = goal if last + step >= goal * (1.0 - 1e-12) else last + step
         # points that lie close together tell little about one far from them
-        near = target - last <= last - trial_places[n_trial - 1]
-        amplitude, share = (target, 1.0) if held == 0.0 else (held, target)
-        _predict(trial_places, trial_ratios, n_trial if near else 1, target, amplitude, y)
-        if _newton(system, harmonics, law, sample, transform, amplitude, share, y, rooms):
-            n_trial = _remember(trial_places, trial_ratios, n_trial, target, amplitude, y)
+        near = target - last <= last - trial_positions[n_trial - 1]
+        amplitude, fraction = (target, 1.0) if held == 0.0 else (held, target)
+        _predict(trial_positions, trial_ratios, n_trial if near else 1, target, amplitude, y)
+        if _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):
+            n_trial = _remember(trial_positions, trial_ratios, n_trial, target, amplitude, y)
             last = target
         else:
             step *= 0.5
@@ -301,7 +301,7 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
             if halvings > _MOST_HALVINGS:
                 return 0
     for point in range(n_trial):
-        places[point] = trial_places[point]
+        positions[point] = trial_positions[point]
         for k in range(y.size):
             ratios[point, k] = trial_ratios[point, k]
     return n_trial
@@ -344,8 +344,8 @@ def _backbones(system, sensors, harmonics, law, transform, amplitudes):  # type:
     work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
     rooms = (force, slope, once, twice, np.empty((n, n + 1)), work, np.empty(n))
     y, seen = np.empty(n), np.empty(sensors[0].size)
-    places, ratios = np.empty(3), np.empty((3, n))
-    known = (places, ratios, np.empty(3), np.empty((3, n)))
+    positions, ratios = np.empty(3), np.empty((3, n))
+    known = (positions, ratios, np.empty(3), np.empty((3, n)))
     first = 0
     for k in range(n_harmonics):
         first = k if harmonics[k] == 1 else first
@@ -354,22 +354,22 @@ def _backbones(system, sensors, harmonics, law, transform, amplitudes):  # type:
         begun = False
         for point in range(n_points):
             amplitude, reached = amplitudes[point], 0
-            # the second way, by shares of the law, is for laws with a stiffness at rest: there the curve does not begin
+            # the second method, by fractions of the law, is for laws stiff at rest: there the curve does not begin
             # in the linear mode
-            for way in range(1 if begun else 2):
+            for method in range(1 if begun else 2):
                 if not begun:
                     n_known = 1
-                    places[0] = 0.0
+                    positions[0] = 0.0
                     for k in range(n - 1):
                         ratios[0, k] = 0.0
                     for j in range(n_joints):
                         ratios[0, first * n_joints + j] = own_joints[j] / own[1]
                     ratios[0, n - 1] = own[0]
-                goal, held = (amplitude, 0.0) if way == 0 else (1.0, amplitude)
+                goal, held = (amplitude, 0.0) if method == 0 else (1.0, amplitude)
                 reached = _march(system, harmonics, law, sample, transform, known, n_known, goal, held, y, rooms)
                 if reached > 0:
-                    n_known = reached if way == 0 else 1
-                    places[0] = amplitude
+                    n_known = reached if method == 0 else 1
+                    positions[0] = amplitude
                     begun = True
                     break
             if reached == 0:

@@ -1,6 +1,6 @@
 """The choice among the kinds of law, inside compiled code.
 
-A built-in kind has the code of its place in `BUILT_IN` and is compiled into the kernels. A user's own kind is compiled
+A built-in kind has the code of its index in `BUILT_IN` and is compiled into the kernels. A user's own kind is compiled
 alone and its code is the address of what was compiled: no kernel is compiled anew for it.
 """
 
@@ -20,16 +20,12 @@ from opid.mechanics.laws.kinds import BUILT_IN, LAWS, Kind
 # Any: the functions it decorates take one argument less than they state
 _intrinsic: Any = extending.intrinsic
 _NUMBER = types.float64
-_PLACES = {kind.name: place for place, kind in enumerate(BUILT_IN)}
+_CODES = {kind.name: code for code, kind in enumerate(BUILT_IN)}
 
 
 def code_of(name: str) -> int:
-    """Return the number by which compiled code knows a kind of law.
-
-    Args:
-        name: of a kind in `opid.laws.LAWS`.
-    """
-    return _PLACES[name] if name in _PLACES else int(_compile_own(LAWS[name]).address)
+    """Return the number by which compiled code knows a kind of law."""
+    return _CODES[name] if name in _CODES else int(_compile_own(LAWS[name]).address)
 
 
 @cache
@@ -45,7 +41,7 @@ def _compile_own(kind: Kind) -> Any:
 
 
 @cache
-def _inlined(function: Callable[..., Any]) -> Any:
+def _inline(function: Callable[..., Any]) -> Any:
     return part(inline=True)(function)
 
 
@@ -60,7 +56,7 @@ def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
         a: first inner value.
         b: second inner value.
     """
-    functions = {place: kind.function for place, kind in enumerate(BUILT_IN)}
+    functions = {code: kind.function for code, kind in enumerate(BUILT_IN)}
     return _compiled_choice(_typing, functions, n_in=4, n_out=5)
 
 
@@ -77,7 +73,7 @@ def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: A
         c: third inner value.
         u: element.
     """
-    functions = {place: kind.memory for place, kind in enumerate(BUILT_IN) if kind.memory is not None}
+    functions = {code: kind.memory for code, kind in enumerate(BUILT_IN) if kind.memory is not None}
     return _compiled_choice(_typing, functions, n_in=6, n_out=6)
 
 
@@ -88,7 +84,7 @@ def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n
     function, and one for an address.
     """
     answer_type = types.UniTuple(_NUMBER, n_out)
-    parts = {key: typing.resolve_value_type(_inlined(function)) for key, function in functions.items()}
+    parts = {key: typing.resolve_value_type(_inline(function)) for key, function in functions.items()}
     signatures = {key: each.get_call_type(typing, (_NUMBER,) * n_in, {}) for key, each in parts.items()}
 
     def write_choice(context: Any, builder: Any, _: Any, arguments: Any) -> Any:

@@ -38,11 +38,7 @@ def part(*, inline: bool, freedom: Freedom = "none") -> Callable[[Callable[..., 
 
 
 def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator for a function that Python calls; what is compiled of it is kept on disk.
-
-    Args:
-        freedom: as of `part`.
-    """
+    """Return a decorator for a function that Python calls; what is compiled of it is kept on disk."""
 
     def compile_at_first_call(function: Callable[..., Any]) -> Any:
         function.__qualname__ = f"{function.__qualname__}_{_digest()}"

@@ -2,7 +2,7 @@
 
 State of n interfaces, n numbers each: z, v, [h], offset of the drive o, offset of the readings r, [d, e], [w]. What the
 laws remember, h, is one number for each term with memory, h' = r(h, v). d and e are there only where a ground spring
-needs the place of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. w is the acceleration of the
+needs the position of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. w is the acceleration of the
 body by forces that nobody measured. It decays by a factor from sample to sample and is pushed anew at random; between
 two samples it is a straight line. With b = w - A F, z' = v and v' = b - u - o, a sensor reads b + r; one that sits
 beside its interface reads w - R F + r.
@@ -39,7 +39,7 @@ from opid.mechanics.kernels.steps import (
     _STAGE_PLACE,
     _STAGE_STEP,
     _STAGE_WEIGHT,
-    _confined,
+    _confine,
     _copy_followed,
     _follow,
     _followed_forces,
@@ -59,7 +59,7 @@ _MOST_STEPS = 30
 
 
 @part(inline=True)
-def _interpolate(given, place, begin, end, out):  # type: ignore[no-untyped-def]
+def _interpolate(given, start, begin, end, out):  # type: ignore[no-untyped-def]
     """Rows of a parabola through three half steps at the beginning, middle and end of a part of their step."""
     for row in range(3):
         t = begin + 0.5 * row * (end - begin)
@@ -67,7 +67,7 @@ def _interpolate(given, place, begin, end, out):  # type: ignore[no-untyped-def]
         for c in range(given.shape[1]):
             for i in range(given.shape[2]):
                 out[row, c, i] = (
-                    first * given[place, c, i] + middle * given[place + 1, c, i] + last * given[place + 2, c, i]
+                    first * given[start, c, i] + middle * given[start + 1, c, i] + last * given[start + 2, c, i]
                 )
 
 
@@ -116,7 +116,7 @@ def _end_step(n, joints, travels, pulled, held, state):  # type: ignore[no-untyp
                 for e in range(begin, begin + count):
                     free = pulled[e] + elements[e, 2] * travels[4, i]
                     held[e] = elements[e, 2] if np.abs(free) < elements[e, 1] else 0.0
-                    pulled[e] = _confined(free, elements[e, 1])
+                    pulled[e] = _confine(free, elements[e, 1])
                     total += elements[e, 6] * pulled[e]
                 state[2 * n + q] = total
 
@@ -132,7 +132,7 @@ def _predictions(  # type: ignore[no-untyped-def]
     keeps their numbers in registers. For one interface `remembered` is a tuple with a number for each memory, and
     `ground_is_followed` and `unmeasured_is_followed` are True or None; for several they are empty and bools.
 
-    The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
+    The covariance is that of z + tied d, travel about where both springs balance. By itself d grows, for no
     reading sees it in the long run, and with it z: their small difference would drown.
 
     Parameters: those of the joints, directions of A (the last axis of `by_mass`), of the drive, of the measured, then
@@ -231,11 +231,13 @@ def _predictions(  # type: ignore[no-untyped-def]
     sensitivity, motion = np.empty((n_samples, n, n_parameters)), np.empty((3, n, n_samples))
 
     for step in range(n_samples):
-        place = 0
+        column = 0
         for i in range(n):
             z, v = state[i], state[n + i]
             x = z + state[n_moving + 2 * n + i] if ground else 0.0
-            force[seen, i], by_z[seen, i], by_v[seen, i], place = _joint_force(joints, i, place, seen, z, v, x, by_own)
+            force[seen, i], by_z[seen, i], by_v[seen, i], column = _joint_force(
+                joints, i, column, seen, z, v, x, by_own
+            )
             by_z[seen, i] += linear[i, 2]
             if n_moving > 2 * n:
                 more, slope = _remembered_force(joints, i, owns[i] + 4, seen, v, 2 * n, state, by_own, evolution)
@@ -346,12 +348,12 @@ def _predictions(  # type: ignore[no-untyped-def]
             for q in range(n_moving - 2 * n):
                 memory[q] = memory_next[q] = state[2 * n + q]
             for stage in range(4):
-                place = 0
+                column = 0
                 for i in range(0 if stage > 0 or correct or piece > 0 else n, n):
                     z, v = here[0, i], here[1, i]
                     x = z + here[2, i] if ground else 0.0
-                    force[stage, i], by_z[stage, i], by_v[stage, i], place = _joint_force(
-                        joints, i, place, stage, z, v, x, by_own
+                    force[stage, i], by_z[stage, i], by_v[stage, i], column = _joint_force(
+                        joints, i, column, stage, z, v, x, by_own
                     )
                     by_z[stage, i] += linear[i, 2]
                     if n_moving > 2 * n:
@@ -453,16 +455,16 @@ def _predictions(  # type: ignore[no-untyped-def]
                         carried[row, p] = 0.0
                     # of the correction z, v and h keep what the step makes of it, the others all
                     for i in range(n if is_first else 0):
-                        share = _dot_of_rows(transition, row, gain, i)
+                        coefficient = _dot_of_rows(transition, row, gain, i)
                         for p in range(width):
-                            carried[row, p] += share * change[i, p]
+                            carried[row, p] += coefficient * change[i, p]
                 _carry(n, transition, ground, unmeasured, moving, resting, carried)
                 for s in range(n_moving, n_states if is_first else 0):
                     for i in range(n):
                         for p in range(width):
                             resting[s - n_moving, p] += gain[i, s] * change[i, p]
-                place, given = (0, part_by_drive) if n_steps > 1 else (2 * step, by_drive)
-                _push(owns, place, by_mass, given, force, by_own, of_acceleration, of_force, of_drive, carried)
+                half_step, given = (0, part_by_drive) if n_steps > 1 else (2 * step, by_drive)
+                _push(owns, half_step, by_mass, given, force, by_own, of_acceleration, of_force, of_drive, carried)
                 if n_moving > 2 * n:
                     _push_memories(joints, owns, evolution, of_memory, carried)
                 if slips:
@@ -476,7 +478,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                     _drag(n, joints, owns, travels, pulled, before, moved, carried)
                 if ground:
                     _carry_ground(part_s, n, resting)
-                    _push_ground(place, part_s, n_own + n_mass, given, resting)
+                    _push_ground(half_step, part_s, n_own + n_mass, given, resting)
                 for i in range(n if unmeasured else 0):
                     for p in range(width):
                         resting[n_states - n_moving - n + i, p] *= decay[i]

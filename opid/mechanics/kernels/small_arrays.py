@@ -32,13 +32,13 @@ def small_zeros(_: Any, several: Any, remembered: Any, shape: Any) -> Any:
     def make_on_stack(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         n_memories = len(remembered)
         room = ir.ArrayType(ir.DoubleType(), max((6 + n_memories) ** 2, 40 * n_memories))
-        place = cgutils.alloca_once_value(builder, room(None), zfill=True)
+        start = cgutils.alloca_once_value(builder, room(None), zfill=True)
         sizes = cgutils.unpack_tuple(builder, arguments[2])
         strides = [context.get_constant(types.intp, 8)]
         for size in sizes[:0:-1]:
             strides.insert(0, builder.mul(strides[0], size))
         made = make_array(array)(context, builder)
-        data = builder.bitcast(place, ir.DoubleType().as_pointer())
+        data = builder.bitcast(start, ir.DoubleType().as_pointer())
         item_bytes = context.get_constant(types.intp, 8)
         populate_array(made, data=data, shape=sizes, strides=strides, itemsize=item_bytes, meminfo=None)
         return made._getvalue()

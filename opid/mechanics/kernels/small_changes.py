@@ -45,12 +45,12 @@ def _step_matrices(  # type: ignore[no-untyped-def]
             for q in range(n_moving - 2 * n):
                 of_memory[stage, row, q] = ahead * work[2 * n + q] + (weight if row == 2 * n + q else 0.0)
             for i in range(n):
-                share = 0.0
+                coefficient = 0.0
                 for k in range(n):
-                    share -= of_acceleration[stage, row, k] * accelerance[k, i]
-                of_force[stage, row, i] = share
-                work[n + i] = work[i] + share * by_v[stage, i]
-                work[i] = share * by_z[stage, i]
+                    coefficient -= of_acceleration[stage, row, k] * accelerance[k, i]
+                of_force[stage, row, i] = coefficient
+                work[n + i] = work[i] + coefficient * by_v[stage, i]
+                work[i] = coefficient * by_z[stage, i]
             for q in range(n_moving - 2 * n):
                 i, of_rate = owners[q], of_memory[stage, row, q]
                 work[n + i] += of_rate * evolution[stage, q, 2]
@@ -121,7 +121,7 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
     _, firsts, _, n_inner, _, memories, elements, _ = joints
     width = carried.shape[1]
     for i in range(n):
-        place = owns[i] + 4
+        column = owns[i] + 4
         for term in range(firsts[i], firsts[i + 1]):
             begin, count, row = memories[term, 0], memories[term, 1], 2 * n + memories[term, 2]
             if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
@@ -134,7 +134,7 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
                         for p in range(width):
                             moved[e, p] += slope * before[i, p]
                         for k in range(n_inner[term]):
-                            moved[e, place + 1 + k] += elements[e, 3 + k] * travels[4, i]
+                            moved[e, column + 1 + k] += elements[e, 3 + k] * travels[4, i]
                         for p in range(width):
                             carried[row, p] += elements[e, 6] * moved[e, p]
                     else:
@@ -143,7 +143,7 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
                             moved[e, p] = 0.0
                 for p in range(width):
                     before[i, p] = carried[i, p] - before[i, p]
-            place += 1 + n_inner[term]
+            column += 1 + n_inner[term]
 
 
 @part(inline=True, freedom="fused")
@@ -223,14 +223,14 @@ def _carry_ground(step_s, n, resting):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="fused")
-def _push(owns, place, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried):  # type: ignore[no-untyped-def]
-    """Add to `carried` what the parameters themselves do to z, v and h in a step whose drive begins at `place`."""
+def _push(owns, start, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried):  # type: ignore[no-untyped-def]
+    """Add to `carried` what the parameters themselves do to z, v and h in a step whose drive begins at `start`."""
     n, n_own, n_mass, n_drive = force.shape[1], by_own.shape[1], by_mass.shape[2], by_drive.shape[1]
     for row in range(carried.shape[0]):
         for i in range(n):
             first, second = of_force[0, row, i], of_force[1, row, i]
             third, fourth = of_force[2, row, i], of_force[3, row, i]
-            # max, and counting from 0: the compiler then knows that no place counts from the end
+            # max, and counting from 0: the compiler then knows that no index counts from the end
             begin = max(0, owns[i])
             for p in range(owns[i + 1] - owns[i]):
                 carried[row, begin + p] += (
@@ -243,15 +243,15 @@ def _push(owns, place, by_mass, by_drive, force, by_own, of_acceleration, of_for
             total = 0.0
             for half in range(3):
                 for i in range(n):
-                    total += of_drive[half, row, i] * by_drive[place + half, c, i]
+                    total += of_drive[half, row, i] * by_drive[start + half, c, i]
             carried[row, n_own + n_mass + c] += total
         for i in range(n if n_mass > 0 else 0):
             for k in range(n):
-                share = 0.0
+                coefficient = 0.0
                 for stage in range(4):
-                    share += of_acceleration[stage, row, i] * force[stage, k]
+                    coefficient += of_acceleration[stage, row, i] * force[stage, k]
                 for m in range(n_mass):
-                    carried[row, n_own + m] -= share * by_mass[i, k, m]
+                    carried[row, n_own + m] -= coefficient * by_mass[i, k, m]
 
 
 @part(inline=True, freedom="fused")
@@ -259,23 +259,23 @@ def _push_memories(joints, owns, evolution, of_memory, carried):  # type: ignore
     """Add what the inner parameters of terms with memory do to the memories in a step."""
     _, firsts, _, n_inner, _, memories, _, _ = joints
     for i in range(firsts.size - 1):
-        place = owns[i] + 4
+        column = owns[i] + 4
         for term in range(firsts[i], firsts[i + 1]):
             for q in range(max(0, memories[term, 2]), memories[term, 2] + memories[term, 3]):
                 for k in range(n_inner[term]):
                     for row in range(carried.shape[0]):
                         for stage in range(4):
-                            carried[row, place + 1 + k] += of_memory[stage, row, q] * evolution[stage, q, 4 + k]
-            place += 1 + n_inner[term]
+                            carried[row, column + 1 + k] += of_memory[stage, row, q] * evolution[stage, q, 4 + k]
+            column += 1 + n_inner[term]
 
 
 @part(inline=True, freedom="fused")
-def _push_ground(place, step_s, first_drive, by_drive, resting):  # type: ignore[no-untyped-def]
-    """What directions of the drive do to d and e in a step whose drive begins at `place`."""
+def _push_ground(start, step_s, first_drive, by_drive, resting):  # type: ignore[no-untyped-def]
+    """What directions of the drive do to d and e in a step whose drive begins at `start`."""
     n = by_drive.shape[2]
     for c in range(by_drive.shape[1]):
         for i in range(n):
-            first, middle, last = by_drive[place, c, i], by_drive[place + 1, c, i], by_drive[place + 2, c, i]
+            first, middle, last = by_drive[start, c, i], by_drive[start + 1, c, i], by_drive[start + 2, c, i]
             resting[2 * n + i, first_drive + c] += step_s * step_s * (first + 2.0 * middle) / 6.0
             resting[3 * n + i, first_drive + c] += step_s * (first + 4.0 * middle + last) / 6.0
 
@@ -320,9 +320,9 @@ def _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale
             gain[i, s] *= per_scale
     for i in range(n):
         for s in range(n_states):
-            share = gain[i, s]
+            coefficient = gain[i, s]
             for q in range(n_states):
-                covariance[s, q] -= share * gain[i, q]
+                covariance[s, q] -= coefficient * gain[i, q]
 
 
 @part(inline=True, freedom="fused")

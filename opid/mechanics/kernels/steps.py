@@ -27,7 +27,7 @@ def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ig
         if count == 0:
             total += _force(codes, values, row, row + 1, z, v)
         for q in range(begin, begin + count):
-            h = _confined(memory[q], elements[q, 1])
+            h = _confine(memory[q], elements[q, 1])
             rate, by_h, _, _, _, _ = evolve(
                 codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
             )
@@ -37,7 +37,7 @@ def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ig
 
 
 @part(inline=True)
-def _confined(h, limit):  # type: ignore[no-untyped-def]
+def _confine(h, limit):  # type: ignore[no-untyped-def]
     # written so that nan stays nan
     h = limit if h > limit else h
     return -limit if h < -limit else h
@@ -68,15 +68,15 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
         z = _dot(directions, joint, spans[joint, 0], spans[joint, 1], x)
         for k in range(n):
             low, high = z - sliders[1, begin + k], z + sliders[1, begin + k]
-            place = positions[begin + k]
-            place = low if place < low else place
-            positions[begin + k] = high if place > high else place
+            position = positions[begin + k]
+            position = low if position < low else position
+            positions[begin + k] = high if position > high else position
 
 
 @part(inline=True, freedom="any order")
 def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     total = 0.0
-    # max, and counting from 0: the compiler then knows that no place counts from the end, and takes several at once
+    # max, and counting from 0: the compiler then knows that no index counts from the end, and takes several at once
     begin = max(0, first)
     for k in range(last - first):
         total += matrix[row, begin + k] * x[begin + k]
@@ -136,7 +136,7 @@ def _force_many(codes, values, z, v):  # type: ignore[no-untyped-def]
     return force
 
 
-# the stages of the classical Runge-Kutta method: place in half steps, weight, and step to the next stage
+# the stages of the classical Runge-Kutta method: position in half steps, weight, and step to the next stage
 _STAGE_PLACE = (0, 1, 1, 2)
 _STAGE_WEIGHT = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
@@ -186,7 +186,7 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
                 x[i] = x_next[i]
                 v[i] = v_next[i]
             for q in range(memory.size):
-                memory[q] = _confined(h_next[q], law_table[3][q, 1])
+                memory[q] = _confine(h_next[q], law_table[3][q, 1])
             _move_sliders(joints, x, positions)
         else:
             for q in range(memory.size):
@@ -195,19 +195,19 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
 
 
 @part(inline=True)
-def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
+def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
     """Force of joint i without what it remembers, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
-    Its derivatives by its own parameters (k, c, g, where its law rests, the law's own) go to by_own[stage] from `place`
-    on; the place after them is returned, too.
+    Its derivatives by its own parameters (k, c, g, where its law rests, the law's own) go to by_own[stage] from
+    `column` on; the column after them is returned, too.
     """
     linear, firsts, codes, n_inner, values, memories, _, _ = joints
     k, c, g = linear[i, 0], linear[i, 1], linear[i, 2]
     total, slope_z, slope_v = k * z + c * v + g * x, k, c
-    by_own[stage, place], by_own[stage, place + 1], by_own[stage, place + 2] = z, v, x
-    by_rest = place + 3
+    by_own[stage, column], by_own[stage, column + 1], by_own[stage, column + 2] = z, v, x
+    by_rest = column + 3
     by_own[stage, by_rest] = 0.0
-    place += 4
+    column += 4
     for row in range(firsts[i], firsts[i + 1]):
         if memories[row, 1] == 0:
             amplitude = values[row, 0]
@@ -219,20 +219,20 @@ def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-u
             slope_z += amplitude * shape_z
             slope_v += amplitude * shape_v
             by_own[stage, by_rest] += amplitude * (shape_z - values[row, 5] + values[row, 11] * shape)
-            by_own[stage, place] = values[row, 10] * shape
+            by_own[stage, column] = values[row, 10] * shape
             if n_inner[row] > 0:
-                by_own[stage, place + 1] = amplitude * (first - values[row, 6] + values[row, 12] * shape)
+                by_own[stage, column + 1] = amplitude * (first - values[row, 6] + values[row, 12] * shape)
             if n_inner[row] > 1:
-                by_own[stage, place + 2] = amplitude * (second - values[row, 7] + values[row, 13] * shape)
-        place += 1 + n_inner[row]
-    return total, slope_z, slope_v, place
+                by_own[stage, column + 2] = amplitude * (second - values[row, 7] + values[row, 13] * shape)
+        column += 1 + n_inner[row]
+    return total, slope_z, slope_v, column
 
 
 @part(inline=True)
-def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
+def _remembered_force(joints, i, column, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
     """Force of the terms of joint i that remember, A (h + d h'), and its slope by v; what slips has another part.
 
-    Their derivatives by their own parameters go to by_own[stage], from `place` on, where the law's own begin. Of each
+    Their derivatives by their own parameters go to by_own[stage], from `column` on, where the law's own begin. Of each
     memory q, h' goes to evolution[stage, q], followed by its derivatives by h and v, that of the force by h, and those
     of h' by the inner parameters. `memory` holds h from `first_memory` on.
     """
@@ -243,7 +243,7 @@ def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, 
         if count > 0 and elements[memories[row, 0], 1] == np.inf:
             amplitude, lag = values[row, 0] / count, values[row, 8]
             for k in range(1 + n_inner[row]):
-                by_own[stage, place + k] = 0.0
+                by_own[stage, column + k] = 0.0
             for q in range(begin, begin + count):
                 h, u = memory[first_memory + q], elements[memories[row, 0] + q - begin, 0]
                 rate, by_h, by_v, by_a, by_b, by_c = evolve(
@@ -255,12 +255,12 @@ def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, 
                 by_memory = amplitude * (1.0 + lag * by_h)
                 for k, value in enumerate((rate, by_h, by_v, by_memory, by_a, by_b, by_c)):
                     evolution[stage, q, k] = value
-                by_own[stage, place] += shape / count
+                by_own[stage, column] += shape / count
                 for k in range(n_inner[row]):
-                    by_own[stage, place + 1 + k] += amplitude * (
+                    by_own[stage, column + 1 + k] += amplitude * (
                         lag * evolution[stage, q, 4 + k] + (rate if k == 3 else 0.0)
                     )
-        place += 1 + n_inner[row]
+        column += 1 + n_inner[row]
     return total, slope_v
 
 
@@ -286,7 +286,7 @@ def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ign
 
 
 @part(inline=True)
-def _slipping_force(joints, i, place, stage, is_begun, travel, pulled, held, by_own, evolution):  # type: ignore[no-untyped-def]
+def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by_own, evolution):  # type: ignore[no-untyped-def]
     """Force of the terms of joint i whose elements slip, A times their mean h, and its slope by z.
 
     The joint moved by `travel` since h was `pulled`; where the step only begins (`is_begun` is False) that is zero, and
@@ -312,11 +312,11 @@ def _slipping_force(joints, i, place, stage, is_begun, travel, pulled, held, by_
                 evolution[stage, q, 7] = amplitude * slope
                 slope_z += amplitude * slope
             total += amplitude * of_all
-            by_own[stage, place] = of_all
+            by_own[stage, column] = of_all
             for k, by_value in enumerate((by_a, by_b, by_c)):
                 if k < n_inner[row]:
-                    by_own[stage, place + 1 + k] = amplitude * by_value * travel
-        place += 1 + n_inner[row]
+                    by_own[stage, column + 1 + k] = amplitude * by_value * travel
+        column += 1 + n_inner[row]
     return total, slope_z
 
 
@@ -349,7 +349,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
                     # v is a straight line: h moves with the travel
                     travel = 0.5 * step_s * (v_begin[i] + (0.25 + 0.5 * half) * (v_end[i] - v_begin[i]))
                     free = followed[half, q, 0] + elements[q, 2] * travel
-                    followed[half + 1, q, 0] = _confined(free, limit)
+                    followed[half + 1, q, 0] = _confine(free, limit)
                     for k in range(3):
                         after = followed[half, q, 1 + k] + elements[q, 3 + k] * travel
                         followed[half + 1, q, 1 + k] = after if np.abs(free) <= limit else 0.0
@@ -371,20 +371,20 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
                         h += part_s * rate
                         # implicit, so that it stays stable for any decay
                         fading = 0.5 * part_s * by_h
-                        for place, by_value in enumerate((by_a, by_b, by_c)):
-                            before = followed[then, q, 1 + place] * (1.0 + fading)
-                            followed[then, q, 1 + place] = (before + part_s * by_value) / (1.0 - fading)
+                        for column, by_value in enumerate((by_a, by_b, by_c)):
+                            before = followed[then, q, 1 + column] * (1.0 + fading)
+                            followed[then, q, 1 + column] = (before + part_s * by_value) / (1.0 - fading)
                     followed[then, q, 0] = h
 
 
 @part(inline=True)
-def _followed_forces(joints, i, place, half, stage, v, followed, by_own):  # type: ignore[no-untyped-def]
+def _followed_forces(joints, i, column, half, stage, v, followed, by_own):  # type: ignore[no-untyped-def]
     """Derivatives of the force of joint i by the parameters of its faint terms with memory, at a stage of a step."""
     _, firsts, codes, n_inner, values, memories, _, elements = joints
     for row in range(firsts[i], firsts[i + 1]):
         begin, count, lag = -2 - memories[row, 0], memories[row, 1], values[row, 8]
         for k in range(1 + n_inner[row] if begin >= 0 else 0):
-            by_own[stage, place + k] = 0.0
+            by_own[stage, column + k] = 0.0
         for q in range(begin, begin + (count if begin >= 0 else 0)):
             h, amplitude = followed[half, q, 0], values[row, 0] * elements[q, 6]
             rate, by_h, by_a, by_b, by_c = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -393,25 +393,25 @@ def _followed_forces(joints, i, place, half, stage, v, followed, by_own):  # typ
                 rate, by_h, _, by_a, by_b, by_c = evolve(
                     codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
                 )
-            by_own[stage, place] += elements[q, 6] * (h + lag * rate)
+            by_own[stage, column] += elements[q, 6] * (h + lag * rate)
             for k, by_value in enumerate((by_a, by_b, by_c, 0.0)):
                 if k < n_inner[row]:
                     through_h = followed[half, q, 1 + k] if k < 3 else 0.0
                     later = rate if k == 3 else 0.0
-                    by_own[stage, place + 1 + k] += amplitude * (
+                    by_own[stage, column + 1 + k] += amplitude * (
                         (1.0 + lag * by_h) * through_h + lag * by_value + later
                     )
-        place += 1 + n_inner[row]
+        column += 1 + n_inner[row]
 
 
 @part(inline=True)
-def _copy_followed(joints, i, place, before, stage, by_own):  # type: ignore[no-untyped-def]
+def _copy_followed(joints, i, column, before, stage, by_own):  # type: ignore[no-untyped-def]
     """Take the derivatives by the parameters of the faint terms with memory of joint i from another stage."""
     _, firsts, _, n_inner, _, memories, _, _ = joints
     for row in range(firsts[i], firsts[i + 1]):
         for k in range(1 + n_inner[row] if memories[row, 0] < -1 else 0):
-            by_own[stage, place + k] = by_own[before, place + k]
-        place += 1 + n_inner[row]
+            by_own[stage, column + k] = by_own[before, column + k]
+        column += 1 + n_inner[row]
 
 
 @part(inline=False)
@@ -438,8 +438,8 @@ def _remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
             found[k, p] = by_own[0, p]
         if k + 1 < v.size:
             for q in range(n_followed):
-                for place in range(4):
-                    followed[0, q, place] = followed[2, q, place]
+                for column in range(4):
+                    followed[0, q, column] = followed[2, q, column]
             pace[0, 0], pace[1, 0] = v[k], v[k + 1]
             _follow(joints, step_s, pace[0], pace[1], followed)
     return found

@@ -55,7 +55,7 @@ class Kind:
         searched: whether a search for the law of a suspension tries it; the others are terms of a series, for which
             their neighbours would be taken, and only laws that are asked for have them.
         bench_only: whether only the search on a test bench tries it, where the force is measured. From runs a free
-            power is not told from the kinds that it contains as special cases.
+            power is not distinguished from the kinds that it contains as special cases.
         is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
             same curve about another position is the same kind with other parameters, and needs no origin.
         quasi_static: inner values with which it is loaded slowly, None for those that are as in quick motion; empty

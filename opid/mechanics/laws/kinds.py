@@ -19,7 +19,7 @@ from opid.mechanics.laws.memory_kinds import MEMORY_KINDS
 __all__ = ["BUILT_IN", "KNOWN", "LAWS", "ForceAndDerivatives", "Kind", "Parameter"]
 
 TWO_OVER_PI = 2.0 / math.pi
-# share of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
+# fraction of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
 BOTTOM = 0.95
 # width over which the stiffness of a stop grows, over its gap: beyond, the force is that of a stop that begins at once
 ROUNDING = 0.1
@@ -155,8 +155,8 @@ def _limits_of_dead_zone(values: Values, rest_m: float) -> tuple[tuple[str, Valu
     stiffness, gap_m = values
     # where on the travel from rest it becomes stiffer, and in which direction
     corner = math.copysign(gap_m, stiffness)
-    ways = (("rebound_stop", corner - rest_m), ("bump_stop", corner + rest_m))
-    return tuple((name, (abs(stiffness), way)) for name, way in ways if way > 0.0)
+    stops = (("rebound_stop", corner - rest_m), ("bump_stop", corner + rest_m))
+    return tuple((name, (abs(stiffness), gap)) for name, gap in stops if gap > 0.0)
 
 
 def _bump_stop(z: Any, v: Any, g: Any, _: Any) -> ForceAndDerivatives:

@@ -69,10 +69,6 @@ class Term:
         """Return the force for unit amplitude and its derivatives by z, v and the first two inner values.
 
         That of a term with memory is the force of a slow motion that goes on in one direction.
-
-        Args:
-            z: extension, m.
-            v: its rate, m/s, of the same shape.
         """
         return self.kind.function(z, v, *(*self.inner, 1.0, 1.0)[:2])
 
@@ -89,7 +85,7 @@ class Term:
         shape, by_z, by_v, first, second = self.evaluate(z + rest_m, v)
         if rest_m == 0.0:
             return shape, by_z, by_v, first, second
-        # a kind may divide zero by zero at rest before it puts the right value in place
+        # a kind may divide zero by zero at rest before it replaces the result
         with np.errstate(all="ignore"):
             at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
         factor, _, by_first, by_second = self.loading(rest_m)
@@ -126,13 +122,13 @@ class Term:
             rest_m: extension at rest, m.
 
         Returns:
-            The factor, and the derivatives of its logarithm by the place and by the first two inner values.
+            The factor, and the derivatives of its logarithm by the position and by the first two inner values.
         """
         if not self.kind.quasi_static:
             return 1.0, 0.0, 0.0, 0.0
-        place = np.array(rest_m)
-        slow, slow_by, *slow_by_inner = self.static_force(place)
-        quick, quick_by, _, *quick_by_inner = self.evaluate(place, np.array(0.0))
+        position = np.array(rest_m)
+        slow, slow_by, *slow_by_inner = self.static_force(position)
+        quick, quick_by, _, *quick_by_inner = self.evaluate(position, np.array(0.0))
         left, moving = 1.0 - float(slow), 1.0 - float(quick)
         by = [
             float(q) / moving - float(s) / left
@@ -186,17 +182,17 @@ class TermSet:
             The force, its derivative by z, (*z.shape,) each, and those by each entry of `vector`, (*z.shape,
             n_parameters).
         """
-        place, rest = np.asarray(z, dtype=np.float64) + self.rest_m, np.array(self.rest_m)
+        position, rest = np.asarray(z, dtype=np.float64) + self.rest_m, np.array(self.rest_m)
         force, by_z, by_values = (
-            np.zeros(place.shape),
-            np.zeros(place.shape),
-            np.zeros((*place.shape, self.vector.size)),
+            np.zeros(position.shape),
+            np.zeros(position.shape),
+            np.zeros((*position.shape, self.vector.size)),
         )
         column = 0
-        # a kind may divide zero by zero at rest before it puts the right value in place
+        # a kind may divide zero by zero at rest before it replaces the result
         with np.errstate(all="ignore"):
             for term in self.terms:
-                shape, slope, *by_inner = term.static_force(place)
+                shape, slope, *by_inner = term.static_force(position)
                 at_rest, _, *by_inner_at_rest = term.static_force(rest)
                 force += term.amplitude * (shape - at_rest)
                 by_z += term.amplitude * slope
@@ -227,8 +223,8 @@ class TermSet:
         for term in self.terms:
             shape, _, _, *by_inner = term.evaluate_about(self.rest_m, z, v)
             gradient[..., column] = shape
-            for place, by_value in enumerate(by_inner[: len(term.inner)]):
-                gradient[..., column + 1 + place] = term.amplitude * by_value
+            for index, by_value in enumerate(by_inner[: len(term.inner)]):
+                gradient[..., column + 1 + index] = term.amplitude * by_value
             column += len(term.values)
         return gradient
 
@@ -272,7 +268,7 @@ class Law(TermSet):
     def __post_init__(self) -> None:
         order = list(LAWS)
         ordered = sorted(self.terms, key=lambda term: order.index(term.name))
-        merged = tuple(_added_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
+        merged = tuple(_add_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
         object.__setattr__(self, "terms", merged)
 
     @property
@@ -428,7 +424,7 @@ def _term(name: str, given: Mapping[str, float]) -> Term:
     return Term(name, tuple(given[key] for key in names))
 
 
-def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
+def _add_up(name: str, terms: tuple[Term, ...]) -> Term:
     if len({term.inner for term in terms}) > 1:
         raise InputError(f"a sum has {name!r} twice with different inner parameters: one law has one term of a kind")
     return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))

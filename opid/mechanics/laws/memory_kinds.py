@@ -48,12 +48,12 @@ def _bouc_wen(h: Any, v: Any, s: Any, n: Any, c: Any, _u: Any) -> RateAndDerivat
 def _lugre(h: Any, v: Any, s: Any, b: Any, w: Any, _u: Any) -> RateAndDerivatives:
     speed, ratio = np.abs(v), v / w
     bell = np.exp(-ratio * ratio)
-    level = 1.0 + (b - 1.0) * bell
-    rate = (v - speed * h / level) / s
-    by_level = speed * h / (level * level * s)
+    sliding = 1.0 + (b - 1.0) * bell
+    rate = (v - speed * h / sliding) / s
+    by_sliding = speed * h / (sliding * sliding * s)
     of_bell = 2.0 * (b - 1.0) * bell * ratio / w
-    by_v = (1.0 - np.sign(v) * h / level) / s - by_level * of_bell
-    return rate, -speed / (level * s), by_v, -rate / s, by_level * bell, by_level * of_bell * ratio
+    by_v = (1.0 - np.sign(v) * h / sliding) / s - by_sliding * of_bell
+    return rate, -speed / (sliding * s), by_v, -rate / s, by_sliding * bell, by_sliding * of_bell * ratio
 
 
 def _slipping(h: Any, v: Any, s: Any, p: Any, c: Any, u: Any) -> RateAndDerivatives:

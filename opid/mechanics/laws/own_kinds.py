@@ -104,7 +104,7 @@ def _check_derivatives(kind: Kind) -> None:
     points += [value * rng.uniform(0.8, 1.25, N_POINTS) for value in defaults]
     found = kind.function(*points)
     shape = np.broadcast_to(found[0], (N_POINTS,))
-    # what is not finite is said below, not warned of
+    # values that are not finite are reported below, without a warning of numpy
     with np.errstate(all="ignore"):
         at_rest = np.concatenate([np.broadcast_to(part, 1) for part in kind.function(*np.zeros((2, 1)), *defaults)])
     if not np.isfinite(at_rest).all() or not all(np.isfinite(part).all() for part in found):
@@ -117,9 +117,9 @@ def _check_derivatives(kind: Kind) -> None:
     absent = [*points[: len(labels)], *(10.0 * values for values in points[len(labels) :])]
     if np.any(kind.function(*absent)[0] != found[0]) or any(np.any(part != 0.0) for part in found[len(labels) + 1 :]):
         raise InputError(f"{kind.name} uses a parameter that it does not name: add it to the parameters of the kind")
-    for place, given in enumerate(found[1 : len(labels) + 1]):
-        step = 1e-6 * size[place]
-        numeric = _difference(kind.function, points, place, step)
+    for index, given in enumerate(found[1 : len(labels) + 1]):
+        step = 1e-6 * size[index]
+        numeric = _difference(kind.function, points, index, step)
         rounding = 1e-14 * float(np.abs(shape).max()) / step
         allowed = TOLERANCE * float(np.abs(numeric).max()) + rounding
         # a corner within a step of a point would be an accident of one in ten thousand
@@ -128,14 +128,14 @@ def _check_derivatives(kind: Kind) -> None:
             worst = int(np.argmax(np.abs(given - numeric)))
             value = float(np.broadcast_to(given, numeric.shape)[worst])
             raise InputError(
-                f"the derivative of {kind.name} by {labels[place]} is {value:g}, differences "
+                f"the derivative of {kind.name} by {labels[index]} is {value:g}, differences "
                 f"give {numeric[worst]:g}, at z = {points[0][worst]:.3g} m, v = {points[1][worst]:.3g} m/s: mend it"
             )
 
 
-def _difference(function: Callable[..., Any], points: list[Any], place: int, step: float) -> Any:
+def _difference(function: Callable[..., Any], points: list[Any], index: int, step: float) -> Any:
     up, down = list(points), list(points)
-    up[place] = points[place] + step
-    down[place] = points[place] - step
+    up[index] = points[index] + step
+    down[index] = points[index] - step
     difference = (function(*up)[0] - function(*down)[0]) / (2.0 * step)
-    return np.broadcast_to(difference, points[place].shape)
+    return np.broadcast_to(difference, points[index].shape)

@@ -15,7 +15,7 @@ def unit_of_parameter(parameter: Parameter, *, per_mass: bool) -> str:
 
     Args:
         parameter: of a kind of law.
-        per_mass: whether the force is told per kg.
+        per_mass: whether the force is given per kg.
 
     >>> from opid.mechanics.laws.law import LAWS
     >>> [unit_of_parameter(each, per_mass=True) for each in LAWS["arctan_velocity"].parameters]
@@ -33,7 +33,7 @@ def law_rows(
         law: the law.
         estimates: {kind: {parameter: Estimate}} of it; a kind that is missing has no rows.
         name: what stands before the kind in the names of the rows.
-        per_mass: whether the force is told per kg.
+        per_mass: whether the force is given per kg.
     """
     for term in law.terms:
         for parameter in term.kind.parameters if term.name in estimates else ():

@@ -14,7 +14,7 @@ import numpy as np
 
 from opid.errors import InputError, meant_by, nearest
 from opid.modal.linear.modes import LinearModes
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 from opid.signals.recording import FloatArray
 
 VARIANTS = {
@@ -78,7 +78,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
     """
     kind = Path(path).suffix.lower()
     if kind == ".npz":
-        with written_whole(path, "wb") as file:
+        with write_whole(path, "wb") as file:
             np.savez(
                 file,
                 frequency_hz=modes.frequency_hz,
@@ -92,7 +92,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
                 raise InputError(
                     f"the sensor {sensor!r} cannot be the name of a row of {path}: rename it, or write an .npz file"
                 )
-        with written_whole(path) as file:
+        with write_whole(path) as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["sensor", *(f"mode {mode + 1}" for mode in range(modes.n_modes))])
             rows = zip((*ROWS, *modes.sensors), (modes.frequency_hz, modes.damping_ratio, *modes.shapes), strict=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, require
-from opid.signals.directory import made_directory
+from opid.signals.files import make_directory
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Chain, to_inference_data
 
@@ -36,7 +36,7 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
         InputError: ArviZ is not installed or cannot write netCDF, or a place that cannot be written to.
     """
     require_arviz()
-    target = made_directory(directory)
+    target = make_directory(directory)
     written = []
     for name, posterior, parameters in _posteriors(result):
         path = target / f"chains_{name}.nc"

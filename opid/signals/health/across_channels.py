@@ -8,72 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.signals.health.channel import MUTE_VALUES
 from opid.signals.health.chunks import LARGEST
 from opid.signals.health.lines import SHARED_BY_LINES
 from opid.signals.health.result import Finding, PairHealth
-from opid.signals.health.spectrum import HIGH_FREQUENCY_HZ, hann
-from opid.signals.health.spikes import without_spikes
+from opid.signals.health.settings import HEALTH
+from opid.signals.health.spectrum import hann
+from opid.signals.health.spikes import remove_spikes
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import ComplexArray
 from opid.signals.units import STANDARD_GRAVITY
-
-MUTE_RATIO = 1e-3
-"""A sensor of a pair this much quieter than the other is mute: no suspension takes 60 dB off the rms."""
-
-QUIET_RATIO = 0.02
-"""A sensor of a pair this much quieter than the other may show only its noise."""
-
-SWAP_RATIO = 0.9
-"""How much quieter than the airframe the spindle may be above 5 Hz before the two look swapped: a strut
-locked by friction makes them nearly equal."""
-
-LAG_HZ = (0.5, 25.0)
-"""Where a suspension has its resonance, and delays between channels turn the phase by little."""
-
-LEAST_LAG = 0.05
-"""Part of the common motion, a quarter of a period late, from which the upper side is said to lag behind."""
-
-CARRIED_HZ = ((0.3, 0.5), (0.5, 0.8))
-"""Where a suspension of 1.4 Hz or more carries its body along, and moves it 0.7 to 1.3 times as much as the wheel, AC
-coupling and a spring to the ground included."""
-
-UNIT_TOLERANCE = 1.5
-"""How far a ratio may lie from that of two units, as a factor: more than a suspension and an AC coupling make of it,
-and four times less than what lies between a sound ratio and the nearest one that is told."""
-
-UNIT_PHASE = 0.5
-"""Phase up to which two sensors move together, rad: near a resonance or the corner of an AC coupling it is more."""
-
-UNIT_COHERENCE = 0.9
-UNIT_LINES = 9
-"""Lines in all of `CARRIED_HZ`, those of 20 s: of fewer, unrelated signals may look coherent."""
-
-LARGEST_RMS = 100.0
-"""A body that is shaken with more than 10 g rms is no vehicle and no building, m/s^2."""
-
-REST_TOLERANCE = 0.05
-"""How far from 1 the mean of an upright sensor in g may lie, as `inspect` takes it for gravity."""
-
-MOST_CROSSED = 8
-"""Accelerations of one clock whose cross-spectra are formed: 28 pairs."""
-
-LEAST_AVERAGES = 8.0
-"""Averages below which unrelated signals look coherent (by chance 1/n)."""
-
-COHERENT = 0.5
-BROAD_BAND = 3.0
-"""Highest over lowest frequency of the band over which the phase must be that of a delay; a resonance bends it."""
-
-LEAST_LINES = 16
-PHASE_TOLERANCE = 0.15
-"""How far the phase may lie off a delay's, rad, averaged over an eighth of the band."""
-
-GAIN_TOLERANCE = 1.25
-"""Largest over smallest gain, averaged over eighths of the band, of sensors that move alike."""
-
-LAG_SIGMA, LAG_SAMPLES = 4.0, 0.1
-"""A lag is told when it exceeds so many standard deviations and so much of a sample."""
 
 
 def pairs_of(
@@ -100,7 +43,7 @@ def pair_findings(
 ) -> Iterator[Finding]:
     """Yield what is wrong between channels: a lag between sensors that move alike, one signal twice.
 
-    A lag is told once a channel, against the first channel with which it moves alike.
+    A lag is reported once a channel, against the first channel with which it moves alike.
 
     Args:
         names: (n,) of the channels.
@@ -118,7 +61,10 @@ def pair_findings(
         if not rigid:
             continue
         best = rigid[0]
-        if abs(best.lag_s) <= max(LAG_SIGMA * best.lag_std_s, LAG_SAMPLES / fs) or best.coherent_band_hz is None:
+        if (
+            abs(best.lag_s) <= max(HEALTH.lag_sigma * best.lag_std_s, HEALTH.lag_samples / fs)
+            or best.coherent_band_hz is None
+        ):
             continue
         low, high = best.coherent_band_hz
         later = "later" if best.lag_s > 0 else "earlier"
@@ -143,7 +89,7 @@ def _pair(
     averages: float,
 ) -> PairHealth:
     coherence = _coherence(spectra)
-    band = _coherent_band(frequency_hz, coherence) if averages >= LEAST_AVERAGES else None
+    band = _coherent_band(frequency_hz, coherence) if averages >= HEALTH.least_averages else None
     if band is None:
         return PairHealth(first, second, np.nan, np.nan, None)
     inside = slice(*band)
@@ -162,10 +108,10 @@ def _coherent_band(frequency_hz: FloatArray, coherence: FloatArray) -> tuple[int
     """First line and the one after the last of the longest band above a half, single lines apart."""
     from scipy.ndimage import median_filter
 
-    above = np.concatenate([[False], median_filter(coherence, size=5, mode="nearest") > COHERENT, [False]])
+    above = np.concatenate([[False], median_filter(coherence, size=5, mode="nearest") > HEALTH.coherence, [False]])
     above[1] = False  # the mean is taken off
     edges = np.flatnonzero(above[1:] != above[:-1])
-    if not edges.size or frequency_hz.size < LEAST_LINES:
+    if not edges.size or frequency_hz.size < HEALTH.least_lines:
         return None
     longest = int(np.argmax(edges[1::2] - edges[0::2]))
     low, high = int(edges[2 * longest]), int(edges[2 * longest + 1])
@@ -180,7 +126,7 @@ def _lag(
     The lines are weighted by the inverse variance of their phase, (1 - c)/(2 n c) (Bendat & Piersol, 9.3).
     """
     f, c = frequency_hz[inside], np.clip(coherence[inside], 1e-6, 1 - 1e-9)
-    if f.size < LEAST_LINES or f[-1] < BROAD_BAND * f[0]:
+    if f.size < HEALTH.least_lines or f[-1] < HEALTH.broad_band * f[0]:
         return np.nan, np.nan
     weight = 2 * averages * c / (1 - c)
     turned = np.zeros(frequency_hz.size, dtype=np.complex128)
@@ -196,7 +142,7 @@ def _lag(
         lag_s -= float(weight @ (f * phase) / (2 * np.pi * leverage))
     phase = np.angle(upside_down * turned[inside] * np.exp(2j * np.pi * f * lag_s))
     parts = np.array([part.mean() for part in np.array_split(phase, 8)])
-    if np.abs(parts).max() > PHASE_TOLERANCE:
+    if np.abs(parts).max() > HEALTH.phase_tolerance_rad:
         return np.nan, np.nan
     scatter = max(1.0, float(weight @ phase**2) / f.size)
     return float(lag_s), float(np.sqrt(SHARED_BY_LINES * scatter / leverage) / (2 * np.pi))
@@ -213,7 +159,7 @@ def _moves_alike(
     one, other, _ = spectra
     ratio = np.maximum(other[inside], 1e-300) / np.maximum(one[inside], 1e-300)
     gains = np.array([np.sqrt(np.exp(np.log(part).mean())) for part in np.array_split(ratio, 8)])
-    return bool(gains.max() < GAIN_TOLERANCE * gains.min())
+    return bool(gains.max() < HEALTH.gain_tolerance * gains.min())
 
 
 def _same(spectra: tuple[FloatArray, FloatArray, ComplexArray]) -> bool:
@@ -222,18 +168,6 @@ def _same(spectra: tuple[FloatArray, FloatArray, ComplexArray]) -> bool:
 
 
 # ---- the wheel's side and the airframe's -----------------------------------------------------------
-
-
-def looks_unsprung(recording: Recording, names: Sequence[str] | None = None) -> str | None:
-    """Return the acceleration channel with the largest rms above 5 Hz, which a suspension would take away.
-
-    Returns:
-        Its name, or None if there are fewer than two to choose from.
-    """
-    chosen = names or [channel.name for channel in recording.channels if channel.unit == "m/s^2"]
-    if len(chosen) < 2:
-        return None
-    return max(chosen, key=lambda name: _rms_above(recording.channel(name), recording.fs, HIGH_FREQUENCY_HZ))
 
 
 def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tuple[str, str]) -> tuple[Finding, ...]:
@@ -263,27 +197,27 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     pair = (lower, upper)
     below, above = (np.fft.rfft((samples - samples.mean()) * hann(samples.size)) for samples in pair)
     frequency_hz = np.asarray(np.fft.rfftfreq(lower.size, 1 / fs), dtype=np.float64)
-    mistake = _units_told_apart(frequency_hz, below, above, names)
+    mistake = _find_unit_mistake(frequency_hz, below, above, names)
     if mistake:
         raise InputError(mistake)
     rms = [float(np.std(samples)) for samples in pair]
     for name, samples, own, other in zip(names, pair, rms, rms[::-1], strict=True):
-        if _is_mute(samples) or own < MUTE_RATIO * other:
+        if _is_mute(samples) or own < HEALTH.mute_ratio * other:
             raise InputError(
                 f"the channel {name!r} is mute ({own:.3g} m/s^2 rms): check the sensor, its cable and range"
             )
     findings: list[Finding] = []
     quiet = int(np.argmin(rms))
-    if rms[quiet] < QUIET_RATIO * rms[1 - quiet]:
+    if rms[quiet] < HEALTH.quiet_ratio * rms[1 - quiet]:
         message = (
             f"{rms[quiet]:.3g} m/s^2 rms beside {rms[1 - quiet]:.3g} at {names[1 - quiet]!r}: "
             "this may be the sensor's noise alone; check its cable, its range and the units"
         )
         findings.append(Finding("warning", names[quiet], message))
-    high = [_rms_above(without_spikes(samples, fs=fs)[0], fs, HIGH_FREQUENCY_HZ) for samples in pair]
-    if high[0] < SWAP_RATIO * high[1] and not _lags_behind(frequency_hz, below, above):
+    high = [_rms_above(remove_spikes(samples, fs=fs)[0], fs, HEALTH.high_frequency_hz) for samples in pair]
+    if high[0] < HEALTH.swap_ratio * high[1] and not _lags_behind(frequency_hz, below, above):
         message = (
-            f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
+            f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HEALTH.high_frequency_hz:g} Hz) is quieter "
             f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung, "
             f"sprung = {names[0]!r} and unsprung = {names[1]!r}"
         )
@@ -296,19 +230,19 @@ def _lags_behind(frequency_hz: FloatArray, below: ComplexArray, above: ComplexAr
 
     With H = (k + i w c)/(k - m w^2 + i w c) from below to above, Im H = -m w^3 c/|k - m w^2 + i w c|^2 < 0.
     """
-    inside = (frequency_hz >= LAG_HZ[0]) & (frequency_hz <= LAG_HZ[1])
+    inside = (frequency_hz >= HEALTH.lag_hz[0]) & (frequency_hz <= HEALTH.lag_hz[1])
     cross = complex(np.vdot(below[inside], above[inside]))
     size = float(np.linalg.norm(below[inside]) * np.linalg.norm(above[inside]))
-    return cross.imag < -LEAST_LAG * size
+    return cross.imag < -HEALTH.least_lag * size
 
 
-def units_apart(ratios: Iterable[float]) -> tuple[str, str, float] | None:
+def find_unit_ratio(ratios: Iterable[float]) -> tuple[str, str, float] | None:
     """Return the larger unit, the smaller one and their ratio if every ratio of accelerations lies near it.
 
     Args:
         ratios: of one acceleration to another, above 1 or, of all, below it.
 
-    >>> units_apart([10.2, 11.9]), units_apart([0.001]), units_apart([1.2])
+    >>> find_unit_ratio([10.2, 11.9]), find_unit_ratio([0.001]), find_unit_ratio([1.2])
     (('g', 'm/s^2', 9.80665), ('m/s^2', 'mm/s^2', 1000.0), None)
     """
     logs = np.log(np.maximum(list(ratios), 1e-300))
@@ -317,60 +251,61 @@ def units_apart(ratios: Iterable[float]) -> tuple[str, str, float] | None:
         ("m/s^2", "mm/s^2", 1e3),
         ("g", "mm/s^2", 1e3 * STANDARD_GRAVITY),
     ):
-        if any(np.abs(sign * logs - np.log(apart)).max() < np.log(UNIT_TOLERANCE) for sign in (1, -1)):
+        if any(np.abs(sign * logs - np.log(apart)).max() < np.log(HEALTH.unit_tolerance) for sign in (1, -1)):
             return larger, smaller, apart
     return None
 
 
-def _units_told_apart(
+def _find_unit_mistake(
     frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray, names: tuple[str, str]
 ) -> str | None:
-    """What tells that one of two channels is in another unit: slow motion is the same above and below a suspension."""
+    """Why one of two channels seems to be in another unit: slow motion is the same above and below a suspension."""
     gains, n_lines = [], 0
-    for low_hz, high_hz in CARRIED_HZ:
+    for low_hz, high_hz in HEALTH.carried_hz:
         inside = (frequency_hz >= low_hz) & (frequency_hz < high_hz)
         cross = complex(np.vdot(below[inside], above[inside]))
         own, other = (float(np.sum(np.abs(side[inside]) ** 2)) for side in (below, above))
-        if abs(cross) ** 2 <= UNIT_COHERENCE * own * other or abs(np.angle(cross)) > UNIT_PHASE:
+        if abs(cross) ** 2 <= HEALTH.unit_coherence * own * other or abs(np.angle(cross)) > HEALTH.unit_phase_rad:
             return None
         gains.append(abs(cross) / own)
         n_lines += int(inside.sum())
-    found = units_apart(gains) if n_lines >= UNIT_LINES else None
+    found = find_unit_ratio(gains) if n_lines >= HEALTH.unit_lines else None
     if found is None:
         return None
     larger, smaller, apart = found
     too_large, too_small = names[::-1] if gains[0] > 1 else names
     ratio = gains[0] if gains[0] > 1 else 1 / gains[0]
     return (
-        f"{too_large!r} moves {ratio:.3g} times as much as {too_small!r} from {CARRIED_HZ[0][0]:g} to "
-        f"{CARRIED_HZ[-1][1]:g} Hz, where a suspension carries its body along and both move alike, and {larger} is "
-        f"{apart:.4g} {smaller}: either {too_large!r} is written in {smaller} and was read as {larger}, or "
+        f"{too_large!r} moves {ratio:.3g} times as much as {too_small!r} from {HEALTH.carried_hz[0][0]:g} to "
+        f"{HEALTH.carried_hz[-1][1]:g} Hz, where a suspension carries its body along and both move alike, and {larger} "
+        f"is {apart:.4g} {smaller}: either {too_large!r} is written in {smaller} and was read as {larger}, or "
         f"{too_small!r} is written in {larger} and was read as {smaller}; give the right `unit` in the table of that "
         "channel in the study file ([channels.NAME]; [runs.channels.NAME] for this run alone), or in the log's header"
     )
 
 
-def check_levels(recording: Recording, names: Sequence[str]) -> Iterator[Finding]:
-    """Yield why all sensors of a recording may be in another unit than stated: no ratio between them tells.
+def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Finding]:
+    """Yield why all sensors of a recording may be in another unit than stated, which no ratio between them shows.
 
     Args:
         names: of the accelerations, m/s^2.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> shaken = 500 * np.random.default_rng(0).standard_normal((2, 512))
-    >>> [finding.severity for finding in check_levels(recording_from_arrays(shaken, ["a", "b"], fs=512.0), ["a", "b"])]
+    >>> run = recording_from_arrays(shaken, ["a", "b"], fs=512.0)
+    >>> [finding.severity for finding in check_magnitudes(run, ["a", "b"])]
     ['warning']
     """
     channels = [recording.channel(name) for name in names]
     unit = "give the right `unit` in [channels.NAME] of the study file, or in the log's header"
-    if all(np.std(samples) > LARGEST_RMS for samples in channels):
+    if all(np.std(samples) > HEALTH.largest_rms for samples in channels):
         yield Finding(
             "warning",
             "",
-            f"every channel has more than {LARGEST_RMS:g} m/s^2 rms, which no vehicle or building has in operation: "
-            f"are they written in mm/s^2, or in m/s^2 and were read as g? Then {unit}",
+            f"every channel has more than {HEALTH.largest_rms:g} m/s^2 rms, which no vehicle or building has in "
+            f"operation: are they written in mm/s^2, or in m/s^2 and were read as g? Then {unit}",
         )
-    elif all(abs(abs(np.mean(samples)) - 1) < REST_TOLERANCE for samples in channels):
+    elif all(abs(abs(np.mean(samples)) - 1) < HEALTH.rest_tolerance for samples in channels):
         yield Finding(
             "warning",
             "",
@@ -381,7 +316,7 @@ def check_levels(recording: Recording, names: Sequence[str]) -> Iterator[Finding
 
 def _is_mute(samples: FloatArray) -> bool:
     # the first samples settle it for nearly every channel, without sorting them all
-    return np.unique(samples[:1000]).size <= MUTE_VALUES and np.unique(samples).size <= MUTE_VALUES
+    return np.unique(samples[:1000]).size <= HEALTH.mute_values and np.unique(samples).size <= HEALTH.mute_values
 
 
 def _rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:

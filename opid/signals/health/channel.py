@@ -1,4 +1,4 @@
-"""The truth about a channel, chunk by chunk: offset, level, extremes, clipping, held and missing values, resolution."""
+"""The truth about a channel, chunk by chunk: offset, rms, extremes, clipping, held and missing values, resolution."""
 
 from __future__ import annotations
 
@@ -7,34 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.signals.health.chunks import Chunk
+from opid.signals.health.settings import HEALTH
 from opid.signals.health.thinning import RowStretches, Thinning
 from opid.signals.recording import FloatArray
 
-MUTE_VALUES = 3
-"""A channel of so few distinct values is mute: a constant, or the last bit of a converter."""
+_HELD_LEVELS = 4  # runs are kept at so many of the largest values that were held
 
-CLIP_RUN = 3
-"""Samples in a row at the extreme value that make a clipped peak: a smooth peak has one, by chance two."""
 
-CLIP_CROWDING = 4.0
-"""How much fuller than the next level the extreme level of a quantised, clipped signal is. The rounded top of
-a coarsely quantised sine is about twice as full."""
-
-LEAST_PEAKS = 3
-"""Clipped peaks from which a level is believed to be the range's end though single samples, spikes, lie beyond it."""
-
-_HELD_LEVELS = 4  # the largest values at which runs were met: of how many the runs are kept
-
-FLAT_S = 0.1
-"""A value held for so long is no vibration of a machine in operation."""
-
-MOST_LEVELS = 20000
-"""Stretches for which the level is kept: seconds up to five and a half hours, doubled beyond."""
+MOST_BINS = 20000
+"""Stretches for which the rms is kept: seconds up to five and a half hours, doubled beyond."""
 
 ENVELOPE = 2000
 """Stretches of the picture's envelope: about the pixels of a wide screen."""
 
-_KEPT_VALUES = 4_000_000  # numbers that the levels, or the envelopes, of all channels may take
+_KEPT_VALUES = 4_000_000  # numbers that the bins, or the envelopes, of all channels may take
 _TOP = 16
 _RESOLUTION_ROWS = 1 << 17
 
@@ -56,17 +42,12 @@ class Bins:
     rms: FloatArray
 
 
-class LevelCheck:
-    """Mean, rms and extremes of all channels, bin by bin.
-
-    Args:
-        n_channels: of the chunks.
-        envelope: whether the picture's envelope is wanted.
-    """
+class MomentCheck:
+    """Mean, rms and extremes of all channels, bin by bin."""
 
     def __init__(self, n_channels: int, *, envelope: bool) -> None:
         most = max(64, _KEPT_VALUES // n_channels)
-        self._bins = Thinning({"n": np.add, "sum": np.add, "squares": np.add}, min(MOST_LEVELS, most))
+        self._bins = Thinning({"n": np.add, "sum": np.add, "squares": np.add}, min(MOST_BINS, most))
         joins = {"lowest": np.fmin, "highest": np.fmax}
         self._envelope = Thinning(joins, min(ENVELOPE, most)) if envelope else None
         self.shift = np.zeros(n_channels)
@@ -99,8 +80,8 @@ class LevelCheck:
 
     def _add_envelope(self, chunk: Chunk, lowest: FloatArray, highest: FloatArray) -> None:
         assert self._envelope is not None
-        if self._envelope.level >= 6:  # a bin is 2^6 units
-            self._envelope.add({"lowest": lowest.T, "highest": highest.T}, level=6)
+        if self._envelope.n_halvings >= 6:  # a bin is 2^6 units
+            self._envelope.add({"lowest": lowest.T, "highest": highest.T}, n_halvings=6)
             return
         units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
         self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
@@ -114,13 +95,13 @@ class LevelCheck:
         rms = np.sqrt(np.maximum(items["squares"] / some - off**2, 0.0))
         empty = n == 0
         mean = np.where(empty, np.nan, off + self.shift)
-        return Bins(2**self._bins.level * rows, n, mean, np.where(empty, np.nan, rms))
+        return Bins(2**self._bins.n_halvings * rows, n, mean, np.where(empty, np.nan, rms))
 
     def envelope(self) -> tuple[int, FloatArray, FloatArray]:
         """Return how many 64ths of a bin make a stretch, and the (n, n_channels) least and largest values of each."""
         assert self._envelope is not None
         items = self._envelope.items()
-        return 2**self._envelope.level, items["lowest"], items["highest"]
+        return 2**self._envelope.n_halvings, items["lowest"], items["highest"]
 
 
 class RunCheck:
@@ -168,18 +149,18 @@ class RunCheck:
         self.n_values -= self.n_missing
 
     @property
-    def mute(self) -> bool:
+    def is_mute(self) -> bool:
         """Whether there are but few distinct values."""
-        return self.tops[0].values.size <= MUTE_VALUES
+        return self.tops[0].values.size <= HEALTH.mute_values
 
     def step(self) -> float | None:
         """Return the resolution: the step of which the values are multiples, None where none is visible."""
         values = np.unique(np.concatenate(self._values)) if self._values else np.empty(0)
-        return None if self.mute or values.size < 2 else _quantisation_step(values)
+        return None if self.is_mute or values.size < 2 else _quantisation_step(values)
 
-    def clipped(self, step: float | None) -> tuple[int, list[float], np.ndarray]:
+    def find_clipping(self, step: float | None) -> tuple[int, list[float], np.ndarray]:
         """Return how many samples are held at an extreme value, at which ones, and (n, 2) the rows."""
-        found = [held for side in self.tops if not self.mute and (held := side.clipped(step)) is not None]
+        found = [held for side in self.tops if not self.is_mute and (held := side.find_clipping(step)) is not None]
         stretches = [held.rows.rows() for held in found]
         joined = np.concatenate(stretches) if stretches else np.empty((0, 2), dtype=np.int64)
         joined = joined[np.argsort(joined[:, 0], kind="stable")]
@@ -198,7 +179,7 @@ class RunCheck:
                 side.take(values, counts)
             if self._fed < _RESOLUTION_ROWS and values.size:
                 self._values.append(values)
-                # a standstill of a few levels tells the resolution, but so would any stretch of motion
+                # a standstill of a few levels shows the resolution, but so would any stretch of motion
                 self._fed += x.size if values.size > _TOP else 0
                 if len(self._values) > 8:
                     self._values = [np.unique(np.concatenate(self._values))]
@@ -231,7 +212,7 @@ class RunCheck:
             return
         length = stops - starts
         self.longest = max(self.longest, int(length.max()))
-        long = length >= CLIP_RUN
+        long = length >= HEALTH.clip_run
         if long.any():
             starts, stops, length, values = starts[long], stops[long], length[long], values[long]
             for side in self.tops:
@@ -290,25 +271,27 @@ class _Extreme:
         for value in sorted(self._held)[:-_HELD_LEVELS]:
             del self._held[value]
 
-    def clipped(self, step: float | None) -> _Held | None:
+    def find_clipping(self, step: float | None) -> _Held | None:
         """Return the runs at the end of the range: at the largest value, or at one with but single samples beyond."""
         for value in sorted(self._held, reverse=True):
             held = self._held[value]
             beyond = int(self.counts[self.values > value].sum())
-            if value < self.values[-1] or (beyond and not held.runs >= max(LEAST_PEAKS, CLIP_CROWDING * beyond)):
+            if value < self.values[-1] or (
+                beyond and not held.runs >= max(HEALTH.least_peaks, HEALTH.clip_crowding * beyond)
+            ):
                 continue
-            if self._for_certain(held, value, step):
+            if self._is_certain(held, value, step):
                 return held
         return None
 
-    def _for_certain(self, held: _Held, value: float, step: float | None) -> bool:
+    def _is_certain(self, held: _Held, value: float, step: float | None) -> bool:
         """Whether it is held more often than rounding makes it, by the levels next to it."""
         if step is None:
             return True
         below = value - self.values
         next_levels = self.counts[(below > 0.5 * step) & (below < 2.5 * step)].sum() / 2
         # the one keeps a single rounded peak of few samples from passing for a clipped one
-        return bool(held.samples > CLIP_CROWDING * (next_levels + 1))
+        return bool(held.samples > HEALTH.clip_crowding * (next_levels + 1))
 
 
 def _quantisation_step(values: FloatArray) -> float | None:

@@ -59,16 +59,13 @@ class Chunk:
 def rows_of_a_bin(fs: float, n_channels: int = 1) -> int:
     """Return the rows of about a second, 64 times a number of small factors; 64 at least, and no more than fit memory.
 
-    Args:
-        fs: rate, Hz.
-
     >>> rows_of_a_bin(512.0), rows_of_a_bin(5000.0), rows_of_a_bin(117.0), rows_of_a_bin(1e7)
     (512, 5120, 128, 65536)
     """
     from scipy import fft
 
     most = min(MOST_BIN_ROWS, max(4096, MOST_BIN_VALUES // n_channels)) // UNITS
-    # of the factors 2, 3 and 5
+    # a number with the factors 2, 3 and 5 alone
     return UNITS * fft.next_fast_len(max(1, int(np.ceil(min(fs / UNITS, most) - 1e-9))), real=True)
 
 
@@ -78,7 +75,7 @@ def chunk_rows(bin_rows: int, n_channels: int) -> int:
     return bin_rows * 2 ** max(1, bins.bit_length() - 1)
 
 
-def same_sized(blocks: Iterator[Block], n_channels: int, rows: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
+def regroup(blocks: Iterator[Block], n_channels: int, rows: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
     """Yield samples (n_channels, rows) and stamps (rows,), the last ones shorter; both are used again."""
     samples = np.empty((n_channels, rows))
     stamps: FloatArray | None = None
@@ -101,13 +98,7 @@ def same_sized(blocks: Iterator[Block], n_channels: int, rows: int) -> Iterator[
 
 
 class ChunkMaker:
-    """Makes chunks of samples: SI, the bin before in front, what is missing marked.
-
-    Args:
-        to_si: one function a channel.
-        bin_rows: rows of a bin.
-        rows: of a chunk.
-    """
+    """Makes chunks of samples: SI, the bin before in front, what is missing marked."""
 
     def __init__(self, to_si: Sequence[Callable[[FloatArray], FloatArray]], bin_rows: int, rows: int) -> None:
         self._to_si, self._bin, self._rows = tuple(to_si), bin_rows, rows

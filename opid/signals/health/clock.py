@@ -9,45 +9,40 @@ import numpy as np
 from opid.signals.clock import (
     COARSE_STAMPS,
     GAP,
-    LONGEST_OF_STEPS,
-    binned,
     line_without_stalls,
+    longest_usual_step,
     plain_number,
     resolution_of,
+    sum_bins,
 )
 from opid.signals.health.chunks import LARGEST
 from opid.signals.health.result import ClockHealth, Finding, Severity, Stretch
+from opid.signals.health.settings import HEALTH
 from opid.signals.recording import FloatArray
 
-CROWDED = 0.05
-"""Part of the stamps that repeat the one before, above which the host's clock stamps bursts of rows, not samples."""
-
 USUAL_STAMPS = 4096
-"""Stamps at the beginning that tell what is usual."""
+"""Number of stamps at the beginning that show what is usual."""
 
 MOST_SHOWN = 100
 """Stretches of each kind that the result keeps."""
-
-LEAST_FS, MOST_FS = 1.0, 1e6
-"""Rates at which a vehicle's vibration is recorded; beyond, the unit of the stamps is the likelier explanation."""
 
 
 class ClockCheck:
     """Looks at the stamps of a track, block by block.
 
     Args:
-        fs: rate that file or user state, Hz; None where the stamps tell.
+        fs: rate that file or user state, Hz; None where it follows from the stamps.
         start_s: time of the first row where a rate is stated, s.
         reconstruct: whether the user takes the rows to be equally spaced.
         usual: the first stamps, s, `USUAL_STAMPS` or as many as there are; none where a rate is stated.
     """
 
     def __init__(self, *, fs: float | None, start_s: float, reconstruct: bool, usual: FloatArray) -> None:
-        self.stated, self.reconstruct, self._bin = fs is not None, reconstruct, 1
+        self.is_stated, self.is_reconstructed, self._bin = fs is not None, reconstruct, 1
         self._start_s, self.n, self._previous = start_s, 0, np.nan
-        self.crowded = False
+        self.is_crowded = False
         self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._usual(usual)
-        self._good = np.zeros(3)  # steps that are no gap: how many, their sum and sum of squares about the period
+        self._good = np.zeros(3)  # number, sum and sum of squares about the period of the steps that are no gap
         self._bins: list[FloatArray] = []  # of rows and stamps, where the rows are taken to be equally spaced
         self._line: tuple[int, float, float, np.ndarray] = (0, 0.0, 0.0, np.empty(0, dtype=bool))
         self.repeated, self.backward, self.unreadable = 0, 0, 0
@@ -73,7 +68,7 @@ class ClockCheck:
         return every[~np.isin(every, [row for row, _, _ in self.stalls()])]
 
     def stalls(self) -> list[tuple[int, float, float]]:
-        """Return row, begin and end of each long step after which the rows catch up: the host stalled, none is lost."""
+        """Return row, start and end of each long step after which the rows catch up: the host stalled, none is lost."""
         if not self._equal_steps or not self._gaps:
             return []
         bins = np.concatenate(self._bins)
@@ -93,7 +88,7 @@ class ClockCheck:
             stamps: (n,) of the rows, s.
         """
         first, self.n = self.n, self.n + n
-        if self.stated or stamps is None:
+        if self.is_stated or stamps is None:
             return np.empty(0, dtype=np.int64)
         time_s = self._readable(stamps)
         if first == 0:
@@ -103,23 +98,23 @@ class ClockCheck:
         self._last = np.concatenate([self._last, time_s])[-2000:]
         self._faults(time_s, steps)
         jumps = (steps > self._longest) | (steps < -self._noise)
-        own = steps if self.crowded or not jumps.any() else steps[~jumps]
+        own = steps if self.is_crowded or not jumps.any() else steps[~jumps]
         off = own - self._period
         self._good += np.array([off.size, off.sum(), off @ off])
         rows = np.arange(first, first + n, dtype=np.float64)
         if self._equal_steps:
-            self._bins.append(binned(first, time_s - self._start_s, self._period, self._bin))
+            self._bins.append(sum_bins(first, time_s - self._start_s, self._period, self._bin))
         indices = np.flatnonzero(jumps)
         self._keep_gaps(first, time_s, steps, indices)
         self._keep_knots(rows, time_s, indices)
         bins = (first + indices) // self._bin
-        # one jump a bin tells that it is not sound
+        # one jump suffices to make a bin unsound
         self._jumps.append((first + indices)[np.unique(bins, return_index=True)[1]])
         return first + indices
 
     def seconds(self, rows: np.ndarray) -> FloatArray:
         """Return the time of rows, s: along the stamps, or at equal steps where they are not looked at."""
-        if self.stated or self._equal_steps or not self._knots:
+        if self.is_stated or self._equal_steps or not self._knots:
             start_s = self._origin()
             return start_s + np.asarray(rows, dtype=np.float64) / self.rate()
         knots = np.concatenate(self._knots, axis=1)
@@ -130,13 +125,13 @@ class ClockCheck:
 
     def rate(self) -> float:
         """Return the rate of all rows, gaps left out, Hz."""
-        if self.stated:
+        if self.is_stated:
             return 1 / self._period
         if self._equal_steps:
             slope = self._fit()[0]
             return 1 / slope if slope > 0 else 1 / self._period
         n, off, squares = self._good
-        # the period of the first row's step is made up
+        # the first row has no step of its own: its period was made up
         period = self._period + (off / (n - 1) if n > 1 else 0.0)
         period = period if period > 0 else self._period
         spread = np.sqrt(squares / n) if n else 0.0
@@ -147,7 +142,7 @@ class ClockCheck:
     @property
     def resolution_s(self) -> float:
         """Step to which the last stamps are rounded, s."""
-        return 0.0 if self.stated or self._last.size < 2 else float(resolution_of(self._last))
+        return 0.0 if self.is_stated or self._last.size < 2 else float(resolution_of(self._last))
 
     @property
     def stray_s(self) -> float:
@@ -161,14 +156,14 @@ class ClockCheck:
 
     @property
     def _equal_steps(self) -> bool:
-        return self.reconstruct or self.crowded
+        return self.is_reconstructed or self.is_crowded
 
     def result(self, track: str, channels: tuple[str, ...]) -> ClockHealth:
         """Return the figures of all rows."""
         fs, (n, off, squares) = self.rate(), self._good
         variance = max(squares / n - (off / n) ** 2, 0.0) if n else 0.0
         length_s = self.n / fs
-        if not self.stated and not self._equal_steps:
+        if not self.is_stated and not self._equal_steps:
             length_s = self._previous - self._start_s + 1 / fs
         stalls = self.stalls()
         lost_s = self._lost_s - sum(end - begin - self._period for _, begin, end in stalls)
@@ -177,7 +172,7 @@ class ClockCheck:
             track=track,
             channels=channels,
             fs=fs,
-            stated=self.stated,
+            stated=self.is_stated,
             start_s=self._origin(),
             duration_s=length_s,
             n_samples=self.n,
@@ -197,11 +192,10 @@ class ClockCheck:
         if not (steps > 0).any():
             return 1.0, np.inf, 0.0
         noise = 4 * float(np.spacing(np.abs(time_s).max()))
-        self.crowded = bool((steps == 0).mean() > CROWDED)
-        if self.crowded:
-            forward = steps[steps > 0]
-            period = float(forward.sum() / steps.size)
-            return period, max(GAP * period, LONGEST_OF_STEPS * float(np.quantile(forward, 0.99))), noise
+        self.is_crowded = bool((steps == 0).mean() > HEALTH.crowded)
+        if self.is_crowded:
+            period = float(steps[steps > 0].sum() / steps.size)
+            return period, longest_usual_step(steps, period), noise
         # the median over some steps withstands gaps, coarse rounding, and stamps that repeat or go back
         stride = min(8, steps.size)
         period = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
@@ -254,7 +248,7 @@ class ClockCheck:
         return self._line[1:]
 
     def _origin(self) -> float:
-        if self.stated or not self._equal_steps or self._fit()[0] <= 0:
+        if self.is_stated or not self._equal_steps or self._fit()[0] <= 0:
             return self._start_s
         return self._start_s + self._fit()[1]
 
@@ -267,7 +261,7 @@ def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
 
 def _sentences(check: ClockCheck, health: ClockHealth) -> Iterator[tuple[Severity, str]]:
     of_track = f" of {health.track!r}" if health.track else ""
-    if not LEAST_FS <= health.fs <= MOST_FS:
+    if not HEALTH.least_fs_hz <= health.fs <= HEALTH.most_fs_hz:
         cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"
         source = "is stated" if health.stated else "follows from the time stamps"
         yield "warning", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}"
@@ -279,7 +273,7 @@ def _sentences(check: ClockCheck, health: ClockHealth) -> Iterator[tuple[Severit
             f"the time{of_track} goes back {check.backward} time(s), the first to {check.first_backward_s:.9g} s: "
             "put the samples in order, or split the log there if two were joined",
         )
-    if check.reconstruct and not health.stated:
+    if check.is_reconstructed and not health.stated:
         yield (
             "note",
             f"the rows{of_track} are taken to be equally spaced at {health.fs:.6g} Hz, the stamps lie up to "
@@ -291,7 +285,7 @@ def _sentences(check: ClockCheck, health: ClockHealth) -> Iterator[tuple[Severit
             f"all {health.n_samples} time stamps{of_track} are {health.start_s:.9g} s, which is no clock: state the "
             "rate (fs_hz in [log])",
         )
-    elif check.crowded:
+    elif check.is_crowded:
         rows = health.n_samples / (health.n_samples - health.repeated)
         yield (
             "fault",
@@ -321,7 +315,7 @@ def _sentences(check: ClockCheck, health: ClockHealth) -> Iterator[tuple[Severit
             "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
         )
     usual = max(0.02, 0.5 * health.resolution_s * health.fs)
-    if not (check.crowded or check.reconstruct or health.n_gaps or check.backward) and health.jitter > usual:
+    if not (check.is_crowded or check.is_reconstructed or health.n_gaps or check.backward) and health.jitter > usual:
         yield (
             "warning",
             f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: if the recorder "

@@ -1,4 +1,4 @@
-"""What the checks of a track have seen, put together: figures, places, levels and soundness, pictures."""
+"""What the checks of a track have seen, put together: figures, details, pictures, and where the motion is sound."""
 
 from __future__ import annotations
 
@@ -7,40 +7,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.signals.health.across_channels import pair_findings, pairs_of
-from opid.signals.health.channel import Bins, LevelCheck, RunCheck
+from opid.signals.health.channel import Bins, MomentCheck, RunCheck
 from opid.signals.health.clock import MOST_SHOWN, ClockCheck, clock_findings
-from opid.signals.health.findings import COARSE_STEPS, NoUnit, Places
+from opid.signals.health.findings import ChannelDetails, NoUnit
 from opid.signals.health.lines import lines_of
 from opid.signals.health.result import (
     ChannelHealth,
     ClockHealth,
     Finding,
     Kind,
-    Levels,
     Overview,
     PairHealth,
+    RmsHistory,
     SpectralLine,
     Stretch,
 )
-from opid.signals.health.spectrum import (
-    HIGH_FREQUENCY_HZ,
-    LEAST_LONG_AVERAGES,
-    LongBlocks,
-    SpectrumCheck,
-    floor_of,
-    rms_from,
-)
+from opid.signals.health.settings import HEALTH
+from opid.signals.health.spectrum import LEAST_LONG_AVERAGES, LongBlocks, SpectrumCheck, floor_of, rms_above
 from opid.signals.health.spikes import SpikeSearch
 from opid.signals.recording import FloatArray
-
-MOST_SPIKES = 5
-"""Spikes in a second that are still single ones, which a fit mends; more spoil it."""
-
-HELD_ROWS = 2
-"""Samples beside a held value that are no spikes."""
-
-DRIFT_PARTS, DRIFT_PART_S = 16, 10.0
-"""Parts whose means tell the drift, and the least length of one: slow beside any motion of a vehicle on its springs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +35,18 @@ class TrackFigures:
     Args:
         clock: its figures.
         channels: figures of each.
-        places: where something is wrong, by the channel's name.
+        details: where something is wrong, by the channel's name.
         pairs: accelerations beside each other.
         findings: what is wrong with the clock and between channels.
-        levels: second by second.
+        rms_history: how strong the motion is, second by second.
     """
 
     clock: ClockHealth
     channels: tuple[ChannelHealth, ...]
-    places: dict[str, Places]
+    details: dict[str, ChannelDetails]
     pairs: tuple[PairHealth, ...]
     findings: tuple[Finding, ...]
-    levels: Levels
+    rms_history: RmsHistory
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +60,7 @@ class Checks:
         without_unit: why no unit is known, None where one is.
         bin_rows: rows of a bin.
         clock: of its stamps.
-        levels: of all channels.
+        moments: of all channels.
         runs: one a channel.
         spikes: one a channel.
         spectra: of all channels.
@@ -89,7 +74,7 @@ class Checks:
     without_unit: tuple[NoUnit | None, ...]
     bin_rows: int
     clock: ClockCheck
-    levels: LevelCheck
+    moments: MomentCheck
     runs: tuple[RunCheck, ...]
     spikes: tuple[SpikeSearch, ...]
     spectra: SpectrumCheck
@@ -100,25 +85,25 @@ class Checks:
 def track_figures(checks: Checks) -> TrackFigures:
     """Return what was found in a track."""
     clock = checks.clock.result(checks.track, checks.names)
-    bins = checks.levels.bins(checks.bin_rows)
+    bins = checks.moments.bins(checks.bin_rows)
     short, long = checks.spectra.mean, checks.long_blocks.mean
     frequency_hz, psd, averages = short.psd(clock.fs)
     long_hz, long_psd, long_averages = long.psd(clock.fs)
-    channels, places, sound, complete = [], {}, [], []
+    channels, details, sound, complete = [], {}, [], []
     for i, name in enumerate(checks.names):
         is_long = long_averages[i] >= LEAST_LONG_AVERAGES
         blocks, at_hz, density = (long, long_hz, long_psd) if is_long else (short, frequency_hz, psd)
-        lines = () if checks.runs[i].mute else lines_of(at_hz, density[i], blocks.line_averages(i), fs=clock.fs)
+        lines = () if checks.runs[i].is_mute else lines_of(at_hz, density[i], blocks.line_averages(i), fs=clock.fs)
         usual = (frequency_hz, psd[i], float(averages[i]))
-        channel, place, good, whole = _channel(checks, i, clock.fs, bins, usual, lines)
+        channel, own_details, good, whole = _channel(checks, i, clock.fs, bins, usual, lines)
         channels.append(channel)
-        places[name] = place
+        details[name] = own_details
         sound.append(good)
         complete.append(whole)
     channels = _with_overviews(checks, channels, clock, frequency_hz, psd)
-    steady = ~_marked(_jumps(checks.clock), bins)
+    steady = ~_touched_bins(_jumps(checks.clock), bins)
     starts = checks.clock.seconds(np.arange(bins.n.shape[0]) * bins.rows)
-    levels = Levels(
+    rms_history = RmsHistory(
         start_s=starts,
         length_s=bins.rows / clock.fs,
         rms=np.where(np.stack(complete, axis=1), bins.rms, np.nan),
@@ -127,7 +112,7 @@ def track_figures(checks: Checks) -> TrackFigures:
     )
     pairs, findings = _pairs(checks, clock.fs)
     findings = (*clock_findings(checks.clock, clock), *findings)
-    return TrackFigures(clock, tuple(channels), places, pairs, findings, levels)
+    return TrackFigures(clock, tuple(channels), details, pairs, findings, rms_history)
 
 
 def _channel(
@@ -137,16 +122,16 @@ def _channel(
     bins: Bins,
     spectrum: tuple[FloatArray, FloatArray, float],
     lines: tuple[SpectralLine, ...],
-) -> tuple[ChannelHealth, Places, np.ndarray, np.ndarray]:
-    """Figures and places of one channel, and which bins are sound, which complete."""
+) -> tuple[ChannelHealth, ChannelDetails, np.ndarray, np.ndarray]:
+    """Figures and details of one channel, and which bins are sound, which complete."""
     run, frequency_hz, psd = checks.runs[i], spectrum[0], spectrum[1]
     step = run.step()
-    spikes = np.empty(0, dtype=np.int64) if run.mute else checks.spikes[i].rows(step)
-    held, clipped_at, clipped = run.clipped(step)
-    flat = _beside_motion(run.flat.rows(), bins, i, step) if not run.mute else np.empty((0, 2), dtype=np.int64)
+    spikes = np.empty(0, dtype=np.int64) if run.is_mute else checks.spikes[i].rows(step)
+    held, clipped_at, clipped = run.find_clipping(step)
+    flat = _beside_motion(run.flat.rows(), bins, i, step) if not run.is_mute else np.empty((0, 2), dtype=np.int64)
     spikes = spikes[~_beside_held(spikes, flat)]
     missing = run.missing.rows()
-    mean, rms, peak = _moments(bins, i, float(checks.levels.lowest[i]), float(checks.levels.highest[i]))
+    mean, rms, peak = _moments(bins, i, float(checks.moments.lowest[i]), float(checks.moments.highest[i]))
     drift, part_s = _drift(bins, i, fs)
     kinds: tuple[tuple[Kind, np.ndarray], ...] = (
         ("missing", missing),
@@ -160,31 +145,32 @@ def _channel(
         mean=mean,
         rms=rms,
         peak=peak,
-        crest_factor=0.0 if run.mute or not rms else peak / rms,
-        high_frequency_rms=rms_from(frequency_hz, psd, HIGH_FREQUENCY_HZ),
+        crest_factor=0.0 if run.is_mute or not rms else peak / rms,
+        high_frequency_rms=rms_above(frequency_hz, psd, HEALTH.high_frequency_hz),
         quantisation_step=step,
         clipped_fraction=held / max(run.n_values, 1),
         longest_flat_s=max(run.longest - 1, 0) / fs,
         spikes=int(spikes.size),
-        mute=run.mute,
+        mute=run.is_mute,
         missing=run.n_missing,
         drift=drift,
-        noise_floor=0.0 if run.mute else floor_of(frequency_hz, psd, spectrum[2], fs=fs),
+        noise_floor=0.0 if run.is_mute else floor_of(frequency_hz, psd, spectrum[2], fs=fs),
         lines=lines,
         stretches=tuple(stretch for kind, rows in kinds for stretch in _stretches(kind, rows, checks.clock)),
     )
     longest = flat[np.argmax(flat[:, 1] - flat[:, 0])] if flat.size else None
-    place = Places(
+    own_details = ChannelDetails(
         clipped_at=tuple(clipped_at),
         held_s=0.0 if longest is None else (longest[1] - longest[0] - 1) / fs,
         held_from_s=np.nan if longest is None else float(checks.clock.seconds(longest[:1])[0]),
         drift_part_s=part_s,
         without_unit=checks.without_unit[i],
     )
-    many = np.bincount(spikes // bins.rows, minlength=bins.n.shape[0]) > MOST_SPIKES * bins.rows / checks.bin_rows
-    complete = ~_marked(missing, bins)
-    sound = complete & ~_marked(clipped, bins) & ~_marked(flat, bins) & ~many & (not run.mute)
-    return channel, place, sound, complete
+    most = HEALTH.most_spikes * bins.rows / checks.bin_rows
+    many = np.bincount(spikes // bins.rows, minlength=bins.n.shape[0]) > most
+    complete = ~_touched_bins(missing, bins)
+    sound = complete & ~_touched_bins(clipped, bins) & ~_touched_bins(flat, bins) & ~many & (not run.is_mute)
+    return channel, own_details, sound, complete
 
 
 def _moments(bins: Bins, i: int, lowest: float, highest: float) -> tuple[float, float, float]:
@@ -203,7 +189,7 @@ def _drift(bins: Bins, i: int, fs: float) -> tuple[float, float]:
     """Range of the means of long stretches, and their length, s; 0 where there are not two of them."""
     n = bins.n[:, i]
     length_s = n.size * bins.rows / fs
-    parts = min(DRIFT_PARTS, int(n.sum() / fs / DRIFT_PART_S), n.size)
+    parts = min(HEALTH.drift_parts, int(n.sum() / fs / HEALTH.drift_part_s), n.size)
     if parts < 2:
         return 0.0, length_s
     edges = np.arange(parts) * n.size // parts
@@ -220,18 +206,18 @@ def _beside_motion(flat: np.ndarray, bins: Bins, i: int, step: float | None) -> 
     before = np.clip((flat[:, 0] - half) // bins.rows, 0, rms.size - 1)
     after = np.clip((flat[:, 1] + half) // bins.rows, 0, rms.size - 1)
     beside = np.maximum(rms[before], rms[after])
-    return flat[beside > COARSE_STEPS * (step or 0.0)]
+    return flat[beside > HEALTH.coarse_steps * (step or 0.0)]
 
 
 def _beside_held(spikes: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Which of the spikes are but where a held value begins, ends or is held again."""
     if not flat.size:
         return np.zeros(spikes.size, dtype=bool)
-    after = np.searchsorted(flat[:, 0], spikes + HELD_ROWS, "right") - 1
-    return (after >= 0) & (spikes < flat[np.maximum(after, 0), 1] + HELD_ROWS)
+    after = np.searchsorted(flat[:, 0], spikes + HEALTH.held_rows, "right") - 1
+    return (after >= 0) & (spikes < flat[np.maximum(after, 0), 1] + HEALTH.held_rows)
 
 
-def _marked(stretches: np.ndarray, bins: Bins) -> np.ndarray:
+def _touched_bins(stretches: np.ndarray, bins: Bins) -> np.ndarray:
     """Which bins the stretches touch."""
     n = bins.n.shape[0]
     edges = np.zeros(n + 1)
@@ -258,7 +244,7 @@ def _with_overviews(
     """The channels with what a picture shows of them."""
     if not checks.thorough:
         return channels
-    units, lowest, highest = checks.levels.envelope()
+    units, lowest, highest = checks.moments.envelope()
     step = units * checks.bin_rows // 64
     middles = checks.clock.seconds(_middles(lowest.shape[0], step, clock.n_samples))
     joined, lines_hz, density = checks.spectra.spectrogram(clock.fs)
@@ -289,7 +275,7 @@ def _middles(n: int, rows: int, n_samples: int) -> FloatArray:
 
 
 def _pairs(checks: Checks, fs: float) -> tuple[tuple[PairHealth, ...], tuple[Finding, ...]]:
-    crossed = [i for i in checks.spectra.crossed if not checks.runs[i].mute]
+    crossed = [i for i in checks.spectra.crossed if not checks.runs[i].is_mute]
     if len(crossed) < 2:
         return (), ()
     names = [checks.names[i] for i in crossed]

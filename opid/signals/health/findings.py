@@ -8,25 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.signals.health.result import ChannelHealth, Finding, Kind, Severity, SpectralLine
+from opid.signals.health.settings import HEALTH
 from opid.signals.units import STANDARD_GRAVITY
-
-COARSE_STEPS = 5.0
-"""Quantisation steps an rms should have: at 5 the rounding, step/sqrt(12), is 6 % of the signal."""
-
-OFFSET_RMS = 0.5
-"""An offset beyond this part of the rms is worth a note: integrated twice it would hide the motion."""
-
-DRIFT_RMS = 1.0
-"""A drift beyond this part of the rms is worth a note."""
-
-GRAVITY_TOLERANCE = 0.05
-"""How far from 1 g (relative) a mean still looks like gravity: a tilt of 18 degrees, or sensor offset."""
-
-MOST_GRAVITIES = 1.2
-"""A mean beyond so many g is no gravity on a sensor that is off its zero by a little."""
-
-HUM_RMS = 0.05
-"""Lines of a supply beyond this part of the rms may spoil the result; a fifth of it is worth a note."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +26,7 @@ class NoUnit:
 
 
 @dataclass(frozen=True)
-class Places:
+class ChannelDetails:
     """Where and at what value something is wrong with a channel.
 
     Args:
@@ -69,9 +52,9 @@ def _first_s(channel: ChannelHealth, kind: Kind) -> float:
     return next((stretch.start_s for stretch in channel.stretches if stretch.kind == kind), np.nan)
 
 
-def channel_findings(channel: ChannelHealth, places: Places) -> Iterator[Finding]:
+def channel_findings(channel: ChannelHealth, details: ChannelDetails) -> Iterator[Finding]:
     """Yield what is wrong with a channel."""
-    for severity, message in _sentences(channel, places):
+    for severity, message in _sentences(channel, details):
         yield Finding(severity, channel.name, message)
 
 
@@ -103,7 +86,7 @@ def _mute(channel: ChannelHealth) -> Iterator[tuple[Severity, str]]:
         yield "fault", f"mute, it has but two or three values about {mean}: check the sensor, its cable and its range"
 
 
-def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severity, str]]:
+def _sentences(channel: ChannelHealth, details: ChannelDetails) -> Iterator[tuple[Severity, str]]:
     if channel.missing and np.isnan(channel.mean):
         yield "fault", "holds no value at all: leave the channel out, or export the log again"
         return
@@ -117,16 +100,16 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
         yield from _mute(channel)
         return
     if channel.clipped_fraction > 0:
-        ends = " or ".join(f"{value:.5g}" for value in sorted(places.clipped_at))
+        ends = " or ".join(f"{value:.5g}" for value in sorted(details.clipped_at))
         yield (
             "warning",
             f"{channel.clipped_fraction:.2%} of the samples are clipped at {_with_unit(ends, channel.unit)}, the "
             f"first at {_first_s(channel, 'clipped'):.3f} s: measure again with a larger range",
         )
-    elif places.held_s:
+    elif details.held_s:
         yield (
             "warning",
-            f"one value is held for {places.held_s:.3g} s from {places.held_from_s:.3f} s: leave this dropout out "
+            f"one value is held for {details.held_s:.3g} s from {details.held_from_s:.3f} s: leave this dropout out "
             "with start_s and stop_s",
         )
     if channel.spikes:
@@ -136,7 +119,7 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
             "cable, or leave them out with start_s and stop_s",
         )
     step = channel.quantisation_step
-    if step is not None and channel.rms < COARSE_STEPS * step:
+    if step is not None and channel.rms < HEALTH.coarse_steps * step:
         yield (
             "warning",
             f"the rms is only {channel.rms / step:.1f} steps of the resolution "
@@ -144,31 +127,31 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
         )
     yield from _of_supply(channel)
     if channel.unit == "m/s^2":
-        yield from _of_offset(channel, places)
+        yield from _of_offset(channel, details)
 
 
-def _of_offset(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severity, str]]:
+def _of_offset(channel: ChannelHealth, details: ChannelDetails) -> Iterator[tuple[Severity, str]]:
     mean = channel.mean
-    if abs(abs(mean) / STANDARD_GRAVITY - 1) < GRAVITY_TOLERANCE:
+    if abs(abs(mean) / STANDARD_GRAVITY - 1) < HEALTH.gravity_tolerance:
         yield "note", f"the mean, {mean:.3f} m/s^2, is gravity: nothing to do, `identify` takes it off"
-    elif abs(abs(mean) - 1) < GRAVITY_TOLERANCE:
+    elif abs(abs(mean) - 1) < HEALTH.gravity_tolerance:
         yield "note", f"the mean, {mean:.3f} m/s^2, would be gravity in g: check the unit"
-    elif abs(mean) > MOST_GRAVITIES * STANDARD_GRAVITY:
+    elif abs(mean) > HEALTH.most_gravities * STANDARD_GRAVITY:
         yield (
             "warning",
             f"the mean, {mean:.4g} m/s^2, is more than gravity makes: a false offset or a wrong unit; check the "
             "sensor's zero and range, and give `offset` in its table of [channels]",
         )
-    elif abs(mean) > OFFSET_RMS * channel.rms:
+    elif abs(mean) > HEALTH.offset_rms * channel.rms:
         yield (
             "note",
             f"the offset, {mean:.3g} m/s^2, is large beside the rms, {channel.rms:.3g} m/s^2: nothing to do, "
             "`identify` takes it off",
         )
-    if channel.drift > DRIFT_RMS * channel.rms:
+    if channel.drift > HEALTH.drift_rms * channel.rms:
         yield (
             "note",
-            f"the offset drifts by {channel.drift:.3g} m/s^2 (means of {places.drift_part_s:.3g} s), as the sensor "
+            f"the offset drifts by {channel.drift:.3g} m/s^2 (means of {details.drift_part_s:.3g} s), as the sensor "
             "warms up, or the vehicle tilts or brakes: nothing to do, the high-pass of `identify` takes it off",
         )
 
@@ -176,9 +159,9 @@ def _of_offset(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
 def _of_supply(channel: ChannelHealth) -> Iterator[tuple[Severity, str]]:
     named = [line for line in channel.lines if line.name]
     hum = float(np.sqrt(sum(line.rms**2 for line in named)))
-    if hum < 0.2 * HUM_RMS * channel.rms:
+    if hum < 0.2 * HEALTH.hum_rms * channel.rms:
         return
-    severity: Severity = "warning" if hum > HUM_RMS * channel.rms else "note"
+    severity: Severity = "warning" if hum > HEALTH.hum_rms * channel.rms else "note"
     lines = ", ".join(_line(line) for line in named[:3]) + (" and more" if len(named) > 3 else "")
     yield (
         severity,

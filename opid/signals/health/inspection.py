@@ -9,15 +9,17 @@ from itertools import accumulate, chain
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.health.across_channels import MOST_CROSSED, check_levels, check_pair, looks_unsprung
-from opid.signals.health.channel import FLAT_S, LevelCheck, RunCheck
-from opid.signals.health.chunks import Chunk, ChunkMaker, chunk_rows, rows_of_a_bin, same_sized
+from opid.signals.conversion import choose_channels
+from opid.signals.health.across_channels import check_magnitudes, check_pair
+from opid.signals.health.channel import MomentCheck, RunCheck
+from opid.signals.health.chunks import Chunk, ChunkMaker, chunk_rows, regroup, rows_of_a_bin
 from opid.signals.health.clock import USUAL_STAMPS, ClockCheck
 from opid.signals.health.figures import Checks, TrackFigures, track_figures
 from opid.signals.health.findings import NoUnit, channel_findings, unit_findings
 from opid.signals.health.result import ChannelHealth, Finding, Health, Severity
+from opid.signals.health.settings import HEALTH
 from opid.signals.health.spectrum import LongBlocks, SpectrumCheck
-from opid.signals.health.spikes import SpikeSearch, without_spikes
+from opid.signals.health.spikes import SpikeSearch, remove_spikes
 from opid.signals.log import Block, Log, Track, log_of_recording
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.recording import FloatArray, Recording
@@ -28,12 +30,11 @@ __all__ = [
     "Health",
     "Severity",
     "check_channels",
-    "check_levels",
+    "check_magnitudes",
     "check_pair",
     "findings_in_words",
     "inspect",
-    "looks_unsprung",
-    "without_spikes",
+    "remove_spikes",
 ]
 
 Converter = Callable[[FloatArray], FloatArray]
@@ -58,7 +59,7 @@ def inspect(
         settings: what the file does not say.
         channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
         thorough: whether channels are looked at beside each other, and what a picture shows is kept.
-        progress: told what part of the rows is read, from 0 to 1, where their number is known.
+        progress: called with the fraction of the rows that is read, where their number is known.
 
     Raises:
         InputError: a channel that is not there, neither a rate nor time stamps, or what reading the file raises.
@@ -71,7 +72,7 @@ def inspect(
     ('warning', 'upper_z')
     """
     log = log_of_recording(what) if isinstance(what, Recording) else what
-    wanted = _wanted(log, channels)
+    wanted = {name: (own, log.find(own.channel)) for name, own in choose_channels(log, channels).items()}
     done, every = 0, sum(track.n_samples or 0 for track in log.tracks)
     results: list[TrackFigures] = []
     for track in log.tracks:
@@ -82,19 +83,10 @@ def inspect(
         own = {name: wanted[name][0] for name in columns}
         results.append(_inspect_track(log, track, columns, own, settings, thorough, shown))
         done += track.n_samples or 0
-    together = _together(results, order=tuple(wanted), numbers=_numbers(log, wanted))
+    health = _merge(results, order=tuple(wanted), numbers=_numbers(log, wanted))
     remarks = (Finding("note", "", each) for each in log.remarks)
-    together = replace(together, findings=(*together.findings, *remarks))
-    return replace(together, files=what.files, log="" if isinstance(what, Recording) else str(log.path))
-
-
-def _wanted(
-    log: Log, channels: Mapping[str, ChannelSettings] | Sequence[str] | None
-) -> dict[str, tuple[ChannelSettings, tuple[Track, int]]]:
-    """Settings, track and column of each channel, by its name in the result."""
-    channels = log.signals if channels is None else channels
-    own = dict(channels) if isinstance(channels, Mapping) else {name: ChannelSettings(name) for name in channels}
-    return {name: (setting, log.find(setting.channel)) for name, setting in own.items()}
+    health = replace(health, findings=(*health.findings, *remarks))
+    return replace(health, files=what.files, log="" if isinstance(what, Recording) else str(log.path))
 
 
 def _numbers(log: Log, wanted: Mapping[str, tuple[ChannelSettings, tuple[Track, int]]]) -> dict[str, int]:
@@ -132,9 +124,9 @@ def _inspect_track(
     checks, convert = _checks(track, columns, wanted, settings, clock, bin_rows, thorough)
     rows = chunk_rows(bin_rows, len(columns))
     maker = ChunkMaker(convert, bin_rows, rows)
-    every: list[Callable[[Chunk], None]] = [checks.levels.add, checks.spectra.add, checks.long_blocks.add]
+    every: list[Callable[[Chunk], None]] = [checks.moments.add, checks.spectra.add, checks.long_blocks.add]
     every += [run.add for run in checks.runs] + [search.add for search in checks.spikes]
-    for samples, stamps in same_sized(chain(first, blocks), len(columns), rows):
+    for samples, stamps in regroup(chain(first, blocks), len(columns), rows):
         chunk = maker.chunk(samples, clock.add(stamps, samples.shape[1]))
         for add in every:
             add(chunk)
@@ -158,8 +150,8 @@ def _checks(
     """What looks at the rows of a track, and what makes its channels SI."""
     n = len(columns)
     convert, units, without = _conversions(track, columns, wanted, settings)
-    flat_rows = int(np.ceil(FLAT_S * clock.fs - 1e-9)) + 1
-    crossed = [i for i in range(n) if units[i] == "m/s^2"][:MOST_CROSSED] if thorough else []
+    flat_rows = int(np.ceil(HEALTH.flat_s * clock.fs - 1e-9)) + 1
+    crossed = [i for i in range(n) if units[i] == "m/s^2"][: HEALTH.most_crossed] if thorough else []
     checks = Checks(
         track=track.name,
         names=tuple(columns),
@@ -167,7 +159,7 @@ def _checks(
         without_unit=tuple(without),
         bin_rows=bin_rows,
         clock=clock,
-        levels=LevelCheck(n, envelope=thorough),
+        moments=MomentCheck(n, envelope=thorough),
         runs=tuple(RunCheck(i, bin_rows=bin_rows, flat_rows=flat_rows) for i in range(n)),
         spikes=tuple(SpikeSearch(i, bin_rows) for i in range(n)),
         spectra=SpectrumCheck(n, bin_rows, crossed=crossed if len(crossed) > 1 else (), spectrogram=thorough),
@@ -178,7 +170,7 @@ def _checks(
 
 
 def _first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block], FloatArray]:
-    """The first blocks, and as many of their stamps as tell what is usual."""
+    """The first blocks, and as many of their stamps as show what is usual."""
     first: list[Block] = []
     n = 0
     for block in blocks:
@@ -216,15 +208,15 @@ def _converter(own: ChannelSettings, written: str | None) -> Converter:
     return lambda samples: own.to_si(samples, written)[0]
 
 
-def _together(results: Sequence[TrackFigures], *, order: Sequence[str], numbers: Mapping[str, int]) -> Health:
+def _merge(results: Sequence[TrackFigures], *, order: Sequence[str], numbers: Mapping[str, int]) -> Health:
     """The health of all clocks."""
     found = [channel for result in results for channel in result.channels]
     channels = {channel.name: replace(channel, number=numbers[channel.name]) for channel in found}
     findings = [finding for result in results for finding in result.findings]
-    places = {name: place for result in results for name, place in result.places.items()}
+    details = {name: own_details for result in results for name, own_details in result.details.items()}
     for name in order:
-        findings += channel_findings(channels[name], places[name])
-    findings += unit_findings({name: why for name in order if (why := places[name].without_unit) is not None})
+        findings += channel_findings(channels[name], details[name])
+    findings += unit_findings({name: why for name in order if (why := details[name].without_unit) is not None})
     index = {name: i for i, name in enumerate(("", *order))}
     findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), index.get(finding.channel, 0)))
     main = max((result.clock for result in results), key=lambda clock: clock.n_samples)
@@ -239,7 +231,7 @@ def _together(results: Sequence[TrackFigures], *, order: Sequence[str], numbers:
         findings=tuple(findings),
         clocks=tuple(result.clock for result in results),
         pairs=tuple(pair for result in results for pair in result.pairs),
-        levels=tuple(result.levels for result in results),
+        rms_history=tuple(result.rms_history for result in results),
     )
 
 
@@ -267,19 +259,14 @@ def check_channels(
             found += check_pair(*samples, fs=recording.fs, names=(below, above))
         except InputError as error:
             raise InputError(f"run {run!r}: {error}") from None
-    found += check_levels(recording, sorted(used))
+    found += check_magnitudes(recording, sorted(used))
     health = inspect(recording, thorough=False)
-    # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
+    # notes are left out: gravity on a channel, say, is taken off with the mean anyway
     return [*found, *(each for each in health.findings if each.severity != "note" and each.channel in used)]
 
 
 def findings_in_words(run: str, findings: Sequence[Finding]) -> Iterator[str]:
-    """Yield what is found of the channels of a run, one sentence each, without mere notes.
-
-    Args:
-        run: name of the run.
-        findings: of it.
-    """
+    """Yield the findings of the channels of a run, one sentence each, without mere notes."""
     for finding in findings:
         if finding.severity != "note":
             channel = f", {finding.channel!r}" if finding.channel else ""

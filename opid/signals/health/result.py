@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
+from opid.json_values import plain
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
+
+SCHEMA = "opid.health/1"
 
 Severity = Literal["note", "warning", "fault"]
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
@@ -90,7 +94,7 @@ class SpectralLine:
         frequency_hz: where.
         rms: of the line, in the unit of the channel.
         name: "mains, 50 Hz", "harmonic 3 of the mains (50 Hz)", or empty.
-        resolved: whether it is narrower than a resonance of 1 % damping would be; a short record does not tell.
+        resolved: whether it is narrower than a resonance of 1 % damping would be; a short record does not show it.
     """
 
     frequency_hz: float
@@ -179,7 +183,7 @@ class PairHealth:
     Args:
         first: name of a channel.
         second: name of another.
-        lag_s: time by which the second comes later, s; NaN where they are not coherent enough to tell.
+        lag_s: time by which the second comes later, s; NaN where they are not coherent enough.
         lag_std_s: its standard deviation, s.
         coherent_band_hz: longest band in which the squared coherence exceeds a half, Hz; None where there is none.
     """
@@ -192,11 +196,11 @@ class PairHealth:
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class RmsHistory:
     """How strong the motion is, second by second: what segments are found from.
 
     Args:
-        start_s: (n,) begin of each stretch, s.
+        start_s: (n,) start of each stretch, s.
         length_s: of each, s.
         rms: (n, n_channels) about the mean of each stretch, in the unit of the channel; NaN where values are missing.
         sound: (n, n_channels) whether nothing is wrong with the channel there.
@@ -223,7 +227,7 @@ class Health(Result):
         findings: what is wrong, faults first.
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.
-        levels: of each clock, in the order of `clocks`.
+        rms_history: of each clock, in the order of `clocks`.
         log: name of the log; empty for a recording.
         files: that it was read from.
     """
@@ -236,7 +240,7 @@ class Health(Result):
     findings: tuple[Finding, ...]
     clocks: tuple[ClockHealth, ...] = ()
     pairs: tuple[PairHealth, ...] = ()
-    levels: tuple[Levels, ...] = ()
+    rms_history: tuple[RmsHistory, ...] = ()
     log: str = ""
     files: tuple[ReadFile, ...] = ()
 
@@ -250,12 +254,33 @@ class Health(Result):
         return tuple(SummaryRow(name, value, None, None, unit) for name, value, unit in rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of result.json, see `opid.signals.health.as_json.health_json`."""
-        from opid.signals.health.as_json import health_json
-
+        """Return the content of result.json, see `health_json`."""
         return health_json([self])
 
     def _headline(self) -> str:
         counts = [(kind, sum(each.severity == kind for each in self.findings)) for kind in ("fault", "warning", "note")]
-        told = ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts if n) or "nothing is wrong"
-        return f"{self.log or 'a recording'}, {len(self.channels)} channels: {told}"
+        counted = ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts if n) or "nothing is wrong"
+        return f"{self.log or 'a recording'}, {len(self.channels)} channels: {counted}"
+
+
+def health_json(logs: Sequence[Health]) -> dict[str, Any]:
+    """Return the health of some logs as a value of JSON, without the arrays that pictures are drawn from.
+
+    Returns:
+        `schema` and `logs`, each with the fields of `Health` but `rms_history` and `files`, of its channels all but
+        `overview`.
+
+    >>> health_json([])
+    {'schema': 'opid.health/1', 'logs': []}
+    """
+    return plain({"schema": SCHEMA, "logs": [_without_arrays(each) for each in logs]})
+
+
+def _without_arrays(health: Health) -> dict[str, Any]:
+    # the arrays are left out before `asdict`, which would copy them
+    channels = tuple(replace(channel, overview=None) for channel in health.channels)
+    document = asdict(replace(health, channels=channels, rms_history=(), files=()))
+    del document["rms_history"], document["files"]
+    for channel in document["channels"]:
+        del channel["overview"]
+    return {"log": document.pop("log")} | document

@@ -12,30 +12,27 @@ from opid.signals.health.thinning import Thinning
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray, white_noise_rms
 
-HIGH_FREQUENCY_HZ = 5.0
-"""Above the bounce of a vehicle (1 to 3 Hz), where the suspension isolates the sprung side."""
-
 OVERLAPPED_BINS = 512
 """Bins (9 min) in which blocks overlap by a half, for smoother averages; later there are enough without."""
 
-MENDED_PART = 0.05
+MOST_MISSING = 0.05
 """Part of a block that may be missing: it is put on straight lines; more, and the block is left out."""
 
 SPECTROGRAM_TIMES = 300
 
-BAND_PART = 0.025
+BAND_FRACTION = 0.025
 """Width of the spectrogram's bands, as a part of their frequency: those of a suspension are single lines."""
 
 LONG_BINS, LEAST_LONG_BINS, LONG_VALUES = 16, 4, 1 << 22
 """Bins (seconds) of the long blocks in which lines are looked for; fewer where more values would be held in memory."""
 
 LEAST_LONG_AVERAGES = 3.0
-"""Long blocks that tell more of lines than the many short ones of the same record."""
+"""From so many long blocks on they show lines better than the many short ones of the same record."""
 
 
-LINES_A_BAND, EVEN_BAND_PART = 32, 0.1
+LINES_A_BAND, EVEN_BAND_FRACTION = 32, 0.1
 """Least lines, and width over frequency, of the bands whose power is compared from block to block:
-enough lines that chance moves it by a tenth, few enough that the spectrum is one level there."""
+enough lines that chance moves it by a tenth, few enough that the spectrum is flat there."""
 
 
 class BlockMean:
@@ -50,7 +47,7 @@ class BlockMean:
         self.nperseg, self.window = nperseg, hann(nperseg)
         self._power = np.zeros((n_channels, n_lines))
         self._weight = np.zeros((2, n_channels))  # sum of the blocks' weights, and of their squares
-        self._edges = LINES_A_BAND * growing_edges(max(1, n_lines // LINES_A_BAND), part=EVEN_BAND_PART)
+        self._edges = LINES_A_BAND * growing_edges(max(1, n_lines // LINES_A_BAND), fraction=EVEN_BAND_FRACTION)
         self._sums = np.zeros((2, n_channels, self._edges.size))
 
     def add(self, channel: int, power: FloatArray, weights: FloatArray) -> None:
@@ -59,6 +56,15 @@ class BlockMean:
         self._weight[:, channel] += weights.sum(), weights @ weights
         own = np.add.reduceat(power, self._edges, axis=1) * weights[:, np.newaxis]
         self._sums[:, channel] += own.sum(axis=0), (own * own).sum(axis=0)
+
+    def transform(self, blocks: FloatArray) -> tuple[ComplexArray, FloatArray]:
+        """Return the spectra of blocks, (n_blocks, n_lines), and their powers; the blocks are detrended in place."""
+        blocks -= blocks.mean(axis=1, keepdims=True)
+        blocks *= self.window
+        spectrum = np.fft.rfft(blocks, axis=1)
+        power = spectrum.real**2
+        power += spectrum.imag**2
+        return spectrum, power
 
     def psd(self, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return frequencies, Hz, densities (n_channels, n_lines), unit^2/Hz, and the averages of each channel."""
@@ -87,14 +93,7 @@ class BlockMean:
 
 
 class SpectrumCheck:
-    """Welch spectra of all channels, cross-spectra of some, block by block of two bins.
-
-    Args:
-        n_channels: of the chunks.
-        bin_rows: half a block.
-        crossed: columns whose cross-spectra are wanted.
-        spectrogram: whether one is wanted.
-    """
+    """Welch spectra of all channels, cross-spectra of some, block by block of two bins."""
 
     def __init__(self, n_channels: int, bin_rows: int, *, crossed: Sequence[int] = (), spectrogram: bool) -> None:
         self._n, self._bin, self.crossed = n_channels, bin_rows, tuple(crossed)
@@ -108,7 +107,7 @@ class SpectrumCheck:
         n_lines, n_crossed = nperseg // 2 + 1, len(self.crossed)
         self.mean = BlockMean(self._n, nperseg)
         self._cross = np.zeros((n_crossed, n_crossed, n_lines), dtype=np.complex128)
-        self._edges = growing_edges(n_lines, part=BAND_PART)
+        self._edges = growing_edges(n_lines, fraction=BAND_FRACTION)
 
     def add(self, chunk: Chunk) -> None:
         """Take the next chunk."""
@@ -118,19 +117,19 @@ class SpectrumCheck:
         nperseg = self.mean.nperseg
         before = (chunk.first - chunk.lead) // self._bin
         starts = np.arange(0, max(used - nperseg, 0 if used >= nperseg else -1) + 1, self._bin)
-        slots = starts // self._bin
-        weights = np.where(before + slots < OVERLAPPED_BINS, 1.0, 2.0)
-        wanted = (weights == 1.0) | ((before + slots) % 2 == 0)
+        bin_index = starts // self._bin
+        weights = np.where(before + bin_index < OVERLAPPED_BINS, 1.0, 2.0)
+        wanted = (weights == 1.0) | ((before + bin_index) % 2 == 0)
         if used % self._bin and used > nperseg:
-            # the end of a log that is no whole bin: in the spectrogram alone
-            starts, slots = np.append(starts, used - nperseg), np.append(slots, used // self._bin - 1)
+            # the end of a log that is no whole bin counts in the spectrogram alone
+            starts, bin_index = np.append(starts, used - nperseg), np.append(bin_index, used // self._bin - 1)
             weights, wanted = np.append(weights, 0.0), np.append(wanted, True)
         first = chunk.first - chunk.lead + starts
         inside = np.searchsorted(chunk.breaks, first + nperseg) > np.searchsorted(chunk.breaks, first, "right")
         wanted &= ~inside
         grouped, usable = self._take(chunk, starts[wanted], weights[wanted])
         if self._gram is not None:
-            self._add_to_gram(chunk, slots[wanted], usable, grouped)
+            self._add_to_gram(chunk, bin_index[wanted], usable, grouped)
 
     def finish(self) -> None:
         """Take the end of the last chunk."""
@@ -146,12 +145,8 @@ class SpectrumCheck:
         for i, row in enumerate(chunk.values if starts.size else ()):
             blocks = np.lib.stride_tricks.sliding_window_view(row, self.mean.nperseg)[starts]
             if chunk.missing[i]:
-                usable[i] = _mended(blocks)
-            blocks -= blocks.mean(axis=1, keepdims=True)
-            blocks *= self.mean.window
-            spectrum = np.fft.rfft(blocks, axis=1)
-            power = spectrum.real**2
-            power += spectrum.imag**2
+                usable[i] = _mend(blocks)
+            spectrum, power = self.mean.transform(blocks)
             self.mean.add(i, power, weights * usable[i])
             if i in self.crossed:
                 spectra[i] = spectrum
@@ -169,7 +164,7 @@ class SpectrumCheck:
             for j in range(i, len(self.crossed)):
                 self._cross[i, j] += np.einsum("kl,kl->l", conjugate, spectra[self.crossed[j]])
 
-    def _add_to_gram(self, chunk: Chunk, slots: np.ndarray, usable: FloatArray, grouped: FloatArray) -> None:
+    def _add_to_gram(self, chunk: Chunk, bin_index: np.ndarray, usable: FloatArray, grouped: FloatArray) -> None:
         """One item a bin: the block that ends with it or, where that is of no use, the one that begins with it.
 
         The item of the last bin waits for the next chunk.
@@ -180,7 +175,7 @@ class SpectrumCheck:
         power, usable_at = np.zeros((bins, self._n, self._edges.size)), np.zeros((bins, self._n))
         if self._block_before is not None:
             power[0], usable_at[0] = self._block_before
-        at = np.minimum(slots + 1, bins - 1)
+        at = np.minimum(bin_index + 1, bins - 1)
         power[at], usable_at[at] = np.moveaxis(grouped, 0, 1), usable.T
         self._block_before = power[-1].copy(), usable_at[-1].copy()
         ending = usable_at[:-1] > 0
@@ -208,16 +203,11 @@ class SpectrumCheck:
         weight = items["weight"][:, :, np.newaxis]
         scale = 2 / (fs * np.sum(self.mean.window**2))
         density = items["power"] / np.where(weight > 0, weight, np.nan) / sizes * scale
-        return 2**self._gram.level, middles, np.moveaxis(density, 1, 0)
+        return 2**self._gram.n_halvings, middles, np.moveaxis(density, 1, 0)
 
 
 class LongBlocks:
-    """Spectra of long blocks, which tell lines from resonances.
-
-    Args:
-        n_channels: of the chunks.
-        bin_rows: rows of a bin.
-    """
+    """Spectra of long blocks, which distinguish lines from resonances."""
 
     def __init__(self, n_channels: int, bin_rows: int) -> None:
         bins = min(LONG_BINS, LONG_VALUES // (n_channels * bin_rows))
@@ -249,19 +239,16 @@ class LongBlocks:
         if self._last_break <= self._first:
             for i, row in enumerate(self._kept):
                 block = row[np.newaxis].copy()
-                if self._missing[i] and not _mended(block)[0]:
+                if self._missing[i] and not _mend(block)[0]:
                     continue
-                block -= block.mean()
-                block *= self.mean.window
-                spectrum = np.fft.rfft(block)
-                self.mean.add(i, spectrum.real**2 + spectrum.imag**2, np.array([1.0 if overlapped else 2.0]))
+                self.mean.add(i, self.mean.transform(block)[1], np.array([1.0 if overlapped else 2.0]))
         self._filled = self._nperseg // 2 if overlapped else 0
         self._first += self._nperseg - self._filled
         self._kept[:, : self._filled] = self._kept[:, self._nperseg - self._filled :]
         self._missing = np.asarray(np.isnan(self._kept[:, : self._filled]).any(axis=1))
 
 
-def rms_from(frequency_hz: FloatArray, psd: FloatArray, least_hz: float) -> float:
+def rms_above(frequency_hz: FloatArray, psd: FloatArray, least_hz: float) -> float:
     """Return the rms of a spectrum, evenly spaced from 0 Hz, above a frequency; without the mean if it ends below."""
     if frequency_hz.size < 2 or not np.isfinite(psd).all():
         return 0.0
@@ -281,12 +268,12 @@ def hann(n: int) -> FloatArray:
     return np.hanning(n + 1)[:-1] if n > 2 else np.ones(n)
 
 
-def _mended(blocks: FloatArray) -> np.ndarray:
+def _mend(blocks: FloatArray) -> np.ndarray:
     """Put what little is missing on straight lines, in place; say which blocks can be used, zero the others."""
     gone = np.isnan(blocks)
     part = gone.mean(axis=1)
     rows = np.arange(blocks.shape[1])
-    for k in np.flatnonzero((part > 0) & (part <= MENDED_PART)):
+    for k in np.flatnonzero((part > 0) & (part <= MOST_MISSING)):
         blocks[k, gone[k]] = np.interp(rows[gone[k]], rows[~gone[k]], blocks[k, ~gone[k]])
-    blocks[part > MENDED_PART] = 0.0
-    return part <= MENDED_PART
+    blocks[part > MOST_MISSING] = 0.0
+    return part <= MOST_MISSING

@@ -3,7 +3,7 @@
 A spike of a cable or a converter of height s is there for one sample. The departure of a sample from the mean of its
 neighbours, d_k = x_k - (x_{k-1} + x_{k+1}) / 2, is then 0, -s/2, s, -s/2, 0 beside what the motion makes, and where
 that one sample is left out the signal goes on as if nothing had been. A force that jumps does not do so: dry friction
-turns over where the velocity passes zero, the acceleration goes to another level within a sample or two and stays
+turns over where the velocity passes zero, the acceleration goes to another value within a sample or two and stays
 there, and what a sensor's filter makes of that rings on both sides. Without any one of its samples the jump is still
 there: for a step from a to b between two samples the least that is left is half of what was taken out.
 """
@@ -30,8 +30,6 @@ class SpikeSettings:
             over its height. It lies between 3 / least_sigma, below which noise hides spikes that just stand out, and
             0.5, where a jump between two samples is taken for a spike. At 0.35 noise hides 1 of 1000 of the former,
             and of 14 million samples of dry friction behind a sharp anti-alias filter none is called a spike.
-        block_s: stretch over which the usual departure is taken, s, so that the loud begin of a braking run does not
-            look like spikes.
         quiet_ratio: a stretch that is quieter than this part of the whole run is taken to be as loud as that, because
             a standstill has hardly any departure.
         least_moving: departures other than zero that show what is usual in a stretch. Where the value is held or
@@ -40,7 +38,6 @@ class SpikeSettings:
 
     least_sigma: float = 10.0
     most_left: float = 0.35
-    block_s: float = 1.0
     quiet_ratio: float = 0.1
     least_moving: int = 16
 
@@ -52,15 +49,14 @@ _PICKED = 512  # departures of a bin that its median is taken of: known to 4 %, 
 _MOST_CANDIDATES = 50000
 
 
-def without_spikes(samples: ArrayLike, *, fs: float, settings: SpikeSettings = SPIKES) -> tuple[FloatArray, np.ndarray]:
+def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
     """Replace single samples that stand far out by the cubic through their four neighbours.
 
-    The first and the last three samples are left as they are: a spike is told by three samples on either side.
+    The first and the last three samples are left as they are: three samples on either side show that it is one.
 
     Args:
         samples: (n,) one channel.
         fs: sampling rate, Hz.
-        settings: what counts as a spike.
 
     Returns:
         The mended samples, (n,), and the indices that were mended.
@@ -68,33 +64,20 @@ def without_spikes(samples: ArrayLike, *, fs: float, settings: SpikeSettings = S
     >>> signal = np.sin(np.arange(2000) / 20.0)
     >>> signal[700] += 30.0
     >>> signal[1200:] += 5.0
-    >>> mended, indices = without_spikes(signal, fs=500.0)
+    >>> mended, indices = remove_spikes(signal, fs=500.0)
     >>> indices.tolist(), bool(abs(mended[700] - np.sin(35.0)) < 0.01)
     ([700], True)
     """
     mended = np.array(samples, dtype=np.float64)
-    indices = _find_spikes(mended, fs, settings)
+    bin_rows = max(16, round(fs))  # a second
+    values = np.full((1, -(-mended.size // bin_rows) * bin_rows), np.nan)
+    values[0, : mended.size] = mended
+    search = SpikeSearch(0, bin_rows)
+    search.add(Chunk(values, 0, 0, mended.size, bin_rows, np.zeros(1, dtype=bool), np.empty(0, dtype=np.int64)))
+    indices = search.rows(None)
     near, far = mended[indices - 1] + mended[indices + 1], mended[indices - 2] + mended[indices + 2]
     mended[indices] = (4 * near - far) / 6
     return mended, indices
-
-
-def _find_spikes(samples: FloatArray, fs: float, settings: SpikeSettings) -> np.ndarray:
-    """Return the indices of single samples that depart far from their neighbours and from nothing else."""
-    departure = samples[1:-1] - 0.5 * (samples[:-2] + samples[2:])
-    block = max(16, round(settings.block_s * fs))
-    if departure.size < block:
-        return np.empty(0, dtype=np.intp)
-    size = np.abs(departure)
-    n_blocks = departure.size // block
-    usual = _beside(_usual(size[: n_blocks * block].reshape(n_blocks, block), settings.least_moving))
-    if not np.isfinite(usual).any():
-        return np.empty(0, dtype=np.intp)
-    usual = np.maximum(usual, settings.quiet_ratio * float(np.nanmedian(usual)))
-    block_index = np.minimum(np.arange(departure.size) // block, n_blocks - 1)
-    limit = settings.least_sigma * _ROBUST * usual[block_index]
-    far = np.flatnonzero(size[2:-2] > limit[2:-2]) + 2
-    return far[_is_lone(departure, far, settings.most_left)] + 1
 
 
 def _usual(size: FloatArray, least_moving: int) -> FloatArray:
@@ -127,16 +110,13 @@ def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np
 
 
 class SpikeSearch:
-    """Finds the spikes of one channel in chunks, as `without_spikes` does in a whole run.
+    """Finds the spikes of one channel, chunk by chunk.
 
-    Args:
-        column: of the channel.
-        bin_rows: rows of a bin, over which the usual departure is taken.
-        settings: what counts as a spike.
+    The usual departure is taken bin by bin, so that the loud beginning of a braking run does not look like spikes.
     """
 
-    def __init__(self, column: int, bin_rows: int, settings: SpikeSettings = SPIKES) -> None:
-        self._column, self._bin, self._settings = column, bin_rows, settings
+    def __init__(self, column: int, bin_rows: int) -> None:
+        self._column, self._bin = column, bin_rows
         step = max(1, bin_rows // _PICKED)
         starts = np.arange(0, bin_rows - step + 1, step)
         # irregular indices: a tone must not be met at one phase only
@@ -160,13 +140,13 @@ class SpikeSearch:
         size = np.abs(departure)
         offset = begin - lead + 1  # departure k is that of row `offset + k` of the chunk
         usual = self._usual_of_bins(size, offset, n)
-        floor = 0.5 * self._settings.quiet_ratio * self._median() if self._some else np.inf
+        floor = 0.5 * SPIKES.quiet_ratio * self._median() if self._some else np.inf
         # centres from three rows before the chunk to three before its end: each needs three neighbours on either side
         first, stop = (-3 if lead else 3), n - 3
-        limit = np.repeat(self._settings.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
+        limit = np.repeat(SPIKES.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
         centres = size[first - offset : stop - offset]
         far = np.flatnonzero(centres > limit[self._bin + first : self._bin + stop]) + first
-        far = far[_is_lone(departure, far - offset, self._settings.most_left)]
+        far = far[_is_lone(departure, far - offset, SPIKES.most_left)]
         self._keep(far + chunk.first, size[far - offset])
 
     def rows(self, step: float | None) -> np.ndarray:
@@ -176,8 +156,8 @@ class SpikeSearch:
         rows, size = np.concatenate(self._found, axis=1)
         every = np.concatenate(self._usual)
         own = _beside(every)[np.minimum(rows.astype(np.int64) // self._bin, every.size - 1)]
-        floor = max(self._settings.quiet_ratio * self._median(), 0.5 * (step or 0.0))
-        return rows[size > self._settings.least_sigma * _ROBUST * np.fmax(own, floor)].astype(np.int64)
+        floor = max(SPIKES.quiet_ratio * self._median(), 0.5 * (step or 0.0))
+        return rows[size > SPIKES.least_sigma * _ROBUST * np.fmax(own, floor)].astype(np.int64)
 
     def _median(self) -> float:
         return float(np.nanmedian(np.concatenate(self._usual)))
@@ -188,7 +168,7 @@ class SpikeSearch:
         own = np.empty(0)
         if full:
             indices = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
-            own = _usual(np.take(size, indices, mode="clip"), self._settings.least_moving)
+            own = _usual(np.take(size, indices, mode="clip"), SPIKES.least_moving)
             self._usual.append(own)
             self._some = self._some or bool(np.isfinite(own).any())
         every = np.concatenate([[self._before], own, [np.nan]])

@@ -19,7 +19,7 @@ class Thinning:
     >>> series = Thinning({"highest": np.fmax}, most=2)
     >>> for value in (1.0, 3.0, 2.0, 0.0, 5.0):
     ...     series.add({"highest": np.array([value])})
-    >>> series.items()["highest"].tolist(), series.level
+    >>> series.items()["highest"].tolist(), series.n_halvings
     ([3.0, 5.0], 2)
     """
 
@@ -30,24 +30,20 @@ class Thinning:
         self._waiting: list[Items | None] = []
 
     @property
-    def level(self) -> int:
+    def n_halvings(self) -> int:
         """How often neighbours were joined: an item stands for two to this power of those that were added."""
         return len(self._waiting)
 
-    def add(self, items: Items, *, level: int = 0) -> None:
-        """Append items.
-
-        Args:
-            items: arrays (n, ...) by name.
-        """
-        for i in range(level, self.level):
-            items = self._paired(i, items)
+    def add(self, items: Items, *, n_halvings: int = 0) -> None:
+        """Append items."""
+        for i in range(n_halvings, self.n_halvings):
+            items = self._pair(i, items)
         if _length(items):
             self._kept.append(items)
             self._n += _length(items)
         while self._n >= self._most:  # one that is left over makes it full
             self._waiting.append(None)
-            halved = self._paired(self.level - 1, self._joined())
+            halved = self._pair(self.n_halvings - 1, self._concatenate())
             self._kept, self._n = [halved], _length(halved)
 
     def items(self) -> Items:
@@ -58,16 +54,16 @@ class Thinning:
                 last = waiting if last is None else self._join(waiting, last)
         if last is not None:
             self._kept.append(last)
-        self._waiting = [None] * self.level
-        return self._joined()
+        self._waiting = [None] * self.n_halvings
+        return self._concatenate()
 
-    def _joined(self) -> Items:
+    def _concatenate(self) -> Items:
         if len(self._kept) != 1:
             self._kept = [{name: np.concatenate([each[name] for each in self._kept]) for name in self._joins}]
         return self._kept[0]
 
-    def _paired(self, i: int, items: Items) -> Items:
-        """Join each two neighbours, the one that waits at this level first; one that is left over waits."""
+    def _pair(self, i: int, items: Items) -> Items:
+        """Join each two neighbours, the one that waits there first; one that is left over waits."""
         waiting = self._waiting[i]
         if waiting is not None:
             items = {name: np.concatenate([waiting[name], items[name]]) for name in self._joins}
@@ -102,15 +98,10 @@ class RowStretches:
         self._n = 0
 
     def add(self, starts: np.ndarray, stops: np.ndarray) -> None:
-        """Append stretches that begin after those that are there.
-
-        Args:
-            starts: (n,) first row of each.
-            stops: (n,) row after the last one.
-        """
+        """Append stretches that begin after those that are there."""
         if not starts.size:
             return
-        self._parts.append(_merged(np.stack([starts, stops], axis=1).astype(np.int64), self._near))
+        self._parts.append(_merge(np.stack([starts, stops], axis=1).astype(np.int64), self._near))
         self._n += self._parts[-1].shape[0]
         while self._n > self._most:
             self._near = max(2 * self._near, self._coarse)
@@ -121,10 +112,10 @@ class RowStretches:
         """Return (n, 2): first row, and the row after the last one, of each stretch."""
         if not self._parts:
             return np.empty((0, 2), dtype=np.int64)
-        return _merged(np.concatenate(self._parts), self._near)
+        return _merge(np.concatenate(self._parts), self._near)
 
 
-def _merged(stretches: np.ndarray, near: int) -> np.ndarray:
+def _merge(stretches: np.ndarray, near: int) -> np.ndarray:
     """Join what is at most `near` rows apart."""
     if stretches.shape[0] < 2:
         return stretches

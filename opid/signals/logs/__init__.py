@@ -17,7 +17,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from opid.errors import InputError, missing_library, nearest
-from opid.signals.clock_columns import with_clocks
+from opid.signals.clock import mark_clocks
 from opid.signals.conversion import recording_of
 from opid.signals.files import nearest_beside
 from opid.signals.log import Block, Log, Track
@@ -54,7 +54,7 @@ class Format:
         open: (path, settings) -> `Log`.
         needs: distribution that must be installed, None for none beside opid's own.
         extra: of opid that installs it.
-        magic: what such files begin with, any of these; empty where that tells nothing.
+        magic: what such files begin with, any of these; empty where that shows nothing.
         text: whether it is text, which may be compressed (.gz).
     """
 
@@ -138,7 +138,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
                 f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
                 "or give `scale` in the channel's table of [channels]"
             )
-        log = with_clocks(_guarded(file, form, settings))
+        log = mark_clocks(_guard(file, form, settings))
         logger.info("opened %s: %s with %d channels", path, form.name, len(log.names))
         return log
     except OSError as error:
@@ -224,18 +224,18 @@ def _format_of(file: Path) -> Format:
     if packed and form is not None:
         return form
     if form is None:
-        alike = {each.name: each for each in _READERS.values() if _begins(head, each.magic)}
+        alike = {each.name: each for each in _READERS.values() if _begins_with(head, each.magic)}
         if len(alike) != 1:
             raise InputError(f"cannot read {file}: no format has the ending {ending!r}: {nearest(ending, _READERS)}")
         return next(iter(alike.values()))
-    if form.magic and not _begins(head, form.magic):
+    if form.magic and not _begins_with(head, form.magic):
         raise InputError(f"{file} is no {form.name} file{_looks_like(head)}: check the ending, or export it again")
     if form.text and not form.magic and (foreign := _looks_like(head)):
         raise InputError(f"{file} is no {form.name} file{foreign}: check the ending, or export it as {form.name}")
     return form
 
 
-def _begins(head: bytes, magic: Sequence[bytes]) -> bool:
+def _begins_with(head: bytes, magic: Sequence[bytes]) -> bool:
     return any(head.startswith(each) for each in magic)
 
 
@@ -247,7 +247,7 @@ def _looks_like(head: bytes) -> str:
     return ""
 
 
-def _guarded(file: Path, form: Format, settings: LogSettings) -> Log:
+def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
     """Open a log; its header is checked against the size of the file, its reading against damage and change."""
     before = file.stat()
     with _in_one_sentence(file, form):
@@ -261,19 +261,19 @@ def _guarded(file: Path, form: Format, settings: LogSettings) -> Log:
                 f"{before.st_size} bytes: its header is damaged; export the log again"
             )
 
-    def watched(track: Track) -> Track:
+    def watch(track: Track) -> Track:
         def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
             with _in_one_sentence(file, form):
                 yield from track.rows(columns, start, stop)
-            if _changed(file, before):
+            if _has_changed(file, before):
                 raise InputError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
 
         return replace(track, rows=rows)
 
-    return replace(log, tracks=tuple(map(watched, log.tracks)))
+    return replace(log, tracks=tuple(map(watch, log.tracks)))
 
 
-def _changed(file: Path, before: os.stat_result) -> bool:
+def _has_changed(file: Path, before: os.stat_result) -> bool:
     try:
         after = file.stat()
     except OSError:  # it is gone
@@ -298,7 +298,9 @@ def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
             "export it again, or as shorter stretches, or as HDF5, which is read block by block"
         ) from error
     except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:  # the system's word, not a library's for damage
+        if (
+            isinstance(error, OSError) and error.errno is not None
+        ):  # the system reports it, not a library that met damage
             raise InputError(f"cannot read {file}: {error.strerror or error}: check the file and its rights") from error
         reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
         raise InputError(

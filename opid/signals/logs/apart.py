@@ -25,8 +25,6 @@ from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-
 from opid.errors import InputError
 from opid.signals.log import Block, Log, Rows, Track
 from opid.signals.log_settings import LogSettings
@@ -73,7 +71,7 @@ def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
         raise
     weakref.finalize(own := _Owner(process), _take_back, process)
     tracks = (
-        replace(track, rows=_rows(own, number), place=partial(_place, own, number))
+        replace(track, rows=_rows(own, number), locate=partial(_locate, own, number))
         for number, track in enumerate(log.tracks)
     )
     return replace(log, tracks=tuple(tracks))
@@ -83,7 +81,7 @@ class _Process:
     """A Python that answers requests one by one; both are pickles in its pipes."""
 
     def __init__(self) -> None:
-        found = os.pathsep.join(place or os.getcwd() for place in sys.path)
+        found = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
         self._python = subprocess.Popen(
             [sys.executable, "-c", f"from {__name__} import serve; serve()"],
             stdin=subprocess.PIPE,
@@ -107,7 +105,7 @@ class _Process:
         with self._lock:
             try:
                 _send(requests, (what, given))
-                answer = _receive(replies)
+                answer = pickle.load(replies)
             except (EOFError, OSError, pickle.UnpicklingError):
                 raise ReadingEndedError(self._why_ended()) from None
             except BaseException:  # an answer that nobody takes would be taken for the next one
@@ -134,21 +132,8 @@ class _Process:
 
 
 def _send(pipe: IO[bytes], value: Any) -> None:
-    """Send a value, its arrays behind it as they lie in memory."""
-    arrays: list[pickle.PickleBuffer] = []
-    pickled = pickle.dumps(value, 5, buffer_callback=arrays.append)
-    pickle.dump((pickled, [array.raw().nbytes for array in arrays]), pipe)
-    for array in arrays:
-        pipe.write(array.raw())
+    pickle.dump(value, pipe, 5)
     pipe.flush()
-
-
-def _receive(pipe: IO[bytes]) -> Any:
-    pickled, sizes = pickle.load(pipe)
-    arrays = [np.empty(size, dtype=np.uint8) for size in sizes]
-    for array in arrays:
-        pipe.readinto(array)  # type: ignore[attr-defined]
-    return pickle.loads(pickled, buffers=arrays)
 
 
 @dataclass(eq=False)
@@ -204,8 +189,8 @@ def _rows(own: _Owner, track: int) -> Rows:
 _numbers = count()
 
 
-def _place(own: _Owner, track: int, row: int) -> str:
-    return own.process.ask("place", track, row)
+def _locate(own: _Owner, track: int, row: int) -> str:
+    return own.process.ask("locate", track, row)
 
 
 # ---- in that process -------------------------------------------------------------------------------
@@ -217,16 +202,16 @@ def serve() -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for own in (0, 1, 2):
         os.dup2(nowhere, own)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asked is interrupted, and ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that asked is interrupted, and ends this one
     reading = _Reading()
     with suppress(EOFError):
         while True:
-            what, given = _receive(requests)
+            what, given = pickle.load(requests)
             try:
                 answer = getattr(reading, what)(*given)
             except (InputError, MemoryError, ModuleNotFoundError) as error:
                 answer = error
-            except Exception as error:  # of a class that only the library knows
+            except Exception as error:  # its class may be known to the library alone
                 errno = error.errno if isinstance(error, OSError) else None
                 answer = RuntimeError(str(error).strip() or type(error).__name__) if errno is None else error
             _send(replies, answer)
@@ -234,7 +219,7 @@ def serve() -> None:
 
 
 class _Reading:
-    """Answers what is asked of one log at a time."""
+    """Answers requests about one log at a time."""
 
     def __init__(self) -> None:
         self._seconds = 0.0
@@ -255,7 +240,7 @@ class _Reading:
         module, _, name = opener.partition(":")
         log = getattr(import_module(module), name)(path, settings)
         self._tracks = log.tracks
-        return replace(log, tracks=tuple(replace(track, rows=_nowhere, place=_nowhere) for track in log.tracks))
+        return replace(log, tracks=tuple(replace(track, rows=_nowhere, locate=_nowhere) for track in log.tracks))
 
     def next(self, number: int, track: int, columns: Sequence[int], start: int, stop: int | None) -> Block | None:
         _bound_time(self._seconds)
@@ -268,7 +253,7 @@ class _Reading:
         return block
 
     def read_ahead(self) -> None:
-        """Read the block that will be asked for next, while the last one is worked on."""
+        """Read the next block while the other process works on the last one."""
         number, self._read_last = self._read_last, None
         if number is not None:
             try:
@@ -280,8 +265,8 @@ class _Reading:
         self._blocks.pop(number, None)
         self._ahead.pop(number, None)
 
-    def place(self, track: int, row: int) -> str:
-        return self._tracks[track].place(row)
+    def locate(self, track: int, row: int) -> str:
+        return self._tracks[track].locate(row)
 
 
 def _nowhere(*_: object) -> Any:

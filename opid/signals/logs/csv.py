@@ -12,8 +12,8 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.signals.column_names import time_name
-from opid.signals.files import written_whole
-from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
+from opid.signals.files import write_whole
+from opid.signals.log import Block, Log, LoggedChannel, Track, rows_from_start
 from opid.signals.log_settings import AS_WRITTEN, LogSettings
 from opid.signals.logs import reader, writer
 from opid.signals.logs.text.header import (
@@ -31,7 +31,7 @@ from opid.signals.logs.text.header import (
     columns_of,
     header_of,
 )
-from opid.signals.logs.text.lines import HEAD_BYTES, LONGEST_LINE, encoding_of, lines_of
+from opid.signals.logs.text.lines import HEAD_BYTES, LONGEST_LINE, lines_of, with_encoding
 from opid.signals.logs.text.stamps import has_date, looks_dated, moment, nanoseconds, past_midnight
 from opid.signals.logs.text.table import (
     MOST_COLUMNS,
@@ -58,10 +58,7 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
 
     Times that are dates count from the first one, which is the zero of the log.
     """
-    remarks: tuple[str, ...] = ()
-    if settings.encoding is None and (encoding := encoding_of(path)):
-        settings = replace(settings, encoding=encoding)
-        remarks = (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+    settings, remarks = with_encoding(path, settings)
     return _log(path, _head(path, settings), settings, "CSV", None, remarks)
 
 
@@ -119,14 +116,14 @@ def _log(
         if settings.fs_hz or time is None:
             return (Block(numbers_of(table, *lines, wanted)) for lines in table_lines(table))
         if factor is None:
-            return _dated(table, wanted, time)
-        return _timed(table, wanted, time, factor)
+            return _dated_blocks(table, wanted, time)
+        return _timed_blocks(table, wanted, time, factor)
 
     track = Track(
         tuple(LoggedChannel(columns[i].name, columns[i].unit) for i in own),
-        from_first_row(blocks),
+        rows_from_start(blocks),
         fs=settings.fs_hz,
-        place=lambda row: f"line {line_of_row(table, row)}",
+        locate=lambda row: f"line {line_of_row(table, row)}",
     )
     zero = None if time is None or time >= len(first) else moment(first[time])
     return Log(path, form, (track,), zero, remarks=remarks)
@@ -137,7 +134,7 @@ def write_csv(recording: Recording, path: Path) -> None:
     """Write a recording as comma-separated text that reads back to the last bit."""
     header = _header_line(recording, path)
     columns = (recording.time_s, *recording.samples.T)
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         file.write(header + "\n")
         for start in range(0, recording.n_samples, _ROWS_AT_ONCE):
             block = (map(repr, column[start : start + _ROWS_AT_ONCE].tolist()) for column in columns)
@@ -257,7 +254,7 @@ def _words(column: Column) -> str:
 # ---- blocks --------------------------------------------------------------------------------------
 
 
-def _timed(table: TextTable, wanted: Sequence[int], time: int, factor: float) -> Iterator[Block]:
+def _timed_blocks(table: TextTable, wanted: Sequence[int], time: int, factor: float) -> Iterator[Block]:
     """Blocks of a table whose time column counts seconds or parts of them."""
     for number, lines in table_lines(table):
         values = numbers_of(table, number, lines, [*wanted, time])
@@ -268,7 +265,7 @@ def _timed(table: TextTable, wanted: Sequence[int], time: int, factor: float) ->
             yield Block(values[:, :-1], written * factor)
 
 
-def _dated(table: TextTable, wanted: Sequence[int], time: int) -> Iterator[Block]:
+def _dated_blocks(table: TextTable, wanted: Sequence[int], time: int) -> Iterator[Block]:
     """Blocks of a table whose time column holds dates or times of day: seconds from the first."""
     origin: int | None = None
     before: int | None = None

@@ -21,7 +21,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 from opid.signals.log import Log
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader, writer
@@ -42,7 +42,7 @@ _HEADER_BYTES = 60_000  # an attribute of HDF5 holds 64 KiB
 def open_hdf5(path: Path, settings: LogSettings) -> Log:
     """Open an HDF5 log; its samples are read in slices, so that it may be larger than memory."""
     elsewhere: list[str] = []
-    with opened(path) as file:
+    with open_file(path) as file:
         groups = list(_groups(path, file, {}, elsewhere))
     if not any(group.arrays for group in groups):
         links = f", only links to data elsewhere ({', '.join(elsewhere[:3])}), which are not followed"
@@ -50,7 +50,7 @@ def open_hdf5(path: Path, settings: LogSettings) -> Log:
             f"{path} holds no datasets of numbers{links if elsewhere else ''}: export the log again, in one file"
         )
     history = tuple(line for group in groups for line in group.texts.get("history", ()))
-    return Log(path, "HDF5", tracks_of(path, groups, settings, lambda: opened(path)), history=history)
+    return Log(path, "HDF5", tracks_of(path, groups, settings, lambda: open_file(path)), history=history)
 
 
 @writer(".h5", ".hdf5", ".hdf")
@@ -70,7 +70,7 @@ def write_hdf5(recording: Recording, path: Path) -> None:
                 coded = [value.encode() for value in values]
                 if any(b"\0" in each for each in coded):
                     raise ValueError(f"a NUL in {key}")
-                # of one length: in a damaged file there are then no lengths and addresses to be wrong
+                # texts of one length have no lengths and addresses that could be wrong in a damaged file
                 text = h5py.string_dtype(length=max(1, *map(len, coded), 1))
                 if len(coded) * text.itemsize > _HEADER_BYTES:
                     group.create_dataset(key, data=np.array(coded, dtype=text))
@@ -79,11 +79,11 @@ def write_hdf5(recording: Recording, path: Path) -> None:
             group.create_dataset("samples", data=recording.samples)
     except (ValueError, RuntimeError) as error:  # a NUL or half a character in a name
         raise InputError(f"cannot write {path}: HDF5 does not hold the names {names} and units {units}") from error
-    with written_whole(path, "wb") as target:
+    with write_whole(path, "wb") as target:
         target.write(held.getbuffer())
 
 
-def opened(path: Path) -> AbstractContextManager[Any]:
+def open_file(path: Path) -> AbstractContextManager[Any]:
     """Return an HDF5 file, open for reading until the block ends."""
     import h5py
 
@@ -91,7 +91,7 @@ def opened(path: Path) -> AbstractContextManager[Any]:
 
 
 def members(group: h5py.Group, elsewhere: list[str]) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
-    """Yield name and object of what lies in a group itself, not behind a link to another place or file."""
+    """Yield name and object of what lies in a group itself, not behind a link to another group or file."""
     import h5py
 
     for name in group:

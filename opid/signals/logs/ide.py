@@ -13,7 +13,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import GAP, JITTER_LIMIT
-from opid.signals.log import Log, LoggedChannel, Rows, Track, distinct, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -23,7 +23,7 @@ _BLOCK = "ChannelDataBlock"
 _EXPRESSIONS = ("SampleRate", "TimeCodeScale")  # texts that the library would evaluate
 _PLAIN = re.compile(r"\s*[\d.eE+-]{1,24}\s*(/\s*[\d.eE+-]{1,24}\s*)?")
 _TICK_S = 1 / 32768
-_SET = datetime(2000, 1, 1, tzinfo=UTC)  # before there were such recorders: a clock that was never set
+_SET = datetime(2000, 1, 1, tzinfo=UTC)  # such recorders did not exist before: an earlier clock was never set
 _TICKS_OF_ROUNDING = 1.25  # the last stamp of a block and the first of the next are cut to whole ticks
 
 
@@ -31,7 +31,7 @@ _TICKS_OF_ROUNDING = 1.25  # the last stamp of a block and the first of the next
 class _Blocks:
     """Where the blocks of a channel stand in the file, and the times of their first and last samples, in ticks."""
 
-    places: list[int] = field(default_factory=list)  # bytes from the beginning of the file
+    offsets: list[int] = field(default_factory=list)  # bytes from the beginning of the file
     sizes: list[int] = field(default_factory=list)  # bytes
     starts: list[int] = field(default_factory=list)
     ends: list[int] = field(default_factory=list)
@@ -43,7 +43,7 @@ class _Sensor:
 
     path: Path
     dtype: np.dtype  # of a row, one field for each subchannel
-    places: np.ndarray
+    offsets: np.ndarray
     rows: np.ndarray  # (n_blocks + 1,) number of the first row of each block, and of all rows
     start_s: FloatArray  # (n_blocks,)
     end_s: FloatArray
@@ -70,7 +70,7 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
         dataset = openFile(stream, quiet=True)
         blocks = _blocks_of(path, stream, dataset)
         held = {number: channel for number, channel in dataset.channels.items() if number in blocks}
-        names = distinct((channel.name or f"Channel {number}" for number, channel in held.items()), unnamed="channel")
+        names = make_distinct(channel.name or f"Channel {number}" for number, channel in held.items())
         tracks = tuple(
             _track(name, _sensor(path, dataset, channel, blocks[number]), channel)
             for name, (number, channel) in zip(names, held.items(), strict=True)
@@ -162,15 +162,15 @@ def _add_block(element: Any, modulus: dict[int, int], found: dict[int, _Blocks])
         return None
     blocks = found.setdefault(number, _Blocks())
     wrap = modulus.get(number, 1 << 24)
-    first = _unwrapped(start, blocks.ends[-1] if blocks.ends else 0, wrap)
-    blocks.places.append(payload.payloadOffset)
+    first = _unwrap(start, blocks.ends[-1] if blocks.ends else 0, wrap)
+    blocks.offsets.append(payload.payloadOffset)
     blocks.sizes.append(payload.size)
     blocks.starts.append(first)
-    blocks.ends.append(_unwrapped(end, first, wrap) if end is not None else first)
+    blocks.ends.append(_unwrap(end, first, wrap) if end is not None else first)
     return number
 
 
-def _unwrapped(stamp: tuple[int, bool], before: int, wrap: int) -> int:
+def _unwrap(stamp: tuple[int, bool], before: int, wrap: int) -> int:
     """A stamp of old recorders begins again at 0 now and then: the first that is not before the last one."""
     ticks, wraps = stamp
     if not wraps or ticks >= wrap or wrap <= 0:
@@ -198,7 +198,7 @@ def _sensor(path: Path, dataset: Any, channel: Any, blocks: _Blocks) -> _Sensor:
     return _Sensor(
         path,
         dtype,
-        np.array(blocks.places)[kept],
+        np.array(blocks.offsets)[kept],
         np.concatenate([[0], np.cumsum(counts[kept])]),
         np.array(blocks.starts, dtype=np.float64)[kept] * tick_s,
         np.array(blocks.ends, dtype=np.float64)[kept] * tick_s,
@@ -223,7 +223,7 @@ def _track(name: str, sensor: _Sensor, channel: Any) -> Track:
         for each in subchannels
     ]
     units = [each.units[1] or None for each in subchannels]
-    channels = tuple(LoggedChannel(plain, unit) for plain, unit in zip(distinct(own), units, strict=True))
+    channels = tuple(LoggedChannel(plain, unit) for plain, unit in zip(make_distinct(own), units, strict=True))
     n = int(sensor.rows[-1])
     line = _uniform(sensor)
     if line is None:
@@ -233,7 +233,7 @@ def _track(name: str, sensor: _Sensor, channel: Any) -> Track:
 
 
 def _uniform(sensor: _Sensor) -> tuple[float, float] | None:
-    """Rate and start of rows without a gap between blocks; None where there is one, or no rate to be told."""
+    """Rate and start of rows without a gap between blocks; None where there is one, or no rate follows from them."""
     counts = np.diff(sensor.rows)
     several = counts > 1
     if not several.any():
@@ -272,12 +272,12 @@ def _raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:
     """Some rows as they are written, of whatever blocks they lie in."""
     low = int(np.searchsorted(sensor.rows, first, side="right")) - 1
     parts = []
-    for block in range(low, len(sensor.places)):
+    for block in range(low, len(sensor.offsets)):
         begin, end = int(sensor.rows[block]), int(sensor.rows[block + 1])
         if begin >= last:
             break
         skipped, wanted = max(first - begin, 0), min(last, end) - max(first, begin)
-        stream.seek(int(sensor.places[block]) + skipped * sensor.dtype.itemsize)
+        stream.seek(int(sensor.offsets[block]) + skipped * sensor.dtype.itemsize)
         parts.append(np.frombuffer(stream.read(wanted * sensor.dtype.itemsize), dtype=sensor.dtype))
     return np.concatenate(parts)
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
+from opid.signals.log import Block, Log, LoggedChannel, Track, rows_from_start
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.logs.text.lines import BYTES_AT_ONCE, encoding_of, lines_of
+from opid.signals.logs.text.lines import BYTES_AT_ONCE, lines_of, with_encoding
 from opid.signals.logs.text.stamps import moment, nanoseconds
 from opid.signals.logs.text.table import MOST_COLUMNS, TextTable, number_of, numbers_of
 from opid.signals.recording import FloatArray
@@ -29,7 +29,7 @@ _MOST_HEADER_LINES = 1000
 _HEAD_BYTES = 1 << 16
 _LINES_AT_ONCE = 1 << 15
 _LABVIEW_ZERO = datetime(1904, 1, 1, tzinfo=UTC)
-_ABSOLUTE_S = 1e9, 1e11  # X values between these count from there, smaller ones from Date and Time
+_ABSOLUTE_S = 1e9, 1e11  # X values between these count from LabVIEW's zero, smaller ones from Date and Time
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,7 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
     Date and Time of the first segment (the earliest of its channels'), or of the file, or from LabVIEW's zero in 1904
     where they are so large: `Time_Pref` is no guide, "Absolute" stands above X values of either kind.
     """
-    remarks: tuple[str, ...] = ()
-    if settings.encoding is None and (encoding := encoding_of(path)):
-        settings = replace(settings, encoding=encoding)
-        remarks = (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+    settings, remarks = with_encoding(path, settings)
     with _numbered_lines(path, settings.encoding, _HEAD_BYTES) as numbered:
         file = _file_header(path, numbered, settings)
         segment = _segment_header(file, numbered)
@@ -191,7 +188,7 @@ def _period(file: _File, segment: _Segment, channel: int) -> float | None:
 def _on_one_axis(
     file: _File, segment: _Segment, clocks: Sequence[_Clock], first: Sequence[str], settings: LogSettings
 ) -> tuple[list[_Clock], datetime | None]:
-    """The clocks with their times from the earliest zero of them all, and that; None where one does not tell."""
+    """The clocks with their times from the earliest zero of them all, and that; None where one zero is not known."""
     zeros = [_zero(file, segment, clock, first, settings) for clock in clocks]
     known = [zero for zero in zeros if zero is not None]
     if len(known) < len(clocks) or len({zero.tzinfo for zero in known}) > 1:
@@ -230,11 +227,11 @@ def _track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings,
 
     return Track(
         tuple(LoggedChannel(name, unit) for name, unit in zip(names, units, strict=True)),
-        from_first_row(blocks),
+        rows_from_start(blocks),
         fs=settings.fs_hz,
         start_s=clock.later_s if settings.fs_hz else 0.0,
         name=f"clock {clock.channels[0] + 1}" if n_clocks > 1 else "",
-        place=lambda row: f"line {_line_of_row(file, row)}",
+        locate=lambda row: f"line {_line_of_row(file, row)}",
     )
 
 
@@ -276,7 +273,7 @@ def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool)
             continue
         new, segment = piece is not segment, piece
         row = 0 if new else row
-        x = _spaced(file, piece, clock, row, len(values)) if clock.x is None else values[:, -1]
+        x = _make_stamps(file, piece, clock, row, len(values)) if clock.x is None else values[:, -1]
         row += len(values)
         if clock.is_beside:  # channels with more samples go on
             values, ended = _before_the_end(file, number, values, ended=ended and not new)
@@ -297,7 +294,7 @@ def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool)
         yield Block(values[:, : len(wanted)], x + offset)
 
 
-def _spaced(file: _File, segment: _Segment, clock: _Clock, row: int, n: int) -> FloatArray:
+def _make_stamps(file: _File, segment: _Segment, clock: _Clock, row: int, n: int) -> FloatArray:
     """X values of the n rows from `row` on where the file has only the first and their distance."""
     stated = [segment.entry(key, clock.channels[0]) for key in ("X0", "Delta_X")]
     first, period = (number_of(cell, file.decimal) for cell in stated)

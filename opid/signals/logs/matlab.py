@@ -27,7 +27,7 @@ from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
 from opid.signals.log import Log
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.logs.hdf5 import SIGNATURE, members, opened
+from opid.signals.logs.hdf5 import SIGNATURE, members, open_file
 from opid.signals.logs.named_arrays import DEEPEST, NamedArray, NamedGroup, groups_of_values, tracks_of
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ def open_matlab(path: Path, settings: LogSettings) -> Log:
     with path.open("rb") as file:
         head = file.read(520)
     if SIGNATURE in (head[:8], head[512:520]):
-        with opened(path) as content:
+        with open_file(path) as content:
             groups = list(_groups_of_hdf5(content, content, "", {}, set()))
-        tracks = tracks_of(path, groups, settings, lambda: opened(path))
+        tracks = tracks_of(path, groups, settings, lambda: open_file(path))
     else:
         groups = list(groups_of_values(_variables(path), "", {}))
         tracks = tracks_of(path, groups, settings, nullcontext)

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.log import Log, LoggedChannel, Rows, Track, distinct, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 
 _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
 _HEADER_BYTES = 64
-_FLAGS_AT = 60  # where version 4 says what its recorder left undone
+_FLAGS_AT = 60  # version 4 states there what its recorder left undone
 _NO_MASTER, _TIME = 0, 1  # kinds of master channels
 _VARIABLE_LENGTH = 1  # a kind of channel
 _FLOAT = 5  # the last of the kinds of data that are numbers
@@ -37,8 +37,8 @@ def open_mdf(path: Path, settings: LogSettings) -> Log:
     with path.open("rb") as stream:
         _require_finished(path, stream.read(_HEADER_BYTES))
     tracks = []
-    with _opened(path) as file:
-        names = distinct((_name(group) for group in file.groups), unnamed="group")
+    with _open(path) as file:
+        names = make_distinct((_name(group) for group in file.groups), unnamed="group")
         for index, name in enumerate(names):
             numbers = _numbers(file, index)
             if numbers:
@@ -80,7 +80,7 @@ def _require_finished(path: Path, head: bytes) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open(path: Path) -> Iterator[Any]:
     from asammdf import MDF
 
     with path.open("rb") as stream, MDF(stream) as file:
@@ -118,7 +118,7 @@ def _may_be_number(held: Any, index: int) -> bool:
 
 
 def _track(path: Path, file: Any, group: int, numbers: Mapping[int, LoggedChannel], name: str) -> Track:
-    names = distinct(channel.name for channel in numbers.values())
+    names = make_distinct(channel.name for channel in numbers.values())
     channels = tuple(replace(channel, name=own) for own, channel in zip(names, numbers.values(), strict=True))
     n = int(file.groups[group].channel_group.cycles_nr)
     return Track(channels, _rows(path, group, tuple(numbers), n, _has_time(file, group)), n_samples=n, name=name)
@@ -138,7 +138,7 @@ def _rows(path: Path, group: int, indices: Sequence[int], n: int, has_time: bool
         stamps = np.array(file.get_master(group, **records), dtype=np.float64) if has_time else None
         return [_values(file, group, indices[column], records) for column in columns], stamps
 
-    return rows_in_steps(n, read, partial(_opened, path))
+    return rows_in_steps(n, read, partial(_open, path))
 
 
 def _values(file: Any, group: int, index: int, records: Mapping[str, int]) -> np.ndarray:

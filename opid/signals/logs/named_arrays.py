@@ -17,14 +17,15 @@ from opid.signals.column_names import (
     RATE_NAMES,
     START_NAMES,
     UNIT_KEYS,
-    named,
+    find_key,
+    require_names,
+    require_rate,
     seconds_per_unit,
-    sound_rate,
     split_unit,
     stated_rate,
     time_name,
 )
-from opid.signals.log import LoggedChannel, Rows, Track, distinct, rows_in_steps
+from opid.signals.log import LoggedChannel, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 
 CONSTANTS = 16
@@ -84,7 +85,7 @@ class NamedGroup:
 @dataclass(frozen=True, eq=False)
 class _Column:
     array: NamedArray
-    axis: int  # of the array: the time
+    axis: int  # along which the time runs in the array
     number: int
     name: str
     unit: str | None
@@ -118,7 +119,7 @@ def groups_of_values(
         elif np.size(value) == 1 and np.asarray(value).dtype.kind in "fiub":
             numbers[key] = float(np.asarray(value).reshape(-1)[0])
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size and value.ndim <= 2:
-            arrays.append(NamedArray(key, value.shape, _held(value)))
+            arrays.append(NamedArray(key, value.shape, _read_from(value)))
     stated = {**above, **numbers}
     yield NamedGroup(name, tuple(arrays), stated, texts)
     for key, fields in within.items():
@@ -130,7 +131,7 @@ def tracks_of(
     path: Path,
     groups: Sequence[NamedGroup],
     settings: LogSettings,
-    opened: Callable[[], AbstractContextManager[Any]],
+    open_file: Callable[[], AbstractContextManager[Any]],
 ) -> tuple[Track, ...]:
     """Return the tracks of a file's groups of arrays.
 
@@ -144,19 +145,19 @@ def tracks_of(
         arrays = [array.name for group in groups for array in group.arrays]
         known = nearest(str(settings.time), arrays[:20]) if arrays else "it holds no array of numbers"
         raise InputError(f"{path} has no time {settings.time!r} (time in [log]) beside other numbers: {known}")
-    bundles = _joined(bundles)
+    bundles = _join_sensors(bundles)
     if settings.names:
-        bundles = [_renamed(path, bundles, settings.names)]
+        bundles = [_rename(path, bundles, settings.names)]
     stated = len({bundle.group.name for bundle in bundles}) == len(bundles)
     tracks = []
     for bundle in bundles:
         channels = tuple(LoggedChannel(column.name, column.unit) for column in bundle.columns)
         rate = "stamps" if bundle.time else f"{bundle.n} samples" if bundle.fs is None else f"{bundle.fs:g} Hz"
         name = bundle.group.name if stated else f"{bundle.group.name} {rate}".strip()
-        rows = _rows(bundle, opened, _seconds(path, bundle, settings))
+        rows = _rows(bundle, open_file, _seconds(path, bundle, settings))
         fs = None if bundle.time else bundle.fs
         name = name if len(bundles) > 1 else ""
-        tracks.append(Track(channels, rows, fs, bundle.start_s, bundle.n, name, place=lambda row: f"sample {row + 1}"))
+        tracks.append(Track(channels, rows, fs, bundle.start_s, bundle.n, name, locate=lambda row: f"sample {row + 1}"))
     return tuple(tracks)
 
 
@@ -181,7 +182,7 @@ def _with_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
                 array = replace(array, name=name, texts={**units, **array.texts}, numbers=_numbers_of(header))
             arrays.append(array)
         if arrays != list(group.arrays):
-            names = distinct(array.name for array in arrays)
+            names = make_distinct(array.name for array in arrays)
             arrays = [replace(array, name=name) for array, name in zip(arrays, names, strict=True)]
         of_file = headers.get(f"{inside}file{_HEADER}")
         numbers = {**(_numbers_of(of_file) if of_file else {}), **group.numbers}
@@ -228,9 +229,9 @@ def _bundles(path: Path, group: NamedGroup, settings: LogSettings) -> Iterator[_
         if fs is None and any(stated_rate(numbers) is not None for numbers in (array.numbers, group.numbers)):
             fs = 0.0
         where = f"{path}{f' ({group.name})' if group.name else ''}"
-        fs = None if fs is None else sound_rate(fs, where=where)
+        fs = None if fs is None else require_rate(fs, where=where)
         alike.setdefault((array.shape[axis], fs), []).append((array, axis))
-    begin = named(group.numbers, START_NAMES)
+    begin = find_key(group.numbers, START_NAMES)
     start_s = float(group.numbers[begin]) if begin else 0.0
     if not np.isfinite(start_s):
         raise InputError(f"{path} states that it begins at {start_s} s: export the log again")
@@ -303,11 +304,11 @@ def _with_unit(array: NamedArray, name: str) -> tuple[str, str | None]:
 
 
 def _texts(texts: Mapping[str, tuple[str, ...]], keys: Sequence[str]) -> tuple[str, ...]:
-    found = named(texts, keys)
+    found = find_key(texts, keys)
     return () if found is None else texts[found]
 
 
-def _joined(bundles: Sequence[_Bundle]) -> list[_Bundle]:
+def _join_sensors(bundles: Sequence[_Bundle]) -> list[_Bundle]:
     """Groups of one channel each (one group for each sensor), of one rate and length, put side by side."""
     result: list[_Bundle] = []
     for bundle in bundles:
@@ -332,16 +333,14 @@ def _key(bundle: _Bundle) -> tuple[int, float | None, float]:
     return bundle.n, bundle.fs, bundle.start_s
 
 
-def _renamed(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bundle:
+def _rename(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bundle:
     if len(bundles) != 1:
         raise InputError(f"{path} has {len(bundles)} clocks: name its channels in [channels], not by names in [log]")
     bundle = bundles[0]
     order = [array.name for array in bundle.group.arrays]
     every = [*bundle.columns, *([bundle.time] if bundle.time else [])]
     every.sort(key=lambda column: order.index(column.array.name) if column.array.name in order else -1)
-    if len(every) != len(names):
-        time = ", the time among them" if bundle.time else ""
-        raise InputError(f"{path} has {len(every)} column(s){time}, names in [log] are {len(names)}: name each of them")
+    require_names(path, names, len(every), "column(s), the time among them" if bundle.time else "column(s)")
     split = {id(column): split_unit(name) for column, name in zip(every, names, strict=True)}
     columns = [
         replace(column, name=split[id(column)][0], unit=split[id(column)][1] or column.unit)
@@ -359,7 +358,7 @@ def _seconds(path: Path, bundle: _Bundle, settings: LogSettings) -> float:
     return seconds_per_unit(settings.time_unit or bundle.time.unit, where=str(path))
 
 
-def _rows(bundle: _Bundle, opened: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:
+def _rows(bundle: _Bundle, open_file: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:
     def read(file: Any, wanted: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
         columns = [bundle.columns[index] for index in wanted]
         held = {id(each.array): _stretch(file, each, first, last) for each in columns}
@@ -369,7 +368,7 @@ def _rows(bundle: _Bundle, opened: Callable[[], AbstractContextManager[Any]], se
         return [held[id(each.array)][:, each.number] for each in columns], stamps
 
     # a matrix is read with all its columns: in most files those of a row lie side by side
-    return rows_in_steps(bundle.n, read, opened, width=len(bundle.columns))
+    return rows_in_steps(bundle.n, read, open_file, width=len(bundle.columns))
 
 
 def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray:
@@ -385,7 +384,7 @@ def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray
 # ---- values in memory ----------------------------------------------------------------------------
 
 
-def _held(values: np.ndarray) -> Any:
+def _read_from(values: np.ndarray) -> Any:
     return lambda _, key: values[key]
 
 

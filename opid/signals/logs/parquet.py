@@ -18,7 +18,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import UNIT_KEYS, named, seconds_per_unit, sound_rate, split_unit, stated_rate, time_name
+from opid.signals.column_names import (
+    UNIT_KEYS,
+    find_key,
+    require_names,
+    require_rate,
+    seconds_per_unit,
+    split_unit,
+    stated_rate,
+    time_name,
+)
 from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
@@ -28,7 +37,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 _TICKS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_BUFFER_BYTES = 1 << 20  # of each column: a file of one row group is not held whole
+_BUFFER_BYTES = 1 << 20  # bytes of each column, so that a file of one row group is not held whole
 
 
 @dataclass(frozen=True)
@@ -49,40 +58,36 @@ class _Time:
 @reader(".parquet", ".pq", name="Parquet", needs="pyarrow", extra="parquet", magic=(b"PAR1",))
 def open_parquet(path: Path, settings: LogSettings) -> Log:
     """Open a Parquet log; only the wanted columns are read, batch by batch, so that it may be larger than memory."""
-    with _opened(path) as file:
+    with _open(path) as file:
         schema, n = file.schema_arrow, file.metadata.num_rows
         _require_distinct(path, schema.names)
         columns = [number for number, field in enumerate(schema) if _is_number(field.type)]
-        metadata = _decoded(schema.metadata or {})
+        metadata = _decode(schema.metadata or {})
         time = _time(path, file, columns, metadata, settings)
     units = _units_of_frame(metadata)
     names = [schema.names[number] for number in columns]
     if settings.names:
-        if len(settings.names) != len(columns):
-            raise InputError(
-                f"{path} has {len(columns)} column(s) of numbers, the time among them, names in [log] are "
-                f"{len(settings.names)}: name each of them"
-            )
+        require_names(path, settings.names, len(columns), "column(s) of numbers, the time among them")
         names = list(settings.names)
     channels, numbers = [], []
     for number, name in zip(columns, names, strict=True):
         if time is not None and number == time.column:
             continue
         plain, unit = split_unit(name)
-        own = _decoded(schema.field(number).metadata or {})
-        key = named(own, UNIT_KEYS)
+        own = _decode(schema.field(number).metadata or {})
+        key = find_key(own, UNIT_KEYS)
         written = schema.names[number]
         channels.append(LoggedChannel(plain, (own[key] if key else None) or unit or units.get(written)))
         numbers.append(number)
     rate = None
     if time is None:
         rate = settings.fs_hz or stated_rate(_numbers(metadata))
-        rate = None if rate is None else sound_rate(rate, where=str(path))
+        rate = None if rate is None else require_rate(rate, where=str(path))
     rows = _rows(path, numbers, time, n)
     return Log(path, "Parquet", (Track(tuple(channels), rows, rate, 0.0, n),))
 
 
-def _opened(path: Path) -> Any:
+def _open(path: Path) -> Any:
     import pyarrow.parquet
 
     return pyarrow.parquet.ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False, memory_map=False)
@@ -130,8 +135,8 @@ def _time(
             batch = next(file.iter_batches(batch_size=1, columns=[schema.names[number]]), None)
             first = (batch.column(0)[0].value if batch is not None and batch.num_rows else 0) or 0
         return _Time(number, ticks, first)
-    own = _decoded(schema.field(number).metadata or {})
-    key = named(own, UNIT_KEYS)
+    own = _decode(schema.field(number).metadata or {})
+    key = find_key(own, UNIT_KEYS)
     unit = settings.time_unit or (own[key] if key else None) or split_unit(schema.names[number])[1]
     return _Time(number, 1.0 if settings.fs_hz else seconds_per_unit(unit, where=str(path)))
 
@@ -160,7 +165,7 @@ def _time_column(
     return stamps[0] if len(stamps) == 1 else None
 
 
-def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, str]:
+def _decode(metadata: Mapping[bytes, bytes]) -> dict[str, str]:
     return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
 
 
@@ -202,7 +207,7 @@ def _rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Row
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         end = n if stop is None else min(stop, n)
         wanted = [numbers[column] for column in columns]
-        with _opened(path) as file:
+        with _open(path) as file:
             schema = file.schema_arrow
             read = [schema.names[number] for number in dict.fromkeys([*wanted, *([time.column] if time else [])])]
             first, groups = _groups(file.metadata, start, end)
@@ -254,7 +259,7 @@ def _values(column: pyarrow.Array, first: int = 0) -> FloatArray:
         column = column.cast(pyarrow.int8())
     missing = column.is_null().to_numpy(zero_copy_only=False) if column.null_count else None
     if first:
-        # before they become floats: nanoseconds since 1970 have more digits than these hold
+        # integers are subtracted: nanoseconds since 1970 have more digits than floats hold
         whole = column.fill_null(first) if missing is not None else column
         values = (whole.to_numpy(zero_copy_only=False) - first).astype(np.float64)
     else:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit, stated_rate, time_name
-from opid.signals.log import Log, LoggedChannel, Rows, Track, distinct, rows_in_steps
+from opid.signals.column_names import require_rate, seconds_per_unit, split_unit, stated_rate, time_name
+from opid.signals.log import Log, LoggedChannel, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -42,7 +42,7 @@ def open_tdms(path: Path, settings: LogSettings) -> Log:
     Texts, empty channels and the decimated copies that SignalExpress keeps for its displays are left out. An index
     file beside it is not looked at.
     """
-    with _opened(path) as file:
+    with _open(path) as file:
         if any(each.read_length < each.expected_length for each in (file.file_status.channel_statuses or {}).values()):
             raise InputError(f"{path} is cut off in its last segment: copy it from the recorder again")
         groups = {group.name: _channels_of(group) for group in file.groups()}
@@ -54,7 +54,7 @@ def open_tdms(path: Path, settings: LogSettings) -> Log:
         for group, channels in groups.items():
             for name, clock in _clocks(group, channels, origin, settings).items():
                 members.setdefault(clock, []).append(name)
-        names = distinct((clock.group for clock in members), unnamed="group") if len(members) > 1 else ("",)
+        names = make_distinct((clock.group for clock in members), unnamed="group") if len(members) > 1 else ("",)
         tracks = []
         for name, (clock, own) in zip(names, members.items(), strict=False):
             logged = tuple(LoggedChannel(each, _unit(groups[clock.group][each])) for each in own)
@@ -63,10 +63,10 @@ def open_tdms(path: Path, settings: LogSettings) -> Log:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open(path: Path) -> Iterator[Any]:
     from nptdms import TdmsFile
 
-    # an opened file, not its name: the index file beside it may be that of another
+    # the library gets an opened file: by its name it would also read the index file, which may belong to another
     with path.open("rb") as stream:
         yield TdmsFile.open(stream)
 
@@ -180,7 +180,7 @@ def _track(
     fs = None
     if clock.increment_s is not None:
         stated = stated_rate({"dt": clock.increment_s})
-        fs = settings.fs_hz or sound_rate(stated or 0.0, where=f"{path} group {clock.group!r}")
+        fs = settings.fs_hz or require_rate(stated or 0.0, where=f"{path} group {clock.group!r}")
     rows = _rows(path, clock, tuple(channel.name for channel in channels), origin, settings)
     return Track(channels, rows, fs=fs, start_s=clock.start_s, n_samples=clock.n, name=name)
 
@@ -193,7 +193,7 @@ def _rows(path: Path, clock: _Clock, names: Sequence[str], origin: np.datetime64
             stamps = _stamps(path, group[clock.time], first, last - first, origin, settings)
         return [group[names[column]].read_data(first, last - first) for column in columns], stamps
 
-    return rows_in_steps(clock.n, read, partial(_opened, path))
+    return rows_in_steps(clock.n, read, partial(_open, path))
 
 
 def _stamps(

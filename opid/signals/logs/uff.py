@@ -1,9 +1,9 @@
 """Universal files (UFF, UNV): the time histories of data sets 58, in ASCII or binary (58b).
 
 Each data set is a channel; those of one spacing, start and length share a track. The channel is called by ID line 1
-where that tells the sets apart, else by node and direction; its unit is the label of the ordinate. The increment of the
-time has six digits in such files: the rate is the plainest number that rounds to it. Written are 58b files of double
-precision; exact rate and start stand in ID line 2, which other programs show as a remark.
+where that distinguishes the sets, else by node and direction; its unit is the label of the ordinate. The increment of
+the time has six digits in such files: the rate is the plainest number that rounds to it. What is written are 58b
+files of double precision; exact rate and start stand in ID line 2, which other programs show as a remark.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import plain_number
-from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit
-from opid.signals.files import written_whole
-from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, in_blocks
+from opid.signals.column_names import require_names, require_rate, seconds_per_unit, split_unit
+from opid.signals.files import write_whole
+from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_of_array
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader, writer
 from opid.signals.recording import Recording
@@ -51,7 +51,7 @@ _REMARK = re.compile(r"opid: fs_hz=(\S+) start_s=(\S+)")
 def open_uff(path: Path, settings: LogSettings) -> Log:
     """Open a universal file; a data set is read whole when one of its samples is wanted.
 
-    The date in ID line 3 is that of the function's making, not of its first sample: the zero of the times is not told.
+    The date in ID line 3 is that of the function's making, not of its first sample: the zero of the times is not known.
     """
     import pyuff
 
@@ -72,7 +72,7 @@ def open_uff(path: Path, settings: LogSettings) -> Log:
         rows = _rows(path, [histories[number] for number in sets], sets, settings)
         own_channels = tuple(channels[number] for number in sets)
         name = name if len(clocks) > 1 else ""
-        tracks.append(Track(own_channels, rows, fs, start_s, n, name, place=lambda row: f"sample {row + 1}"))
+        tracks.append(Track(own_channels, rows, fs, start_s, n, name, locate=lambda row: f"sample {row + 1}"))
     return Log(path, "UFF58", tuple(tracks))
 
 
@@ -89,7 +89,7 @@ def write_uff(recording: Recording, path: Path) -> None:
             )
     start_s, dt_s = float(recording.start_s), 1 / recording.fs
     none = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {'NONE':<20}"
-    with written_whole(path, "wb") as file:
+    with write_whole(path, "wb") as file:
         for node, (channel, samples) in enumerate(zip(recording.channels, recording.samples.T, strict=True), start=1):
             kind = 12 if channel.unit == "m/s^2" else 0
             lines = [
@@ -152,15 +152,14 @@ def _channels(
 ) -> dict[int, LoggedChannel]:
     """Name and unit of each time history."""
     lines = [str(header["id1"]).strip() for header in histories.values()]
-    places = [_place(header) for header in histories.values()]
-    candidates = [lines, places, [f"channel_{number}" for number in range(1, len(histories) + 1)]]
+    positions = [_position(header) for header in histories.values()]
+    candidates = [lines, positions, [f"channel_{number}" for number in range(1, len(histories) + 1)]]
     names = next(
         each
         for each in candidates
         if len(set(each)) == len(each) and all(name.upper() not in ("", "NONE") for name in each)
     )
-    if settings.names and len(settings.names) != len(names):
-        raise InputError(f"{path} has {len(names)} channel(s), names in [log] are {len(settings.names)}: name each")
+    require_names(path, settings.names or names, len(names))
     channels = {}
     for number, name in zip(histories, settings.names or names, strict=True):
         unit = str(histories[number]["ordinate_axis_units_lab"]).strip()
@@ -169,7 +168,7 @@ def _channels(
     return channels
 
 
-def _place(header: Mapping[str, Any]) -> str:
+def _position(header: Mapping[str, Any]) -> str:
     entity = str(header["rsp_ent_name"]).strip()
     direction = _DIRECTIONS.get(header["rsp_dir"], "")
     if entity.upper() in ("", "NONE"):
@@ -189,10 +188,10 @@ def _clock(
         return None, 0.0, n, number
     seconds = _seconds(path, header, settings)
     increment_s = header["abscissa_inc"] * seconds
-    fs = sound_rate(settings.fs_hz or (1 / increment_s if increment_s else 0.0), where=where)
+    fs = require_rate(settings.fs_hz or (1 / increment_s if increment_s else 0.0), where=where)
     if settings.fs_hz:
         return fs, header["abscissa_min"] * seconds, n, None
-    digits = f"{increment_s:.5e}"  # as most programs write it: half of the last digit is not known
+    digits = f"{increment_s:.5e}"  # most programs write it so: half of the last digit is not known
     plain = plain_number(fs, fs * 0.5e-5 / float(digits[:7])) if float(digits) == increment_s else fs
     start_s = header["abscissa_min"] * seconds
     if not np.isfinite(start_s):
@@ -222,13 +221,13 @@ def _rows(path: Path, headers: Sequence[Mapping[str, Any]], sets: Sequence[int],
         n = headers[0]["num_pts"]
         samples = np.empty((n, len(columns)))
         stamps = None
-        for place, column in enumerate(columns or [0]):
+        for index, column in enumerate(columns or [0]):
             found = _data_set(path, file, sets[column], n)
             if columns:
-                samples[:, place] = found["data"][:n]
+                samples[:, index] = found["data"][:n]
             if headers[0]["abscissa_spacing"] == 0:
                 stamps = found["x"][:n] * _seconds(path, headers[0], settings)
-        yield from in_blocks(samples, stamps)(range(len(columns)), start, stop)
+        yield from rows_of_array(samples, stamps)(range(len(columns)), start, stop)
 
     return rows
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.log import Log, LoggedChannel, Track, distinct, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, Track, make_distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 
@@ -46,7 +46,7 @@ def open_ulog(path: Path, settings: LogSettings) -> Log:
     if log.file_corruption:
         raise InputError(f"{path} has broken messages: copy it from the recorder again")
     topics = [topic for topic in log.data_list if set(topic.data) > {_TIME}]
-    names = distinct(f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name for topic in topics)
+    names = make_distinct(f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name for topic in topics)
     tracks = tuple(_track(name, topic, log.start_timestamp) for name, topic in zip(names, topics, strict=True))
     return Log(path, "ULog", tracks, _zero(topics, log.start_timestamp))
 

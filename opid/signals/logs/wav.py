@@ -16,7 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.column_names import sound_rate, split_unit
+from opid.signals.column_names import require_names, require_rate, split_unit
 from opid.signals.log import Log, LoggedChannel, Rows, Track, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
@@ -55,14 +55,13 @@ def open_wav(path: Path, settings: LogSettings) -> Log:
         )
     with path.open("rb") as file:
         form, begin, size = _header(path, file)
-    fs = sound_rate(settings.fs_hz or form.fs, where=str(path))
+    fs = require_rate(settings.fs_hz or form.fs, where=str(path))
     names = settings.names or tuple(f"channel_{number + 1}" for number in range(form.n_channels))
-    if len(names) != form.n_channels:
-        raise InputError(f"{path} has {form.n_channels} channel(s), names in [log] are {len(names)}: name each of them")
+    require_names(path, names, form.n_channels)
     channels = tuple(LoggedChannel(*split_unit(name)) for name in names)
     n = size // form.frame
     scale = (settings.full_scale or 1.0) / (1.0 if form.code == _FLOAT else 2.0 ** (8 * form.width - 1))
-    track = Track(channels, _rows(path, form, begin, n, scale), fs, 0.0, n, place=lambda row: f"sample {row + 1}")
+    track = Track(channels, _rows(path, form, begin, n, scale), fs, 0.0, n, locate=lambda row: f"sample {row + 1}")
     return Log(path, "WAV", (track,))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS
 from opid.mechanics.repeatability import PARTS, part_of
-from opid.signals.health.across_channels import units_apart
+from opid.signals.health.across_channels import find_unit_ratio
 from opid.signals.health.inspection import findings_in_words
 from opid.suspensions.answer.refusals import ConfoundedTerm, worst_sensor
 from opid.suspensions.candidates import Choice, Fitted
@@ -124,7 +124,7 @@ def _of_the_levels(choice: Choice) -> Iterator[str]:
     first, *others = study.runs
     for run in others:
         ratios = [float(np.std(run.recording.channel(name)) / np.std(first.recording.channel(name))) for name in names]
-        found = units_apart(ratios)
+        found = find_unit_ratio(ratios)
         if found:
             larger, smaller, apart = found
             mean = float(np.exp(np.mean(np.log(ratios))))

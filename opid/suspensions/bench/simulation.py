@@ -17,7 +17,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law
-from opid.mechanics.response import State, advance, assembled
+from opid.mechanics.response import State, advance, assemble
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import resampled
@@ -68,7 +68,7 @@ class MovingPart:
         stiffness, damping, offset, mass = self.straight.tolist()
         joint = Joint("specimen", np.ones(1), stiffness, damping, self.law)
         free = np.zeros((1, 1))
-        ready = assembled(Structure(np.full((1, 1), mass), free, free, joints=(joint,)))
+        ready = assemble(Structure(np.full((1, 1), mass), free, free, joints=(joint,)))
         # the elements of one term begin alike
         counts = [len(term.kind.elements) for term in self.law.terms if term.kind.memory is not None]
         held = np.repeat(self.begins[2:], counts)

@@ -184,7 +184,7 @@ def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
         np.array([motion.velocity for motion in motions]),
         np.array(positions),
         np.array([filter_like(each, motions[0]) for each in accelerations]),
-        motions[0].settled if motions[0].settled.stop - motions[0].settled.start > n // 2 else slice(0, n),
+        motions[0].interior if motions[0].interior.stop - motions[0].interior.start > n // 2 else slice(0, n),
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.mechanics.laws.law import Law
-from opid.signals.health.inspection import Finding, check_channels, without_spikes
+from opid.signals.health.inspection import Finding, check_channels, remove_spikes
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
@@ -182,7 +182,7 @@ def prepare_runs(study: Study, settings: PaperSettings, say: Callable[[str], Non
 
 def _prepared(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
     fs, high_pass_hz = study.fs, settings.high_pass_hz
-    pair = [without_spikes(samples, fs=fs)[0] for samples in study.accelerations(run)]
+    pair = [remove_spikes(samples, fs=fs)[0] for samples in study.accelerations(run)]
     band_hz, change_kg = settings.band_at(fs), run.mass_change_kg
     return PreparedRun(
         name=run.name,
@@ -263,7 +263,7 @@ def _transmissibilities(
     run: PreparedRun, motion: Motion, law: Law, block_s: float
 ) -> tuple[Transmissibility, Transmissibility, Transmissibility]:
     """Transmissibility as measured, with the force of the law taken out, and with it subtracted."""
-    inside, fs = motion.settled, run.fs
+    inside, fs = motion.interior, run.fs
     unsprung, sprung = run.unsprung[inside], run.sprung[inside]
     force = law.force(motion.displacement, motion.velocity)[inside]
     # with fewer than some five overlapping blocks the force cannot be told from the motion

@@ -120,7 +120,7 @@ def restoring_force(
     True
     """
     motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
-    inside = motion.settled
+    inside = motion.interior
     if motion.displacement[inside].size < fs:
         raise InputError(
             f"the run lasts {motion.displacement.size / fs:.3g} s and the {high_pass_hz:g} Hz high-pass needs "

@@ -193,7 +193,7 @@ def equation_lines(
     if not 0 < low < high <= fs / 2:
         raise InputError(f"band_hz is ({low:g}, {high:g}): give 0 < low < high <= fs/2 = {fs / 2:g} Hz")
     motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
-    inside = _fast_length(motion.settled)
+    inside = _fast_length(motion.interior)
     frequency_hz = fft.rfftfreq(max(inside.stop - inside.start, 1), 1 / fs)
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high))
     if keep.size < 20:

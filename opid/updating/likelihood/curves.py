@@ -158,7 +158,7 @@ def _mode_data(
     system: JointedModes, curves: Sequence[MeasuredBackbone], noise: NoiseSettings, cov: float, form: Form
 ) -> ModeData:
     mode = curves[0].mode
-    linear = float(system.eigenvalue[system.place(mode)])
+    linear = float(system.eigenvalue[system.index(mode)])
     if linear <= 0:
         raise InputError(f"mode {mode} has no stiffness (0 Hz): a backbone needs an elastic mode")
     for fault in joint_fault(system, mode):

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 from opid.updating.checks import structure_faults
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults
 
@@ -133,7 +133,7 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
     arrays["sensors"] = np.array(structure.sensors, dtype=np.str_)
     ends = [(name, *pair) for name, pair in structure.joints.items()]
     arrays["joints"] = np.array(ends, dtype=np.str_).reshape(len(ends), 3)
-    with written_whole(path, "wb") as file:
+    with write_whole(path, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 

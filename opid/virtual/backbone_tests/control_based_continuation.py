@@ -203,7 +203,7 @@ def measured_curve(
 
 def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _Standing:
     """Before the first level: the target that makes the force of the linear mode."""
-    column = specimen.system.place(mode)
+    column = specimen.system.index(mode)
     frequency = float(specimen.system.frequency_hz[column])
     omega = 2.0 * np.pi * frequency
     target = np.zeros(bench.settings.n_harmonics + 1, dtype=complex)

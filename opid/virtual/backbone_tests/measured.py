@@ -218,7 +218,7 @@ def _deviations(name: str, given: ArrayLike, n_modes: int) -> FloatArray:
 def _shift_mode(system: JointedModes, mode: int, fraction: float) -> JointedModes:
     """The structure with the frequency of one mode off by a fraction."""
     eigenvalue = system.eigenvalue.copy()
-    eigenvalue[system.place(mode)] *= (1.0 + fraction) ** 2
+    eigenvalue[system.index(mode)] *= (1.0 + fraction) ** 2
     return replace(system, eigenvalue=eigenvalue)
 
 

@@ -10,7 +10,7 @@ from scipy import optimize
 from opid.errors import InputError
 from opid.mechanics.backbones.quadrature_curves import Specimen
 from opid.mechanics.laws.law import FloatArray
-from opid.mechanics.response import Assembled, State, advance, assembled
+from opid.mechanics.response import Assembled, State, advance, assemble
 from opid.mechanics.shaker import on_shaker
 from opid.mechanics.structure import ComplexArray, Joint, Structure, linear_matrices
 
@@ -95,7 +95,7 @@ def closed_loop(
     the fraction; the feedback reads the mode through `modal_reading`, or the drive point alone. InputError: the linear
     structure is unstable under it.
     """
-    system, point, column = specimen.system, specimen.drive_row, specimen.system.place(mode)
+    system, point, column = specimen.system, specimen.drive_row, specimen.system.index(mode)
     n = system.n_modes
     pairs = zip(system.joints, system.at_joints, specimen.joint_laws, strict=True)
     joints = tuple(Joint(name, row, law=law) for name, row, law in pairs)
@@ -117,7 +117,7 @@ def closed_loop(
             f"{damping_ratio:g} and {stiffness_fraction:.2%} of its frequency"
         )
     looped = replace(structure, joints=(*structure.joints, Joint("feedback", reading, *gains)))
-    ready = _acting_at(assembled(looped, acting[:, None]), np.linalg.inv(structure.mass) @ acting)
+    ready = _acting_at(assemble(looped, acting[:, None]), np.linalg.inv(structure.mass) @ acting)
     return ClosedLoop(ready, sensors, reading, gains, force, float(np.abs(poles).max()))
 
 
@@ -128,7 +128,7 @@ def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
     would stir that mode up), and adds as little damping to them as it can with weights that are not too large: a linear
     programme. The drive point alone is one of its candidates, so there is always an answer.
     """
-    shapes, row, column = specimen.system.at_sensors, specimen.drive_row, specimen.system.place(mode)
+    shapes, row, column = specimen.system.at_sensors, specimen.drive_row, specimen.system.index(mode)
     damped = np.delete(shapes * row, column, axis=1) / row[column] ** 2
     both = np.concatenate([damped, -damped])
     found = optimize.linprog(

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from opid.errors import InputError, require
 from opid.mechanics.laws.law import FloatArray
-from opid.signals.files import written_whole
+from opid.signals.files import write_whole
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import PART
 
@@ -364,20 +364,20 @@ def replace_matrices(structure: AffineStructure, directory: Path, kind: Literal[
     found |= {f"{PART}{name}": part for name, part in structure.parts.items()}
     if kind == "mat":
         named = {name: matrix.tocsc() for name, matrix in found.items()}
-        with written_whole(directory / "structure.mat", "wb") as file:
+        with write_whole(directory / "structure.mat", "wb") as file:
             # a cell array, which MATLAB has for texts of several lengths
             savemat(file, {**named, "dofs": np.array(structure.dofs, dtype=object)}, do_compression=True)
         given = 'matrices = "structure.mat"'
     else:
         for name, matrix in found.items():
-            with written_whole(directory / f"{name}.mtx", "wb") as file:
+            with write_whole(directory / f"{name}.mtx", "wb") as file:
                 mmwrite(file, matrix)
-        with written_whole(directory / "dofs.txt") as file:
+        with write_whole(directory / "dofs.txt") as file:
             file.write("".join(f"{name}\n" for name in structure.dofs))
         files = ", ".join(f'{name} = "{name}.mtx"' for name in found)
         given = f'matrices = {{ {files} }}\ndofs = "dofs.txt"'
     path = directory / "study.toml"
     text = path.read_text(encoding="utf-8").replace('matrices = "structure.npz"', given, 1)
-    with written_whole(path) as file:
+    with write_whole(path) as file:
         file.write(text)
     (directory / "structure.npz").unlink()

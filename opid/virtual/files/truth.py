@@ -24,8 +24,7 @@ from opid.mechanics.truth import (
     Truth,
     UpdatingTruth,
 )
-from opid.signals.directory import made_directory
-from opid.signals.files import written_whole
+from opid.signals.files import make_directory, write_whole
 from opid.studies.study_file import write_study
 
 if TYPE_CHECKING:
@@ -56,9 +55,9 @@ def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike
     Raises:
         InputError: a place that cannot be written to, or what `write_study` refuses.
     """
-    target = made_directory(directory)
+    target = make_directory(directory)
     write_study(study, target / "study.toml")
-    with written_whole(target / "truth.json") as file:
+    with write_whole(target / "truth.json") as file:
         file.write(json_text(truth_table(truth)))
     return target / "study.toml"
 

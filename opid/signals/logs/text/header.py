@@ -20,12 +20,12 @@ EXAMPLE = "`time [s],lower_z [m/s^2],upper_z [m/s^2]`"
 NUMBER, STAMP, UNREAD, DATE, TEXT, EMPTY = "number", "stamp", "stamp in another form", "date", "text", ""
 INDEX = "index"  # a column without a name that counts the rows, as data frames are written
 
-# on equal terms the first is taken
+# where several fit equally well, the first is taken
 _LAYOUTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
 _LAYOUTS += [(BLANKS, "."), (BLANKS, ","), (",", ",")]
 _ROWS_TO_TELL = 60
 _RULE = re.compile(r"[-=_+|*\s]+")
-# after an underscore only what can be no part of a name: upper_z, pump_in and imu_g are names
+# behind an underscore these cannot be part of a name; upper_z, pump_in and imu_g are names
 _UNDERSCORE_UNITS = frozenset(("mg", "ug", "mm", "mV", "kN", "Hz", "kHz", "rpm", "deg", "dps", "degC", "kPa", "MPa"))
 
 
@@ -79,7 +79,7 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
     first = rows[begin][0]
     above = [(at, line) for at, line in numbered if at < first and is_row(line, delimiter)]
     if settings.names:
-        line, cells = 0, _fitted(list(settings.names), kinds)
+        line, cells = 0, _match_columns(list(settings.names), kinds)
         if cells is None:
             raise InputError(
                 f"{path}: `names` of [log] has {len(settings.names)} entries, line {first} has {len(kinds)} cells: "
@@ -116,9 +116,6 @@ def columns_of(
 
 def name_and_unit(cell: str) -> tuple[str, str | None]:
     """Split a cell of a header into name and unit, None where there is none.
-
-    Args:
-        cell: `upper_z [m/s^2]`, `upper_z (m/s^2)`, `upper_z / g`, `upper_z, g`, `time_ms`, ...
 
     >>> name_and_unit("upper_z (m/(s^2))"), name_and_unit("Time / ms"), name_and_unit("time_ms")
     (('upper_z', 'm/(s^2)'), ('Time', 'ms'), ('time_ms', 'ms'))
@@ -183,7 +180,7 @@ def _of_header(lines: Sequence[str]) -> str:
 def _kind(cell: str, decimal: str) -> str:
     if not cell:
         return EMPTY
-    # one with a thousands mark is refused where it is read, by its name
+    # a number with a thousands mark is refused where it is read
     if number_of(cell, decimal) is not None or has_thousands_mark(cell, decimal):
         return NUMBER
     if not looks_dated(cell):
@@ -203,7 +200,7 @@ def _kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...]
             candidates.append(tuple(_usual(column) for column in zip(*plain, strict=True)))
         for kinds in candidates:
             speaking = sum(kind in (NUMBER, STAMP, UNREAD) for kind in kinds)
-            # a title is easily taken for a row of texts and a number, hardly for one of numbers alone
+            # a title may pass for a row of texts and a number, hardly for one of numbers alone
             weight = (1 if TEXT in kinds else 3) * sum(_matches(each, kinds) for each in of_count) * speaking
             if weight >= most and weight > 0:
                 best, most = kinds, weight
@@ -269,15 +266,15 @@ def _names(
 
 def _cells_of_header(text: str, kinds: Sequence[str], delimiter: str) -> list[str] | None:
     """The cells of a header, one for each column; they may be set apart by something else than the numbers are."""
-    ways = [cells_or_text(text, delimiter)]
+    splits = [cells_or_text(text, delimiter)]
     if len(kinds) > 1:
-        ways += [cells_or_text(text, other) for other in (",", ";", "\t", "|")]
-        ways.append(re.split(r"\s{2,}|\t", text.strip()))
+        splits += [cells_or_text(text, other) for other in (",", ";", "\t", "|")]
+        splits.append(re.split(r"\s{2,}|\t", text.strip()))
     if delimiter == BLANKS:
         # names and their units are set apart by blanks too
         joined = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?', text)
-        ways.append([cell.strip('"') for cell in joined])
-    return next((fitted for cells in ways if (fitted := _fitted(cells, kinds)) is not None), None)
+        splits.append([cell.strip('"') for cell in joined])
+    return next((matched for cells in splits if (matched := _match_columns(cells, kinds)) is not None), None)
 
 
 def _counts(cells: Sequence[str]) -> bool:
@@ -287,7 +284,7 @@ def _counts(cells: Sequence[str]) -> bool:
     return [int(cell) for cell in cells] == list(range(int(cells[0]), int(cells[0]) + len(cells)))
 
 
-def _fitted(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
+def _match_columns(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
     """The cells if there is one for each column; a delimiter at the end of lines may make one more, or one less."""
     if len(cells) == len(kinds) + 1 and not cells[-1]:
         return cells[:-1]

@@ -6,10 +6,12 @@ import codecs
 import gzip
 import io
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
 from opid.errors import InputError
+from opid.signals.log_settings import LogSettings
 
 LONGEST_LINE = 1 << 20
 """Characters of a line beyond which a file is no table: 40,000 numbers of full precision."""
@@ -18,10 +20,10 @@ BYTES_AT_ONCE = 1 << 20
 """A block of text: 1 MiB, some 4 MiB as lines and numbers."""
 
 HEAD_BYTES = 1 << 17
-"""The beginning of a text, which tells its encoding and its header."""
+"""The beginning of a text, which shows its encoding and its header."""
 
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
-_WESTERN = frozenset(  # what headers hold in Western Europe, and damaged bytes rarely make: no ÿ, þ or ð
+_WESTERN = frozenset(  # headers in Western Europe hold these, damaged bytes rarely: not ÿ, þ or ð
     "ÄÖÜäöüßÁÀÂÃÅÆÇÉÈÊËÍÌÎÏÑÓÒÔÕØÚÙÛáàâãåæçéèêëíìîïñóòôõøúùûŒœ°²³µ±·×½§€–—’“”…™®©"
 )
 _LATIN = "°²³µ".encode("latin-1")
@@ -32,7 +34,7 @@ def lines_of(
 ) -> Generator[list[str], None, None]:
     r"""Yield the lines of a text, block by block, without their ends (\n, \r\n or \r)."""
     number, rest = 0, ""  # complete lines so far, and the beginning of the next
-    with _opened(path) as file:
+    with _open(path) as file:
         data = file.read(bytes_at_once)
         # an explicit encoding of UTF-8 must not keep the mark as a part of the first name
         marked = next((own for mark, own in _MARKS.items() if data.startswith(mark)), "utf-8")
@@ -69,12 +71,20 @@ def lines_of(
             data = file.read(bytes_at_once)
 
 
+def with_encoding(path: Path, settings: LogSettings) -> tuple[LogSettings, tuple[str, ...]]:
+    """Return the settings with the encoding that a text shows where none is stated, and a remark where that is so."""
+    encoding = None if settings.encoding else encoding_of(path)
+    if encoding is None:
+        return settings, ()
+    return replace(settings, encoding=encoding), (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+
+
 def encoding_of(path: Path) -> str | None:
     """Return "cp1252" for a text whose beginning is written as Windows does in Western Europe; None for any other.
 
     Such a text is no UTF-8, holds no characters that are, and is made of ASCII and what headers hold there.
     """
-    with _opened(path) as file:
+    with _open(path) as file:
         head = file.read(HEAD_BYTES)
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)  # the last sign may be cut
@@ -90,7 +100,7 @@ def encoding_of(path: Path) -> str | None:
     return "cp1252" if all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text else None
 
 
-def _opened(path: Path) -> IO[bytes] | gzip.GzipFile:
+def _open(path: Path) -> IO[bytes] | gzip.GzipFile:
     if path.suffix.lower() == ".gz":
         return gzip.open(path, "rb")
     return path.open("rb")
@@ -98,7 +108,9 @@ def _opened(path: Path) -> IO[bytes] | gzip.GzipFile:
 
 def _decoder(encoding: str) -> codecs.IncrementalDecoder:
     try:
-        io.TextIOWrapper(io.BytesIO(), encoding=encoding).detach()  # refuses what is known but no text, like "hex"
+        io.TextIOWrapper(
+            io.BytesIO(), encoding=encoding
+        ).detach()  # refuses encodings of other things than text, like "hex"
         return codecs.getincrementaldecoder(encoding)()
     except (LookupError, ValueError) as error:
         raise InputError(

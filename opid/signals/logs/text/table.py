@@ -70,13 +70,9 @@ class TextTable:
 
 
 def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
-    """Yield the lines of a table in blocks, each with the number of its first line.
-
-    Args:
-        table: where it stands.
-    """
+    """Yield the lines of a table in blocks, each with the number of its first line."""
     number = 1
-    for lines in lines_of(table.path, table.encoding) if table.content is None else _in_blocks(table.content):
+    for lines in lines_of(table.path, table.encoding) if table.content is None else _split_blocks(table.content):
         skipped = max(0, min(table.first_line - number, len(lines)))
         if skipped < len(lines):
             yield number + skipped, lines[skipped:]
@@ -106,11 +102,7 @@ def line_of_row(table: TextTable, row: int) -> int:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line, quotes and the blanks around them removed.
-
-    Args:
-        line: its text.
-        delimiter: between them.
+    """Return the cells of a line with this delimiter, quotes and the blanks around them removed.
 
     >>> cells_of('0, 1 ,"a, b"', ",")
     ['0', '1', 'a, b']
@@ -134,10 +126,10 @@ def numbers_of(table: TextTable, number: int, lines: Sequence[str], columns: Seq
     if not columns:
         require_cells(table, number, lines)
         return np.empty((len(rows), 0))
-    values = _parsed(table, rows, columns)
+    values = _parse(table, rows, columns)
     if values is None:
         values = _cell_by_cell(table, number, lines, columns)
-    values[np.isinf(values)] = np.nan  # an overload: no value either
+    values[np.isinf(values)] = np.nan  # an overload is no value either
     return values
 
 
@@ -147,22 +139,20 @@ def column_of(table: TextTable, number: int, lines: Sequence[str], column: int) 
     if _is_even(table, rows):
         separator = None if table.delimiter == BLANKS else table.delimiter
         return [row.split(separator, column + 1)[column] for row in rows]
-    return [cells[column] for _, cells in _numbered(table, number, lines)]
+    return [cells[column] for _, cells in _numbered_rows(table, number, lines)]
 
 
 def require_cells(table: TextTable, number: int, lines: Sequence[str]) -> None:
     """Raise the error that names the first line with too few or too many cells, if there is one."""
     if not _is_even(table, rows_of(lines, table.delimiter)):
-        for _ in _numbered(table, number, lines):
+        for _ in _numbered_rows(table, number, lines):
             pass
 
 
 def number_of(cell: str, decimal: str) -> float | None:
-    """Return the number that a cell holds, NaN where it says that there is none; None where it is something else.
+    """Return the number, written with this decimal mark, that a cell holds.
 
-    Args:
-        cell: its text.
-        decimal: "." or ",".
+    NaN where the cell says that there is none, None where it holds something else.
 
     >>> number_of("1,5", ","), number_of("1_000", "."), number_of(" ", ".")
     (1.5, None, nan)
@@ -194,7 +184,7 @@ def has_thousands_mark(cell: str, decimal: str, *, perhaps: bool = False) -> boo
     return bool(_THOUSANDS[decimal].fullmatch(cell) or (perhaps and _GROUPED.fullmatch(cell)))
 
 
-def _in_blocks(lines: Sequence[str]) -> Iterator[list[str]]:
+def _split_blocks(lines: Sequence[str]) -> Iterator[list[str]]:
     for first in range(0, len(lines), _LINES_AT_ONCE):
         yield list(lines[first : first + _LINES_AT_ONCE])
 
@@ -213,29 +203,29 @@ def _is_even(table: TextTable, rows: Sequence[str]) -> bool:
     return right and '"' not in "".join(rows)
 
 
-def _parsed(table: TextTable, rows: list[str], columns: Sequence[int]) -> FloatArray | None:
-    """The numbers by numpy's parser, which knows neither empty cells nor places; None where it cannot tell."""
+def _parse(table: TextTable, rows: list[str], columns: Sequence[int]) -> FloatArray | None:
+    """The numbers by numpy's parser, which knows neither empty cells nor line numbers; None where it fails."""
     mark = table.delimiter
     if mark == table.decimal:
         return None
     even = _is_even(table, rows)
     if table.decimal == ",":
-        # a point is then no decimal: nothing may take it for one
+        # a point is then not a decimal, and must not be read as one
         rows = "\n".join(rows).replace(".", "_").replace(",", ".").split("\n")
     if not even:
         # numpy counts quoted cells, but only if it is to parse all of them
-        values = None if table.more else _loaded(rows, mark, None)
+        values = None if table.more else _load(rows, mark, None)
         return values[:, list(columns)] if values is not None and values.shape[1] == len(table.names) else None
-    values = _loaded(rows, mark, columns)
+    values = _load(rows, mark, columns)
     if values is None and mark != BLANKS:
         text = "\n".join(("", *rows, ""))
         filled = text.replace(mark + mark, f"{mark}nan{mark}").replace(mark + mark, f"{mark}nan{mark}")
         filled = filled.replace("\n" + mark, "\nnan" + mark).replace(mark + "\n", mark + "nan\n")
-        values = _loaded(filled[1:-1].split("\n"), mark, columns)
+        values = _load(filled[1:-1].split("\n"), mark, columns)
     return values
 
 
-def _loaded(rows: Sequence[str], delimiter: str, columns: Sequence[int] | None) -> FloatArray | None:
+def _load(rows: Sequence[str], delimiter: str, columns: Sequence[int] | None) -> FloatArray | None:
     try:
         return np.loadtxt(
             rows,
@@ -252,7 +242,7 @@ def _loaded(rows: Sequence[str], delimiter: str, columns: Sequence[int] | None) 
 # ---- cell by cell --------------------------------------------------------------------------------
 
 
-def _numbered(table: TextTable, number: int, lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+def _numbered_rows(table: TextTable, number: int, lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of each row, and the error of the first with a wrong count of them."""
     n = len(table.names)
     for at, line in enumerate(lines, start=number):
@@ -272,7 +262,7 @@ def _numbered(table: TextTable, number: int, lines: Sequence[str]) -> Iterator[t
 
 def _cell_by_cell(table: TextTable, number: int, lines: Sequence[str], columns: Sequence[int]) -> FloatArray:
     values = []
-    for at, cells in _numbered(table, number, lines):
+    for at, cells in _numbered_rows(table, number, lines):
         own = [number_of(cells[column], table.decimal) for column in columns]
         if None in own:
             column = columns[own.index(None)]
