@@ -30,9 +30,6 @@ from opid.suspensions.model.run import DrivenRun, band_indices
 
 Limit = Literal["noise", "unmeasured forces", "model"]
 
-# 95 % of the magnitudes of complex normal numbers of unit mean square lie below
-_MAGNITUDE_95 = 1.7308
-
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -309,7 +306,8 @@ def _free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
 def left_out(fit: Fit) -> tuple[LeftOut, ...]:
     """Return how well each run is predicted by the others; nothing where there is one, or where they cannot follow it.
 
-    The band is as wide, in each band of lines, as what the free motion leaves of the other runs, over their readings.
+    In each band of lines, the stated band is as wide as what holds 95 % of the errors of the free motion of that other
+    run of which it leaves most, over their predictions: a few runs say little of how they differ.
     """
     fits = predicted_left_out(replace(fit, model=fit.model.coarse))
     if fits is None:
@@ -319,32 +317,35 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
     except NO_FIT:
         return ()
     bands = [_bands(each.model, 0) for each in fits]
+    lines = [each.model.runs[0].omega for each in fits]
+    # how strong the motion is, each prediction itself says
+    sizes = [
+        np.array([_band_rms(each, band) for each in read - error])
+        for (error, read), band in zip(own, bands, strict=True)
+    ]
     found = []
     for index, (error, read) in enumerate(own):
-        others = [k for k in range(len(fits)) if k != index]
-        frequency = fits[index].model.runs[0].omega
-        fraction = _shares(
-            [own[k] for k in others], [fits[k].model.runs[0].omega for k in others], frequency, bands[index]
-        )
-        # how strong the motion is, the prediction itself says
-        std = fraction * np.array([_band_rms(each, bands[index]) for each in read - error])
-        inside = float(np.mean(np.abs(error) <= _MAGNITUDE_95 * std))
+        others = [
+            (lines[k], np.abs(each) / np.maximum(sizes[k], 1e-300)) for k, (each, _) in enumerate(own) if k != index
+        ]
+        width = _widths(others, lines[index], bands[index])
+        inside = float(np.mean(np.abs(error) <= width * sizes[index]))
         found.append(LeftOut(index, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
     return tuple(found)
 
 
-def _shares(
-    others: Sequence[tuple[ComplexArray, ComplexArray]],
-    lines: Sequence[FloatArray],
-    omega: FloatArray,
-    bands: NDArray[np.int64],
-) -> FloatArray:
-    """What free motions leave of other runs over their predictions, in the band of each line."""
-    edges = np.append(omega[np.flatnonzero(np.diff(bands, prepend=-1))], np.inf)
-    edges[0] = 0.0
-    left, moved = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
-    for (error, read), own in zip(others, lines, strict=True):
-        index = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, left.size - 1)
-        left += np.bincount(index, np.sum(np.abs(error) ** 2, axis=0), minlength=left.size)
-        moved += np.bincount(index, np.sum(np.abs(read - error) ** 2, axis=0), minlength=left.size)
-    return np.sqrt(left / np.maximum(moved, 1e-300))[bands]
+def _widths(others: Sequence[tuple[FloatArray, FloatArray]], omega: FloatArray, bands: NDArray[np.int64]) -> FloatArray:
+    """What holds 95 % of the errors of another run over its prediction, the most of all runs, in the band of each line.
+
+    Args:
+        others: of each run its lines, and the errors over the predictions, (n_sensors, n_lines).
+        omega: lines of the run that is predicted.
+        bands: of these lines.
+    """
+    edges = omega[np.flatnonzero(np.diff(bands))] + 1e-9 * omega[-1]
+    widest = np.zeros(edges.size + 1)
+    for lines, relative in others:
+        band_of = np.searchsorted(edges, lines)
+        for band in np.unique(band_of):
+            widest[band] = max(widest[band], np.quantile(relative[:, band_of == band], 0.95))
+    return np.asarray(widest[bands])

@@ -186,9 +186,11 @@ def promising_coupling(fit: Fit) -> Hypothesis | None:
         bare = _without_ground(fit) if new else fit
     except NO_FIT:
         return None
+    # it helps more than such a spring, which a gain error asks for, too
+    most_left = min((1 - known.coupling_helps) * bare.noise_m_per_s2, fit.noise_m_per_s2)
     for hypothesis in new:
         grown = _grown(bare, hypothesis, None)
-        if grown is not None and grown.noise_m_per_s2 < (1 - known.coupling_helps) * bare.noise_m_per_s2:
+        if grown is not None and grown.noise_m_per_s2 < most_left:
             return hypothesis
     return None
 
@@ -323,6 +325,11 @@ def without_ground(model: Model) -> Model:
     return Hypothesis("springs to the ground", ground=True).taken_from(model)
 
 
+def may_hold_a_needless_ground(fit: Fit) -> bool:
+    """Return whether springs to the ground may have been asked for at the start where a sensor was at fault."""
+    return fit.model.ground and bool(fit.model.faults)
+
+
 def _without_ground(fit: Fit) -> Fit:
     """The fit without springs to the ground."""
     if not fit.model.ground:
@@ -340,8 +347,7 @@ def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing
     """Take out again what something else made useless, the ground springs first."""
     fit, demands = standing.fit, standing.demands
     hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
-    if hypotheses and fit.model.ground:
-        # the equation may have asked for a spring where a sensor was at fault
+    if may_hold_a_needless_ground(fit):
         hypotheses |= {Hypothesis("springs to the ground", ground=True): None}
     for hypothesis in sorted(hypotheses, key=lambda each: not each.ground):
         smaller = hypothesis.taken_from(fit.model)

@@ -14,7 +14,14 @@ from scipy import fft
 
 from opid.mechanics.laws.law import LINEAR, Law
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.faults import Demand, demands_of, let_in, promising_coupling, without_ground
+from opid.suspensions.fitting.faults import (
+    Demand,
+    demands_of,
+    let_in,
+    may_hold_a_needless_ground,
+    promising_coupling,
+    without_ground,
+)
 from opid.suspensions.fitting.fit import (
     NO_FIT,
     Fit,
@@ -294,7 +301,7 @@ class _Search:
         ladder = self._laws(fit)
         ladder = (*ladder, *self._origins(chosen(ladder).fit))
         fit = chosen(ladder).fit
-        if not is_noise(fit):
+        if not is_noise(fit) or may_hold_a_needless_ground(fit):
             fit, more = self._let_in(fit)
         if more:
             # what was wrong with the sensors may have been taken for a term of the law
