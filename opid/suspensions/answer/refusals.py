@@ -17,6 +17,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.fitting.fit import Fit, fits_of_each_run, loading_changes, runs_contradict_each_other
 from opid.suspensions.fitting.noise import motion_over_noise, over_noise, sensor_ratio
+from opid.suspensions.model.driven_model import straight_equivalent
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
 from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, GearRatios
@@ -286,12 +287,12 @@ def unexplained_fraction(part: Fitted) -> float:
 
 
 def natural_frequencies(fit: Fit) -> list[float]:
-    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz."""
+    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz, law included."""
     found, mu = [], fit.model.inverse_mass(fit.theta)
     for one in fits_of_each_run(fit):
-        square = one.theta[0] + one.value(fit.model.groups[0].called(GROUND))
-        fraction = 1 + mu * float(one.model.runs[0].loading[0, 0])
-        found.append(float(np.sqrt(max(square / fraction, 0.0))) / (2 * np.pi))
+        square = straight_equivalent(one.model, 0, one.errors.predictions[0])(one.theta)[0]
+        square += one.value(fit.model.groups[0].called(GROUND)) / (1 + mu * float(one.model.runs[0].loading[0, 0]))
+        found.append(float(np.sqrt(max(square, 0.0))) / (2 * np.pi))
     return found or [0.0]
 
 
