@@ -43,12 +43,12 @@ def main() -> None:
         damping_per_mass=direct.value[1],
         inverse_mass=1 / 1000,  # a start value, far off
     )
-    print(f"joint fit: K2/M2 = {fit['stiffness_per_mass']:.2f} +- {fit.std[0]:.2f} 1/s^2")
+    print(f"joint fit: K2/M2 = {fit.ratios[0]:.2f} +- {fit.std[0]:.2f} 1/s^2")
 
     # 5. the absolute scale
     added = opid.suspensions.absolute_parameters(fit, [0.0, MASS_CHANGE_KG])
     true = test.heavy.gear
-    print(f"mass {added['sprung_mass_kg']:.1f} +- {added.std[0]:.1f} kg (true {true.sprung_mass_kg:.0f} kg)")
+    print(f"mass {added.sprung_mass_kg:.1f} +- {added.std[0]:.1f} kg (true {true.sprung_mass_kg:.0f} kg)")
     print(f"law {added.law.parameters} (true {true.law.parameters})")
 
     # 6. the default of `opid.identify` goes on from there: the measured spindle drives a model of the strut
