@@ -6,6 +6,7 @@ from law_runs import study_of
 
 import opid
 from opid.mechanics.laws.law import law
+from opid.mechanics.truth import GearNumbers, GearTruth
 from opid.suspensions.identification import identify
 from opid.virtual.taxi_tests.airframe import LandingGear
 
@@ -40,15 +41,7 @@ def test_the_frequency_is_that_of_the_tangent_at_rest(restoring, belongs_to):
 
 
 def test_table_and_json_say_what_the_frequency_belongs_to():
-    truth = {
-        "parameters": {
-            "sprung_mass_kg": 1850.0,
-            "suspension_stiffness_n_per_m": 3.9e5,
-            "suspension_damping_n_s_per_m": 6e3,
-            "ground_stiffness_n_per_m": 0.0,
-        },
-        "law": {"name": SPRING.name, "parameters": SPRING.parameters},
-    }
+    truth = GearTruth(GearNumbers(1850.0, 3.9e5, 6e3, 0.0), SPRING)
     found = identify(study_of(LandingGear(law=SPRING)), law=SPRING.name)
     assert found.to_dict()["natural_frequency_of"] == "tangent at rest"
     said = opid.text(found, truth)
