@@ -78,7 +78,7 @@ def document_of(result: Result, truth: Truth | None = None) -> Document:
     if not isinstance(truth, kind.truths):
         known = " or ".join(f"a {each.__name__}" for each in kind.truths)
         remedy = f"{known}, not with a {type(truth).__name__}" if known else "no truth: leave it out"
-        raise InputError(f"a {type(result).__name__} is compared with {remedy}")
+        raise InputError(f"a result of type {type(result).__name__} is compared with {remedy}")
     return make(result, truth)
 
 

@@ -238,7 +238,8 @@ class SearchSettings:
         rest_fraction: a tangent stiffness at rest below zero by more than this fraction of its mean over the motion is
             that of no suspension: what rests there would fall away.
         farthest_mean_rms: a law beside a spring to the ground is about a rest that some run comes near, within so many
-            rms travels of its mean: laws about 3.5 rms from there had 2.6 times the true stiffness, surely.
+            rms travels of its mean: a law about 3.5 rms from there had 2.6 times the true stiffness, and an interval
+            that did not hold.
         every_sample: the rms force of a candidate is taken of every sample but so many: it need be known roughly.
         least_shared: no law is searched for a gear of which less than this fraction of the body's power goes along
             with what is measured below it. Two channels of noise share 0.00 +- 0.02, gears that stick and slip most of
