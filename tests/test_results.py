@@ -291,7 +291,7 @@ def test_what_is_no_result_is_refused(tmp_path):
 def test_a_truth_is_refused_where_nothing_is_compared_with_it():
     with pytest.raises(InputError, match="a result of type Health is compared with no truth: leave it out"):
         opid.text(sound_health(), UpdatingTruth({}, law("linear")))
-    with pytest.raises(InputError, match="a result of type ModalIdentification is compared with a ModalTruth, not with a Updating"):
+    with pytest.raises(InputError, match="ModalIdentification is compared with a ModalTruth, not with a Updating"):
         opid.text(small_result(), UpdatingTruth({}, law("linear")))
 
 
