@@ -248,6 +248,16 @@ def test_pieces_of_a_run_are_its_samples_with_its_lines():
         assert run.omega[0] <= piece.omega[0] <= piece.omega[-1] <= run.omega[-1] * (1 + 1e-6)
 
 
+def test_the_strongest_piece_is_the_one_in_which_the_body_moves_most():
+    quiet_then_strong = np.where(np.arange(len(SIGNALS)) < 0.6 * len(SIGNALS), 1.0, 3.0)[:, np.newaxis] * SIGNALS
+    run = driven_run(quiet_then_strong[:, :1], quiet_then_strong[:, 1:2], fs=100.0, band_hz=(1.0, 20.0))
+    length_s = len(run.sprung) / 100.0
+    piece = run.strongest_piece(length_s / 4)
+    assert piece.n_samples / piece.fs == pytest.approx(length_s / 4, rel=0.1)
+    assert piece.sprung.std() == max(each.sprung.std() for each in run.split(4))
+    assert run.strongest_piece(0.6 * length_s) is run
+
+
 def test_a_band_that_ends_low_needs_few_steps():
     """Ten samples of the highest line are followed, not those of a gear."""
     usual = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0)

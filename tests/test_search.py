@@ -85,6 +85,63 @@ def test_where_the_runs_are_only_unlike_no_law_makes_up_for_it(monkeypatch):
     assert asked
 
 
+@pytest.fixture(scope="module")
+def long_runs():
+    """Runs of 40 s, long enough for pieces."""
+    return runs_of(DEFAULT_LAW, duration_s=40)
+
+
+def lengths_tried(monkeypatch):
+    """Filled with how long the runs of each fit are, s."""
+    seen, real = [], search.fit_model
+
+    def fitted(model, theta, **settings):
+        seen.append(round(model.runs[0].n_samples / model.runs[0].fs))
+        return real(model, theta, **settings)
+
+    monkeypatch.setattr(search, "fit_model", fitted)
+    return seen
+
+
+def swapped(run):
+    """The run with its channels exchanged."""
+    return replace(run, sprung=run.unsprung, unsprung=run.sprung)
+
+
+def test_a_wrong_structure_is_refused_on_pieces_of_the_runs(monkeypatch, long_runs):
+    """Swapped channels: to the whole runs only the first fit is made, and the last one, from where pieces ended."""
+    seen = lengths_tried(monkeypatch)
+    found = found_of([swapped(run) for run in long_runs], Question())
+    assert is_hopeless(found.fit)
+    assert found.fit.model.runs[0].n_samples / found.fit.model.runs[0].fs == pytest.approx(40, abs=1)
+    first, *between, last = seen
+    assert between
+    assert max(between) < 15 < 30 < min(first, last)
+
+
+def test_a_right_structure_is_fitted_to_the_whole_runs(monkeypatch, long_runs):
+    seen = lengths_tried(monkeypatch)
+    assert found_of(long_runs, Question()).fit.ratio < 1.05
+    assert min(seen) > 30
+
+
+def test_what_pieces_find_from_afar_is_fitted_to_the_whole_runs(monkeypatch, long_runs):
+    """A first fit that leaves too much is no refusal: pieces lead to the model, and the runs to its numbers."""
+    whole, first = found_of(long_runs, Question()), search._Search.first_fit
+
+    def lost(self, model, theta):
+        fit = first(self, model, theta)
+        is_whole = model.runs[0].n_samples / model.runs[0].fs > 30
+        return replace(fit, theta=2 * fit.theta, errors=model.evaluate(2 * fit.theta)) if is_whole else fit
+
+    monkeypatch.setattr(search._Search, "first_fit", lost)
+    seen = lengths_tried(monkeypatch)
+    found = found_of(long_runs, Question())
+    assert min(seen) < 15 < 30 < max(seen)
+    assert found.fit.law_key == whole.fit.law_key
+    np.testing.assert_allclose(found.fit.theta[:5], whole.fit.theta[:5], rtol=1e-3)
+
+
 # ---- an aircraft at 512 Hz -------------------------------------------------------------------------
 
 

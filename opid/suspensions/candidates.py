@@ -13,15 +13,17 @@ from functools import cached_property, partial
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.laws.law import Law
+from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import Parameters, known_parameters
 from opid.suspensions.answer.model_error import (
     ModelError,
+    explains_nothing,
     follow_freely,
     measure_model_error,
     unexplained,
+    unknown_error,
     weighed_by_process_noise,
 )
 from opid.suspensions.fitting.faults import Demand, implausible_demands
@@ -506,6 +508,11 @@ def _with_error(part: Fitted) -> Fitted:
     try:
         if is_hopeless(found.fit) and len(part.runs) > 1:
             found = replace(found, fit=balanced(found.fit))
+        if is_hopeless(found.fit) and explains_nothing(found.fit):
+            fit, error = follow_freely(found.fit, unknown_error(found.fit))
+            if explains_nothing(fit):
+                # it is refused, whatever limits it
+                return replace(part, found=replace(found, fit=fit), error=error)
         # what both weights leave alike looks like a force, and moves the mass; of one weight there is none to move
         is_wrong = (
             part.task.law is not None
@@ -556,7 +563,7 @@ def _begun(
             mass_free=mass_free,
             # what an AC coupling takes from slow motion looks like such a spring
             ground=task.question.ground and not sensors.has_coupling,
-            kinds=task.question.kinds if task.law is None else (),
+            kinds=_kinds_of_start(task),
             lags=[fault for fault in sensors.faults if fault.kind == "lag"] if body.n_interfaces == 1 else (),
             settings=task.settings.start,
         )
@@ -573,6 +580,12 @@ def _begun(
         repeatability=repeatability,
     )
     return model, start
+
+
+def _kinds_of_start(task: Task) -> list[str]:
+    """Kinds that a fit may begin with: an arm of rubber imitates whatever else is wrong, and takes long to follow."""
+    kinds = task.question.kinds if task.law is None else ()
+    return [name for name in kinds if LAWS[name].memory is None or LAWS[name].is_friction]
 
 
 def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Model, Start]]) -> Found:

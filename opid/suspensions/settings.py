@@ -145,6 +145,8 @@ class FitSettings:
         usual_mass_fraction: of the mass is a usual loading; it says about how far apart runs rest, and so how long the
             scales of their laws may be. A gear with a scale of 3.8 rms travels whose runs rest four apart was held at 3
             and told 17 % too heavy.
+        hopeless_piece_s: while a fit leaves more than is likely to be mended, ways are tried on a piece of this length
+            of each run, s: four periods of the slowest motion that is compared.
         most_hopeless_evaluations: with all readings, in a fit that leaves much more than noise: it ended at a coarse
             rate.
         least_promise: a fit ends when the next step promises less of the squared error over its variance.
@@ -175,6 +177,7 @@ class FitSettings:
     start_rounds: tuple[tuple[float, int], ...] = ((0.5, 16), (2.0, 1))
     most_evaluations: int = 50
     most_refit_evaluations: int = 15
+    hopeless_piece_s: float = 12.0
     most_hopeless_evaluations: int = 4
     mass_fractions: tuple[float, float] = (0.01, 0.6)
     n_mass_fractions: int = 16

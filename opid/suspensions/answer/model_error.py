@@ -260,7 +260,8 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
             of_equivalents += (equivalent / whole - 1) ** 2
             count += 1
     if count == 0:
-        return np.diag(fit.theta**2), np.full(4, np.inf)
+        unknown = unknown_error(fit)
+        return unknown.spread, unknown.of_equivalents
     return found / count, np.sqrt(of_equivalents / count)
 
 
@@ -292,6 +293,24 @@ def unexplained(fit: Fit) -> tuple[float, ...]:
     except NO_FIT:
         return (np.inf,) * len(fit.model.runs)
     return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
+
+
+def explains_nothing(fit: Fit) -> bool:
+    """Return whether the free motion of a fit leaves so much that no number of it can be told.
+
+    Args:
+        fit: of any laws.
+    """
+    return float(np.sqrt(np.mean(np.square(unexplained(fit))))) > fit.model.settings.verdicts.refused_fraction
+
+
+def unknown_error(fit: Fit) -> ModelError:
+    """Return the error of a model of which nothing is right: its entries may be off by all of their value.
+
+    Args:
+        fit: of any laws.
+    """
+    return ModelError("model", np.inf, np.diag(fit.theta**2), (), np.full(4, np.inf))
 
 
 def _free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:

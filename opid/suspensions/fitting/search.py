@@ -120,16 +120,18 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
     search = _Search(start, question, progress or (lambda step: None), model.settings)
     theta = first_vector(model, start)
     coarse = _at_coarse_rate(model, theta)
+    found: Found | None = None
     try:
-        found = search.ways(coarse, theta)
-        lost = fastest_rate(found.fit.model, found.fit.theta) > model.settings.fit.fastest * coarse.runs[0].fs
+        found = search.find(coarse, theta)
     except NO_FIT:
         if coarse is model:
             raise
-        lost = True
-    if lost and coarse is not model:
+    if coarse is not model and (found is None or _is_too_fast(found.fit)):
         # the way leads where long steps do not
-        found = search.ways(model, theta)
+        first = search.first_fit(model, theta)
+        is_lost = found is not None and is_hopeless(found.fit) and first is not None and is_hopeless(first)
+        found = found if is_lost else search.ways(model, theta, first)
+    assert found is not None  # an error, or a search with more steps
     return search.with_all_readings(found, model.runs)
 
 
@@ -193,12 +195,65 @@ class _Search:
         self.problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
         self.asked: list[tuple[Fit, tuple[Fit, tuple[Demand, ...]]]] = []
 
-    def ways(self, model: Model, theta: FloatArray) -> Found:
-        """The first way, and others while what is left is more than noise: minima differ from way to way."""
+    def find(self, model: Model, theta: FloatArray) -> Found:
+        """Where the search ends.
+
+        While a fit leaves what no law is likely to mend, ways are tried on the strongest piece of each run: a wrong
+        structure is refused after a fraction of the time.
+        """
+        first = self.first_fit(model, theta)
+        if first is None or not is_hopeless(first) or runs_contradict_each_other(first) or _shares_nothing(first):
+            return self.ways(model, theta, first)
+        pieces = _strongest_pieces(model)
+        if pieces is model:
+            return self.ways(model, theta, first)
+        try:
+            on_pieces = self.ways(pieces, theta)
+            found = self._on_whole_runs(on_pieces, model)
+        except NO_FIT:
+            return self.ways(model, theta, first)
+        if is_hopeless(found.fit) and is_hopeless(on_pieces.fit):
+            return found
+        is_law_possible = self.question.law_is_given or not cannot_be(found.fit)
+        if is_law_possible and (found.is_unlike or leaves_noise(found.fit)):
+            return found
+        other = self.ways(model, theta, first)
+        return found if is_law_possible and found.fit.bic < other.fit.bic else other
+
+    def first_fit(self, model: Model, theta: FloatArray) -> Fit | None:
+        """The fit that the first way begins with; None where the start values make no body that the runs can drive."""
+        noisier, promise = model.settings.fit.noisier[0], model.settings.fit.promise_in_search
+        try:
+            return fit_model(model, _begun(model, theta, noisier), noisier=noisier, least_promise=promise)
+        except NO_FIT:
+            return None
+
+    def _on_whole_runs(self, found: Found, model: Model) -> Found:
+        """Where a search on pieces ended, fitted to the whole runs; laws and faults are searched on from there."""
+        fit, noisier = found.fit, model.settings.fit.noisier[-1]
+        whole = replace(fit.model, runs=model.runs)
+        theta = np.concatenate([fit.theta[: fit.model.n_shared], np.zeros(fit.model.n_own * len(model.runs))])
+        promise = model.settings.fit.promise_in_search
+        again = fit_model(whole, _begun(whole, theta, noisier), noisier=noisier, least_promise=promise)
+        if is_hopeless(again) or found.is_unlike:
+            return replace(found, fit=again)
+        more = self._searched(again, found.demands)
+        return replace(more, ladder=(*found.ladder, *more.ladder), n_starts=found.n_starts)
+
+    def ways(self, model: Model, theta: FloatArray, first: Fit | None = None) -> Found:
+        """The first way, and others while what is left is more than noise: minima differ from way to way.
+
+        Args:
+            model: to fit.
+            theta: where to begin.
+            first: the fit that the first way begins with, where it is known.
+        """
         noisier = model.settings.fit.noisier
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
-        ways: list[Callable[[], Found]] = [lambda: self.way(model, _begun(model, theta, noisier[0]), noisier[0])]
+        ways: list[Callable[[], Found]] = [
+            lambda: self.way(model, theta if first else _begun(model, theta, noisier[0]), noisier[0], first=first)
+        ]
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
@@ -266,10 +321,13 @@ class _Search:
         *,
         hold_coordinates: bool = True,
         faults_first: bool = False,
+        first: Fit | None = None,
     ) -> Found:
-        """One way from start values to a fit, with the laws and faults that were tried on it."""
+        """One way from start values, or from a first fit, to a fit, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
-        fit = fit_model(model, theta, noisier=noisier, hold_coordinates=hold_coordinates, least_promise=promise)
+        fit = first or fit_model(
+            model, theta, noisier=noisier, hold_coordinates=hold_coordinates, least_promise=promise
+        )
         if model.body.n_slots == 1 and not is_noise(fit):
             # with better parameters another start may predict the first seconds better
             begun = _begun(model, fit.theta, noisier)
@@ -620,6 +678,17 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
         return theta
     factor = noisier[0] if noisier else 1.0
     return look_for_start(replace(model, louder=factor), theta)
+
+
+def _is_too_fast(fit: Fit) -> bool:
+    """Whether a fitted body moves too fast for the steps of its model."""
+    return fastest_rate(fit.model, fit.theta) > fit.model.settings.fit.fastest * fit.model.runs[0].fs
+
+
+def _strongest_pieces(model: Model) -> Model:
+    """The model with the strongest piece of each run in its place; as it is where the runs are no longer than that."""
+    runs = tuple(run.strongest_piece(model.settings.fit.hopeless_piece_s) for run in model.runs)
+    return model if runs == model.runs else replace(model, runs=runs)
 
 
 def _without_laws(model: Model, theta: FloatArray) -> FloatArray:

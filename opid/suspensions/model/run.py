@@ -250,6 +250,17 @@ class DrivenRun:
             found.append(replace(self, unsprung=sides[0], sprung=sides[1], leaks=sides[2], omega=lines.omega))
         return tuple(found)
 
+    def strongest_piece(self, length_s: float) -> DrivenRun:
+        """Return the piece of about this length in which the body moves most; the run itself where it has no two.
+
+        Args:
+            length_s: of the piece, s.
+        """
+        n_pieces = int(self.n_samples / self.fs / length_s)
+        if n_pieces < 2:
+            return self
+        return max(self.split(n_pieces), key=lambda piece: float(np.sum(piece.sprung**2)))
+
     @cached_property
     def ground_at_start(self) -> tuple[FloatArray, FloatArray]:
         """Position, velocity and offset of the ground below each suspension at the first sample, and their covariance.
