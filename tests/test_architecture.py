@@ -55,9 +55,12 @@ WHOLE = [
     frozenset(path.parent for path in (PACKAGE / each).rglob("*.py"))
     for each in ("signals", "mechanics", "modal", "updating")
 ]
-OF_BACKBONES = [frozenset([PACKAGE / each / "updating"]) for each in ("plots", "report")]
-OF_BACKBONES += [frozenset([PACKAGE / "virtual" / "backbone_tests"])]
-ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OF_BACKBONES)
+# Nothing but the command stands above reports, pictures and virtual tests.
+OUTER = [
+    frozenset(path.parent for each in rooms for path in (PACKAGE / each).rglob("*.py"))
+    for rooms in (("plots", "report", "cli"), ("virtual", "cli"))
+]
+ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OUTER)
 MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND

@@ -44,7 +44,7 @@ def quick(monkeypatch):
         return small_updating(linear=None)
 
     monkeypatch.setattr(identification, "update_study", update_study)
-    monkeypatch.setattr("opid.report.updating.classes.figures_of", lambda *_: ())  # tested by themselves
+    monkeypatch.setattr("opid.report.updating.figures_of", lambda *_: ())  # tested by themselves
     return given
 
 
@@ -105,7 +105,7 @@ def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path
     refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install '.[bayes]'")
     assert quick == []
     monkeypatch.setattr("opid.errors.find_spec", lambda name: "there")
-    monkeypatch.setattr("opid.report.updating.chains.to_inference_data", lambda chain, names: Written(names))
+    monkeypatch.setattr("opid.report.chains.to_inference_data", lambda chain, names: Written(names))
     done = opid("update", study, "--chains", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert f"Chains: {tmp_path / 'out' / 'chains_class_3.nc'}" in done.stdout
@@ -217,7 +217,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
-    monkeypatch.setattr("opid.report.updating.classes.figures_of", lambda *_: ())
+    monkeypatch.setattr("opid.report.updating.figures_of", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])

@@ -11,7 +11,7 @@ from made_body import small_body
 from made_updating import small_updating
 
 from opid.errors import InputError
-from opid.report.updating.chains import write_chains
+from opid.report.chains import write_chains
 from opid.signals.exchange import frame_of, xarray_of
 from opid.signals.logs import formats
 from opid.signals.recording import recording_from_arrays

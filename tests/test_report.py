@@ -621,8 +621,8 @@ def test_a_constant_is_printed_as_one():
     """As the samples of a chain that lies at a bound of its prior: their scatter is rounding."""
     samples = np.full(7, 0.1) + np.array([0, 0, 0, 0, 0, 0, 1e-17])
     estimate = Estimate(float(samples.mean()), 1.4e-17, (0.1 - 2.8e-17, 0.1))
-    assert estimate_row("share", "1", estimate)[1:] == ("0.1000", "-", "-", "1")
-    assert estimate_row("share", "1", estimate, 0.1, has_truth=True)[1:3] == ("0.1000", "-")
+    assert estimate_row("share", "1", estimate)[1:5] == ("0.1000", "-", "-", "1")
+    assert estimate_row("share", "1", estimate, 0.1)[1:4] == ("0.1000", "-", "-")
     assert estimate_row("share", "1", Estimate.normal(0.1, 1e-6))[1:3] == ("0.1000000", "0.0000010")
 
 

@@ -14,8 +14,7 @@ from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.model import Comparison
 from opid.report.document import Table
-from opid.report.modal.figures import figures_of
-from opid.report.modal.modes import command_of
+from opid.report.nonlinear_modes import command_of, figures_of
 from opid.report.writing import document_of
 from opid.virtual.files.truth import read_truth, truth_table
 
@@ -82,7 +81,7 @@ def test_every_warning_stands_once_in_text_page_and_json(result):
 
 def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
-    monkeypatch.setattr("opid.report.modal.modes.figures_of", lambda *_: ())
+    monkeypatch.setattr("opid.report.nonlinear_modes.figures_of", lambda *_: ())
 
     def command(settings, **given):
         found = replace(result, settings={"study": "my study.toml", **settings})

@@ -16,9 +16,9 @@ from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.truth import UpdatingTruth
+from opid.report.chains import write_chains
 from opid.report.document import Table
-from opid.report.updating.chains import write_chains
-from opid.report.updating.reduction import order_sentences, reduction_sentences
+from opid.report.updating import order_sentences, reduction_sentences
 from opid.report.writing import document_of
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors

@@ -120,7 +120,7 @@ def _choice(runs: tuple[str, ...]) -> str:
 def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> list[str]:
     """Draw each log, some channels on every picture, and return the names of the files."""
     from opid.report.health import health_figures
-    from opid.report.page import pictured
+    from opid.report.writing import pictured
     from opid.signals.files import write_together
 
     images: dict[str, bytes] = {}

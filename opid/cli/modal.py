@@ -55,7 +55,7 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     from opid.modal.identification import identify_modes
     from opid.modal.study import ModalStudy
     from opid.report import write_report
-    from opid.report.modal.modes import command_of
+    from opid.report.nonlinear_modes import command_of
     from opid.studies.study_file import read_study
     from opid.virtual.files.truth import read_truth
 

@@ -49,7 +49,7 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
 
     from opid.mechanics.truth import UpdatingTruth
     from opid.report import write_report
-    from opid.report.updating.chains import require_arviz, write_chains
+    from opid.report.chains import require_arviz, write_chains
     from opid.studies.study_file import read_study
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from opid.report.document import Block, Column, Document, Paragraph, Remarks, Table, ended
 
 WIDTH = 80
 
-# a path to a file, blanks in it: from a root, a drive, the home or this folder to its ending
+# a path to a file, which may hold blanks: it begins at a root, a drive, the home or this folder, and ends with a suffix
 _PATH = re.compile(r"(?<!\S)(?:~|\.{1,2}|[A-Za-z]:)?[/\\][^\n:;,'\"]*?\.\w{1,8}(?!\w)")
-_NO_BREAK = "\ue000"  # of no text
+_NO_BREAK = "\ue000"  # a character that no text holds
 
 
 def wrapped(text: str, head: str = "") -> list[str]:
-    """Return a paragraph as lines of at most 80 characters but for longer words (paths), `head` before the first.
-
-    Args:
-        text: the paragraph.
-        head: the lines after the first are indented by its length.
+    """Return a paragraph as lines of at most 80 characters with `head` before the first; only paths may be longer.
 
     >>> wrapped("a " * 50, "Note: ")[1][:8]
     '      a '
@@ -38,28 +34,26 @@ def wrapped(text: str, head: str = "") -> list[str]:
 
 
 def as_text(document: Document) -> str:
-    """Return a document for a terminal: paragraphs and aligned tables, without figures.
-
-    Args:
-        document: of any result.
-    """
+    """Return a document for a terminal: paragraphs and aligned tables, without figures."""
     answer = f"Not determined: {ended(document.not_determined)}" if document.not_determined else document.answer
     title = f"{document.title} ({document.about})" if document.about else document.title
-    return laid_out(wrapped(title), wrapped(answer), *map(_block_lines, document.blocks))
+    blocks = [wrapped(title), wrapped(answer), *map(_block_lines, document.blocks)]
+    return "\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n"
 
 
 def _block_lines(block: Block) -> list[str]:
     if isinstance(block, Paragraph):
         return wrapped(block.text)
     if isinstance(block, Remarks):
-        return labelled(f"{block.label}: " if block.label else "", map(ended, block.sentences))
+        head = f"{block.label}: " if block.label else ""
+        return [line for each in block.sentences for line in wrapped(ended(each), head)]
     if isinstance(block, Table):
         return [*wrapped(block.title), *_lines_of_table(block), *wrapped(block.note)]
     return []
 
 
 def _lines_of_table(table: Table) -> list[str]:
-    """The rows with their heads, the columns aligned, an empty line before each heading."""
+    """The aligned rows below the names of their columns, with an empty line before each heading."""
     rows = table.rows[: table.most_in_text]
     lines = _rows_in_width([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
     text = next(lines)
@@ -70,10 +64,10 @@ def _lines_of_table(table: Table) -> list[str]:
 
 
 def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[list[str]]:
-    """Yield the lines of each row, the heads first.
+    """Yield the lines of each row, first of that with the names of the columns.
 
-    Where they are too long for the terminal, first what is optional is left out, then elastic cells are cut, then the
-    columns move together, and at last long names stand on lines of their own.
+    Where a line is too long for the terminal, optional columns are left out first. Then elastic cells are shortened,
+    then the gap between the columns is reduced, and at last long names get a line of their own.
     """
     columns, gap = list(table.columns), 2
 
@@ -85,7 +79,7 @@ def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[li
         columns, rows = [columns[index] for index in kept], [tuple(row[index] for index in kept) for row in rows]
     for index in [index for index, column in enumerate(columns) if column.is_elastic and excess() > 0]:
         room = max(max(len(row[index]) for row in rows) - excess(), 3)
-        rows = [(*row[:index], _cut_cell(row[index], room), *row[index + 1 :]) for row in rows]
+        rows = [(*row[:index], _shorten(row[index], room), *row[index + 1 :]) for row in rows]
     gap = 2 if excess() <= 0 else 1
     longest = max(len(row[0]) for row in rows)
     room = longest if excess() <= 0 else max(12, longest - excess())
@@ -94,46 +88,16 @@ def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[li
         yield [row[0], line] if len(row[0]) > room else [line]
 
 
+def _shorten(text: str, room: int) -> str:
+    return text if len(text) <= room else f"{text[: room - 2]}.."
+
+
 def _align_columns(rows: Sequence[Sequence[str]], columns: Sequence[Column], gap: int) -> list[str]:
     return aligned(rows, left=[index for index, each in enumerate(columns) if each.align == "left"], gap=gap)
 
 
-def _cut_cell(text: str, room: int) -> str:
-    return text if len(text) <= room else f"{text[: room - 2]}.."
-
-
-def laid_out(*blocks: Sequence[str]) -> str:
-    """Return a text of blocks of lines, with an empty line between them; empty blocks are left out.
-
-    Args:
-        blocks: lines of each.
-
-    >>> laid_out(["a gear"], [], ["mass  1850", "K2    4e5"])
-    'a gear\\n\\nmass  1850\\nK2    4e5\\n'
-    """
-    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
-
-
-def labelled(head: str, sentences: Iterable[str]) -> list[str]:
-    """Return the lines of some sentences, each behind the same words.
-
-    Args:
-        head: before each, "Warning: " say.
-        sentences: one or more.
-
-    >>> labelled("Law: ", ["linear.", "cubic."])
-    ['Law: linear.', 'Law: cubic.']
-    """
-    return [line for sentence in sentences for line in wrapped(sentence, head)]
-
-
 def aligned(table: Sequence[Sequence[str]], *, left: Collection[int] = (0,), gap: int = 2) -> list[str]:
-    """Return the rows of a table with aligned columns.
-
-    Args:
-        table: the rows, of as many cells each.
-        left: indices of the columns that stand to the left, the others to the right.
-        gap: blanks between the columns.
+    """Return the rows of a table with aligned columns; those with an index in `left` are aligned to the left.
 
     >>> aligned([("name", "value"), ("mass", "1850")])
     ['name  value', 'mass   1850']

@@ -1,6 +1,6 @@
-"""What a report says, in reading order: the text for a terminal and the page are both laid out from it.
+"""What a report says, in reading order. The text for a terminal and the page are both made from it.
 
-A document has no JSON of its own: result.json is what the result's own `to_dict` gives, numbers instead of words.
+A document has no JSON of its own: result.json holds what the `to_dict` of the result gives.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Remarks:
-    """Sentences behind one word that says what they are about: "Sensors: ...".
+    """Sentences with one label before each of them: "Clock: ...".
 
     Args:
-        label: that word; "" for none.
-        sentences: each a paragraph; without any, nothing is shown.
-        is_warning: whether the page sets them apart in a box.
+        label: the label.
+        sentences: each is a paragraph; if there are none, nothing is shown.
+        is_warning: whether the page shows them in a box.
     """
 
     label: str
@@ -41,10 +41,10 @@ class Column:
     """One column of a table.
 
     Args:
-        header: what stands in it.
-        unit: of its numbers where all have the same; shown behind the header.
-        align: how its cells stand below one another.
-        is_elastic: whether its cells may be cut in a terminal, and broken into lines on a page, to save width.
+        header: its name.
+        unit: of all of its numbers; it is shown after the header.
+        align: the side to which its cells are aligned.
+        is_elastic: whether its cells may be shortened in a terminal, and broken into lines on a page.
         is_optional: whether a terminal may leave it out to save width.
     """
 
@@ -60,21 +60,25 @@ class Column:
         return f"{self.header} [{self.unit}]" if self.unit else self.header
 
 
+Row = tuple[str, ...]
+"""The cells of a row of a table; a row of one cell is a heading over the rows below it."""
+
+
 @dataclass(frozen=True)
 class Table:
-    """A table of cells that are rounded already.
+    """A table of cells that are already rounded.
 
     Args:
-        columns: in their order.
-        rows: of as many cells each; a row of one cell is a heading over the rows below it.
+        columns: from left to right.
+        rows: each has a cell for every column, or is a heading.
         title: above the table.
         note: below it.
-        legend: below it on the page only: what its words mean.
-        most_in_text: rows that a terminal shows, or None for all.
+        legend: explains its words; it is shown below it on the page only.
+        most_in_text: number of rows that a terminal shows; None for all.
     """
 
     columns: tuple[Column, ...]
-    rows: tuple[tuple[str, ...], ...]
+    rows: tuple[Row, ...]
     title: str = ""
     note: str = ""
     legend: str = ""
@@ -87,9 +91,9 @@ class Figure:
 
     Args:
         name: of its PNG file, without the ending.
-        heading: what it is about.
-        text: what to see in it.
-        draw: makes it, and returns its Axes.
+        heading: its title.
+        text: tells what can be seen in it.
+        draw: draws it, and returns its Axes.
     """
 
     name: str
@@ -101,26 +105,22 @@ class Figure:
 Block = Paragraph | Remarks | Table | Figure
 
 
-def _nothing() -> Iterable[Block]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Document:
     """The report of one result.
 
     Args:
         title: headline.
-        about: in a few words what was done or looked at; beside the title.
-        answer: the most important in one sentence.
-        not_determined: why there is no answer, which is shown instead of one. Empty or None if there is one.
-        blocks: what text and page tell, in their order.
-        details: makes what the page alone has room for: its figures, and tables that few readers need.
-        command: words of the command line that gives the result again; None where no command does.
-        python: lines of Python that give it again; empty where a command is enough.
+        about: tells in a few words what was done; it is shown beside the title.
+        answer: the main result in one sentence.
+        not_determined: why there is no answer, shown in its place. Empty or None if there is an answer.
+        blocks: shown in the text and on the page.
+        details: makes the blocks that only the page shows: figures, and tables that few readers need.
+        command: words of the command line that gives the result again; None if there is no such command.
+        python: lines of Python that give it again; empty if the command is enough.
         source: what the command reads: "log", "logs", "record", "study" or "results".
         reference: a sentence that names the paper.
-        data_file: name of the file beside the page that has all numbers.
+        data_file: name of the file beside the page that holds all numbers.
     """
 
     title: str
@@ -128,7 +128,7 @@ class Document:
     answer: str
     not_determined: str | None = None
     blocks: tuple[Block, ...] = ()
-    details: Callable[[], Iterable[Block]] = _nothing
+    details: Callable[[], Iterable[Block]] = tuple
     command: Sequence[str] | None = None
     python: str = ""
     source: str = "logs"
@@ -144,13 +144,7 @@ class Document:
 def columns(
     *headers: str, left: Sequence[int] = (0,), elastic: Sequence[int] = (), optional: Sequence[int] = ()
 ) -> tuple[Column, ...]:
-    """Return the columns of a table.
-
-    Args:
-        headers: one for each.
-        left: indices of those whose cells stand to the left.
-        elastic: indices of those that may be cut or broken.
-        optional: indices of those that a terminal may leave out.
+    """Return the columns of a table; `left`, `elastic` and `optional` are the indices of those that are so.
 
     >>> [column.align for column in columns("run", "mass")]
     ['left', 'right']
@@ -162,19 +156,12 @@ def columns(
 
 
 def warnings(sentences: Iterable[str]) -> Remarks:
-    """Return what is to be doubted, one sentence a warning.
-
-    Args:
-        sentences: none where nothing is.
-    """
+    """Return the warnings of a result, one for each sentence."""
     return Remarks("Warning", tuple(sentences), is_warning=True)
 
 
 def ended(text: str) -> str:
-    """Return a clause with one full stop.
-
-    Args:
-        text: the clause.
+    """Return a clause that ends with one full stop.
 
     >>> ended("run 1: an offset"), ended("")
     ('run 1: an offset.', '')
@@ -186,9 +173,6 @@ def ended(text: str) -> str:
 def sentence(text: str) -> str:
     """Return a clause as a sentence: with a capital letter and one full stop.
 
-    Args:
-        text: the clause.
-
     >>> sentence("the mass is known")
     'The mass is known.'
     """
@@ -197,10 +181,6 @@ def sentence(text: str) -> str:
 
 def counted(number: int, word: str) -> str:
     """Return a number with its word in the singular or the plural.
-
-    Args:
-        number: of things.
-        word: for one of them.
 
     >>> counted(1, "joint"), counted(2, "joint")
     ('1 joint', '2 joints')

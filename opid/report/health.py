@@ -27,11 +27,7 @@ LEAST_JITTER = 1e-6
 
 
 def document_of(health: Health) -> Document:
-    """Return the report of a log: clocks, channels and pairs, then what is wrong, the worst first, and what to do.
-
-    Args:
-        health: from `opid.inspect`.
-    """
+    """Return the report of a log: clocks, channels and pairs, then what is wrong, the worst first, and what to do."""
     blocks: list[Block] = [*_clocks(health.clocks), *_channels(health.channels)]
     blocks += [*_spectra(_telling(health.channels)), *_pairs(health.pairs)]
     if health.looks_unsprung:
@@ -57,11 +53,7 @@ def _details(health: Health) -> Iterator[Block]:
 
 
 def health_figures(health: Health) -> tuple[Figure, ...]:
-    """Return the figures of a log, some channels on every one; of very many channels the most telling are drawn.
-
-    Args:
-        health: of the log.
-    """
+    """Return the figures of a log, some channels on every one; of very many channels the most telling are drawn."""
     from opid import plots
 
     def figure(number: int, names: Sequence[str]) -> Figure:
@@ -79,11 +71,7 @@ def health_figures(health: Health) -> tuple[Figure, ...]:
 
 
 def channels_left_out(health: Health) -> str:
-    """Return the sentence that says that not all channels are drawn; empty if they are.
-
-    Args:
-        health: of the log.
-    """
+    """Return the sentence that says that not all channels are drawn; empty if they are."""
     n, every = len(_choose_drawn(health)), len(health.channels)
     words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
     return words if n < every else ""

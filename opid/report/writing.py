@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import os
+import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 
 from opid.errors import InputError
@@ -14,8 +17,7 @@ from opid.json_values import json_text
 from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
 from opid.provenance import traced
 from opid.report.as_text import as_text
-from opid.report.document import Document, Figure
-from opid.report.page import as_page, pictured
+from opid.report.document import Block, Document, Figure, ended
 from opid.result import Result
 from opid.signals.files import write_together
 
@@ -42,9 +44,9 @@ KINDS = (
     KindOfResult("suspensions.bench.law.BenchLaw", "suspensions.bench"),
     KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
     KindOfResult("signals.health.result.Health", "health"),
-    KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
-    KindOfResult("modal.result.ModalIdentification", "modal.modes", (ModalTruth,)),
-    KindOfResult("updating.result.Updating", "updating.classes", (UpdatingTruth,)),
+    KindOfResult("modal.decay.free_decay.Decay", "decay"),
+    KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
+    KindOfResult("updating.result.Updating", "updating", (UpdatingTruth,)),
 )
 
 
@@ -63,10 +65,6 @@ def text(result: Result, truth: Truth | None = None) -> str:
 
 def document_of(result: Result, truth: Truth | None = None) -> Document:
     """Return the report of a result, from which its text and its page are made.
-
-    Args:
-        result: of any kind.
-        truth: of a simulation: shown beside each estimate.
 
     Raises:
         InputError: what is no result, or a truth that is none of such a result.
@@ -132,3 +130,36 @@ def _kind_of(result: Result) -> KindOfResult:
             return kind
     kinds = ", ".join(kind.result.rpartition(".")[2] for kind in KINDS)
     raise InputError(f"a {type(result).__name__} is no result of opid: give one of {kinds}")
+
+
+def pictured(figures: Sequence[Figure], *, progress: Callable[[str], None] | None = None) -> dict[str, bytes]:
+    """Return figures as PNG, by their names."""
+    from opid.plots.style import figure_of, png
+
+    images: dict[str, bytes] = {}
+    for figure in figures:
+        if progress is not None:
+            progress(f"figure {figure.name}")
+        images[figure.name] = png(figure_of(figure.draw()))
+    return images
+
+
+def as_page(document: Document, blocks: Sequence[Block], images: Mapping[str, bytes], command: str | None) -> str:
+    """Return a document as a page that opens offline, with its figures inside."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup, escape
+
+    from opid.plots.style import DPI, WIDTH_IN, pretty
+
+    def printed(text: str) -> Markup:
+        return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(pretty(text)))))
+
+    loader = PackageLoader("opid.report")
+    page = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    page.filters |= {"printed": printed, "ended": ended, "kind": lambda block: type(block).__name__}
+    source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
+    # letters of all figures are of one size: a PNG says in its head how many dots it is wide
+    parts = {name: int.from_bytes(image[16:20], "big") / (DPI * WIDTH_IN) for name, image in images.items()}
+    return page.get_template("document.html.jinja").render(
+        document=document, blocks=blocks, source=source, parts=parts, command=command, version=version("opid")
+    )

@@ -22,11 +22,7 @@ class _Asked:
 
 
 def command_of(result: AnyIdentification) -> list[str] | None:
-    """Return the words of the command that gives a result; None for a study or settings that were made in Python.
-
-    Args:
-        result: the identification.
-    """
+    """Return the words of the command that gives a result; None for a study or settings that were made in Python."""
     asked, study = _collect_arguments(result), result.study
     if not asked.has_command:
         return None
@@ -46,11 +42,7 @@ def command_of(result: AnyIdentification) -> list[str] | None:
 
 
 def python_of(result: AnyIdentification) -> str:
-    """Return the lines of Python that give a result; the study is called so where it was made in Python.
-
-    Args:
-        result: the identification.
-    """
+    """Return the lines of Python that give a result; the study is called so where it was made in Python."""
     asked, study = _collect_arguments(result), result.study
     if study.source is not None:
         made = f"opid.read_study({_quote(str(study.source))})"

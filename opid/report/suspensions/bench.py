@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from opid.report.document import Document, Figure, Paragraph, Table, sentence, warnings
-from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
+from opid.report.document import Document, Figure, Paragraph, Row, sentence, warnings
+from opid.report.estimates import estimate_row, estimate_table, law_in_words, law_rows
 from opid.suspensions.bench.law import UNITS, BenchLaw
 
 LABELS = {
@@ -17,11 +17,7 @@ LABELS = {
 
 
 def document_of(result: BenchLaw) -> Document:
-    """Return the report of the law of a test bench: the numbers, how good it is, and what to doubt.
-
-    Args:
-        result: from `law_of_bench`.
-    """
+    """Return the report of the law of a test bench: the numbers, how good it is, and what to doubt."""
     memory = result.memory
     # a memory that is seen, or that cannot be told, is a warning
     is_warned = memory.seen or not memory.testable
@@ -32,9 +28,8 @@ def document_of(result: BenchLaw) -> Document:
         "variance of the force on stretches of time that were left out.",
         result.not_determined,
         (
-            Table(
-                estimate_columns(),
-                tuple(_rows(result)),
+            estimate_table(
+                _rows(result),
                 legend="The interval holds the value with 95 % if the model holds.",
             ),
             warnings(result.warnings),
@@ -48,11 +43,7 @@ def document_of(result: BenchLaw) -> Document:
 
 
 def _equation(result: BenchLaw) -> str:
-    """Return the law as an equation, with what stands beside f.
-
-    Args:
-        result: from `law_of_bench`.
-    """
+    """Return the law as an equation, with what stands beside f."""
     if result.bench.is_quasi_static:
         return "F = F0 + K z + f(z)"
     mass = "" if result.bench.acceleration is None else "m z'' + "
@@ -95,7 +86,7 @@ def _figures(result: BenchLaw) -> Iterable[Figure]:
     )
 
 
-def _rows(result: BenchLaw) -> Iterator[tuple[str, ...]]:
+def _rows(result: BenchLaw) -> Iterator[Row]:
     for name, estimate in result.parameters.items():
         if estimate.value is not None:
             yield estimate_row(LABELS[name], UNITS[name], estimate)
@@ -109,11 +100,7 @@ def _rows(result: BenchLaw) -> Iterator[tuple[str, ...]]:
 
 
 def _quality(result: BenchLaw) -> str:
-    """Return the sentences that say how good the law is and what it rests on.
-
-    Args:
-        result: from `law_of_bench`.
-    """
+    """Return the sentences that say how good the law is and what it rests on."""
     bench = result.bench
     rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
     return (

@@ -22,11 +22,7 @@ from opid.suspensions.flights.departures import Point, Series
 
 
 def document_of(result: Comparison) -> Document:
-    """Return the report of a comparison: what changed, the last flight against those before, and what to doubt.
-
-    Args:
-        result: from `compare`.
-    """
+    """Return the report of a comparison: what changed, the last flight against those before, and what to doubt."""
     changes = tuple(sentence(change.statement) for change in result.changes)
     heads = columns(
         "", "unit", "expected", "latest", "std. dev.", "departure", "limit", "", left=(0, 1, 7), optional=(6,)

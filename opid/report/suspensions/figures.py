@@ -16,10 +16,6 @@ def figures_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Ite
     """Yield the figures in the order of the page, those that have something to show.
 
     Nothing is drawn of a fit that is refused, and no step of the paper where they cannot be taken on all runs.
-
-    Args:
-        result: of one gear, by any method, or of a body.
-        truth: of a simulated field test, drawn beside it.
     """
     if result.study.is_one_gear:
         yield from _of_gear(result, truth if isinstance(truth, GearTruth) else None)

@@ -10,8 +10,20 @@ from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import depends_on_travel
-from opid.report.document import Block, Document, Paragraph, Remarks, Table, columns, counted, ended, sentence, warnings
-from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
+from opid.report.document import (
+    Block,
+    Document,
+    Paragraph,
+    Remarks,
+    Row,
+    Table,
+    columns,
+    counted,
+    ended,
+    sentence,
+    warnings,
+)
+from opid.report.estimates import estimate_row, estimate_table, law_in_words, law_rows
 from opid.report.suspensions.again import command_of, python_of
 from opid.report.suspensions.figures import figures_of
 from opid.suspensions.answer.as_json import chain_of
@@ -52,18 +64,9 @@ REFERENCE = (
 MOST_NAMED = 6
 """Kinds of law that are named one by one."""
 
-Row = tuple[str, ...]
-Known = tuple[GearTruth | SuspensionTruth | None, TaxiTruth | None]
-"""What is true of one suspension, and of the whole simulation."""
-
 
 def document_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Document:
-    """Return the report of an identification: the numbers, what they rest on, and what to doubt.
-
-    Args:
-        result: of one gear, by any method, or of a body on several suspensions.
-        truth: of a simulation: shown beside each estimate.
-    """
+    """Return the report of an identification: the numbers, what they rest on, and what to doubt."""
     day = f", runs of {result.date}" if result.date else ""
     return Document(
         result.title or "Identification",
@@ -115,9 +118,9 @@ def _blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Bloc
     about_body = (
         " Values are those of the reference loading; inertias about the centre of gravity, x forward, y to the left."
     )
-    yield Table(
-        estimate_columns(truth),
-        tuple(_rows(result, truth)),
+    yield estimate_table(
+        _rows(result, truth),
+        truth,
         legend="The interval holds the value with 95 % if the model holds."
         + simulated * (truth is not None)
         + about_body * (not result.study.is_one_gear)
@@ -147,13 +150,13 @@ def _rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     if result.study.is_one_gear:
         yield from _law_of_gear(result, truth)
         yield from _ratio_rows(result, truth)
-        yield from _equivalent_rows(result, has_truth=truth is not None)
+        yield from _equivalent_rows(result)
     elif isinstance(result, Identification):
         yield from _ratio_rows(result, truth)
         if result.place_corrections:
             yield ("Coordinates: what is to be added to those stated",)
         for name, estimate in result.place_corrections.items():
-            yield estimate_row(_coordinate(name), "m", estimate, None, truth is not None)
+            yield estimate_row(_coordinate(name), "m", estimate)
         yield from _suspension_rows(result, truth)
 
 
@@ -164,9 +167,7 @@ def _parameter_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Itera
     is_told = isinstance(result.parameters, GearParameters) or _is_rigid(result)
     for name, estimate in result.parameters.items():
         if estimate.value is not None or name == "sprung_mass_kg" or (is_told and name not in ratios):
-            yield estimate_row(
-                _label(name, result), UNITS[name], estimate, getattr(true, name, None), truth is not None
-            )
+            yield estimate_row(_label(name, result), UNITS[name], estimate, getattr(true, name, None))
 
 
 def _is_rigid(result: AnyIdentification) -> bool:
@@ -191,7 +192,7 @@ def _ratio_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[
         if name == "natural_frequency_hz" and estimate.value is not None and isinstance(result, Identification):
             belongs_to = FREQUENCY_OF[result.frequency_of]
             yield from [(belongs_to,)] * bool(belongs_to)
-        yield estimate_row(LABELS[name], UNITS[name], estimate, true.get(name), truth is not None)
+        yield estimate_row(LABELS[name], UNITS[name], estimate, true.get(name))
 
 
 def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
@@ -214,14 +215,14 @@ def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
     }
 
 
-def _equivalent_rows(result: AnyIdentification, *, has_truth: bool) -> Iterator[Row]:
+def _equivalent_rows(result: AnyIdentification) -> Iterator[Row]:
     """What a linear analysis would find in each run, where no number of the law is believed, or the law remembers."""
     if not isinstance(result, Identification) or not (result.limited_by == "model" or result.law.has_memory):
         return
     for each in result.equivalents:
         yield (f"Straight suspension that comes nearest to it over the motion of run {each.run!r}",)
         for name in ("natural_frequency_hz", "damping_ratio"):
-            yield estimate_row(LABELS[name], UNITS[name], getattr(each, name), None, has_truth)
+            yield estimate_row(LABELS[name], UNITS[name], getattr(each, name))
 
 
 def _coordinate(name: str) -> str:
@@ -235,39 +236,40 @@ def _coordinate(name: str) -> str:
 
 def _law_of_gear(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     true = truth if isinstance(truth, GearTruth) else None
-    yield from _law(result, "", result.law, result.law_estimates, (true, truth))
+    yield from _law(result, "", result.law, result.law_estimates, true, _true_scale(result, truth))
     if isinstance(result, Identification):
-        yield from _rest_rows(result, result.interfaces[0], has_truth=truth is not None)
+        yield from _rest_rows(result, result.interfaces[0])
 
 
 def _suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterator[Row]:
     shown: set[str] = set()
+    scale = _true_scale(result, truth)
     for interface in result.interfaces:
         like = next((name for name in interface.shared_with if name in shown), None)
         if like is not None and truth is None:
             yield (f"Suspension {interface.name}: as {like}, shared",)
-            yield _residual_row(interface, has_truth=False)
+            yield _residual_row(interface)
         else:
             true = truth.interfaces.get(interface.name) if isinstance(truth, BodyTruth) else None
-            springs = _spring_rows(result, interface, (true, truth))
-            yield from _law(result, interface.name, interface.law, interface.law_estimates, (true, truth), springs)
-            yield from _rest_rows(result, interface, has_truth=truth is not None)
+            springs = _spring_rows(result, interface, true, scale)
+            yield from _law(result, interface.name, interface.law, interface.law_estimates, true, scale, springs)
+            yield from _rest_rows(result, interface)
         shown.add(interface.name)
 
 
-def _spring_rows(result: Identification, interface: InterfaceEstimate, known: Known) -> Iterator[Row]:
-    true, truth = known
+def _spring_rows(
+    result: Identification, interface: InterfaceEstimate, true: SuspensionTruth | None, scale: float
+) -> Iterator[Row]:
     springs = (
         ("stiffness K", "stiffness_n_per_m", interface.stiffness),
         ("damping C", "damping_n_s_per_m", interface.damping),
         ("ground K3", "ground_stiffness_n_per_m", interface.ground_stiffness),
     )
-    yield _residual_row(interface, has_truth=truth is not None)
+    yield _residual_row(interface)
     for label, name, estimate in springs if interface.ground_stiffness.value else springs[:2]:
-        known_value = getattr(true, name, None)
-        value = None if known_value is None else known_value * _scale(result, truth)
-        unit = result.units["damping" in name]
-        yield estimate_row(f"{label}{'/M' * result.per_mass}", unit, estimate, value, truth is not None)
+        known = getattr(true, name, None)
+        value = None if known is None else known * scale
+        yield estimate_row(f"{label}{'/M' * result.per_mass}", result.units["damping" in name], estimate, value)
 
 
 def _law(
@@ -275,37 +277,29 @@ def _law(
     suspension: str,
     law: Law,
     estimates: Mapping[str, Mapping[str, Estimate]],
-    known: Known,
+    true: GearTruth | SuspensionTruth | None,
+    scale: float,
     springs: Iterable[Row] = (),
 ) -> Iterator[Row]:
-    """The name of a law, the springs beside it, and its parameters; of one gear the suspension has no name."""
-    true, truth = known
+    """The name of a law, the springs beside it, and its parameters; the only suspension of a gear has no name."""
     other = f"; truth: {true.law.name}" if true and true.law.name != law.name else ""
     symbol = "f" if not result.per_mass else "f/M" if suspension else "f/M2"
     yield (f"{f'Suspension {suspension}' if suspension else 'Law'}: {law_in_words(law, symbol)}{other}",)
     yield from springs
-    yield from law_rows(
-        law,
-        estimates,
-        of=suspension,
-        per_mass=result.per_mass,
-        true=true.law.parameters if true else None,
-        true_scale=_scale(result, truth),
-        has_truth=truth is not None,
-    )
+    parameters = true.law.parameters if true else None
+    yield from law_rows(law, estimates, of=suspension, per_mass=result.per_mass, true=parameters, true_scale=scale)
 
 
-def _scale(result: AnyIdentification, truth: TaxiTruth | None) -> float:
-    """What the true stiffness is multiplied by: forces may be per kg."""
+def _true_scale(result: AnyIdentification, truth: TaxiTruth | None) -> float:
+    """The factor of the true forces, which must be per kg of the sprung mass where those of the result are."""
     return 1.0 / truth.parameters.sprung_mass_kg if truth and result.per_mass else 1.0
 
 
-def _residual_row(interface: InterfaceEstimate, *, has_truth: bool) -> Row:
-    blank = ("-", "1", "-", "-", "-") if has_truth else ("-", "-", "1")
-    return ("residual/noise", over_noise(interface.residual_over_noise), *blank)
+def _residual_row(interface: InterfaceEstimate) -> Row:
+    return ("residual/noise", over_noise(interface.residual_over_noise), "-", "-", "1", "-", "-", "-")
 
 
-def _rest_rows(result: Identification, interface: InterfaceEstimate, *, has_truth: bool) -> Iterator[Row]:
+def _rest_rows(result: Identification, interface: InterfaceEstimate) -> Iterator[Row]:
     """Where a suspension rests in each run, and how stiff it is there; nothing where its law knows no travel."""
     if interface.stiffness.value is None or not depends_on_travel(interface.law):
         return
@@ -319,7 +313,7 @@ def _rest_rows(result: Identification, interface: InterfaceEstimate, *, has_trut
         rows.append((f"{each.run}: stiffness", stiffness, each.stiffness))
         rows.append((f"{each.run}: damping", damping, each.damping))
     yield ("At rest, run by run: static travel from the reference run, tangent stiffness, equivalent damping",)
-    yield from (estimate_row(*row, None, has_truth) for row in rows)
+    yield from (estimate_row(*row) for row in rows)
     gas = interface.gas
     if gas is None:
         return
@@ -327,7 +321,7 @@ def _rest_rows(result: Identification, interface: InterfaceEstimate, *, has_trut
     if gas.pressure_pa.value is not None:
         rows += [("gas: gauge pressure", "Pa", gas.pressure_pa), ("gas: volume", "m^3", gas.volume_m3)]
     yield ("Gas at rest in the reference run; pressure times volume falls where gas leaks or cools",)
-    yield from (estimate_row(*row, None, has_truth) for row in rows)
+    yield from (estimate_row(*row) for row in rows)
 
 
 # ---- structures, sensors and runs ------------------------------------------------------------------

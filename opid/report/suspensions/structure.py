@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from opid.report.document import Document, Paragraph, Table, counted, sentence, warnings
-from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
+from opid.report.document import Document, Paragraph, Row, counted, sentence, warnings
+from opid.report.estimates import estimate_row, estimate_table, law_in_words, law_rows
 from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.own_structure import StructureIdentification
 from opid.suspensions.result import SpringEstimate, units_of_suspensions
 
 
 def document_of(result: StructureIdentification) -> Document:
-    """Return the report of a structure: masses, suspensions with their laws, joints, and what they rest on.
-
-    Args:
-        result: from `identify_structure`.
-    """
+    """Return the report of a structure: masses, suspensions with their laws, joints, and what they rest on."""
     springs = [f"the law of {name} is {each.law.name}" for name, each in result.interfaces.items()]
     return Document(
         "Own structure",
@@ -24,9 +20,8 @@ def document_of(result: StructureIdentification) -> Document:
         sentence(f"{', '.join(springs)}; {over_noise(result.residual_over_noise)} times the sensors' noise is left"),
         result.not_determined,
         (
-            Table(
-                estimate_columns(),
-                tuple(_rows(result)),
+            estimate_table(
+                _rows(result),
                 legend="The force of each suspension is K z + C z′ + f(z, z′), z its travel. The interval holds the "
                 "value with 95 % if the model holds.",
             ),
@@ -36,7 +31,7 @@ def document_of(result: StructureIdentification) -> Document:
     )
 
 
-def _rows(result: StructureIdentification) -> Iterator[tuple[str, ...]]:
+def _rows(result: StructureIdentification) -> Iterator[Row]:
     unit = "of the first" if result.per_mass else "kg"
     for name, mass in result.masses.items():
         yield estimate_row(f"mass of {name}", unit, mass)
@@ -48,7 +43,7 @@ def _rows(result: StructureIdentification) -> Iterator[tuple[str, ...]]:
         yield from _spring_rows(joint, per_mass=result.per_mass)
 
 
-def _spring_rows(spring: SpringEstimate, *, per_mass: bool) -> Iterator[tuple[str, ...]]:
+def _spring_rows(spring: SpringEstimate, *, per_mass: bool) -> Iterator[Row]:
     stiffness, damping = units_of_suspensions(per_mass=per_mass)
     yield estimate_row("stiffness", stiffness, spring.stiffness)
     yield estimate_row("damping", damping, spring.damping)

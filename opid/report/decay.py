@@ -10,23 +10,18 @@ from opid.estimate import rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, law_of_decays
 from opid.modal.power_laws import unit_of, unit_per_mass
-from opid.report.document import Block, Column, Document, Figure, Paragraph, Table, warnings
-from opid.report.estimates import estimate_columns, estimate_row
+from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, warnings
+from opid.report.estimates import estimate_row, estimate_table
 
 
 def document_of(decay: Decay) -> Document:
-    """Return the report of a free decay: frequency and damping over amplitude, and the law.
-
-    Args:
-        decay: from `free_decay`.
-    """
+    """Return the report of a free decay: frequency and damping over amplitude, and the law."""
     amplitude, hz, damping = decay.amplitude, decay.frequency_hz, 100 * decay.damping_ratio
     blocks: list[Block] = [Paragraph(_basis(decay)), _ends(decay)]
     if decay.law is not None:
         blocks.append(
-            Table(
-                estimate_columns(),
-                tuple(_law_rows(decay)),
+            estimate_table(
+                _law_rows(decay),
                 legend="The interval holds the value with 95 % if the law holds; beyond the amplitudes of the record "
                 "it is an extrapolation.",
             )
@@ -98,7 +93,7 @@ def _ends(decay: Decay) -> Table:
     return Table(columns, tuple(rows))
 
 
-def _law_rows(decay: Decay) -> Iterator[tuple[str, ...]]:
+def _law_rows(decay: Decay) -> Iterator[Row]:
     unit, per = (unit_per_mass, ", per unit mass") if decay.mode is None else (unit_of, "")
     yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1) = 0",)
     for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):

@@ -1,1 +1,0 @@
-"""Reports of nonlinear modal models and of free decays."""

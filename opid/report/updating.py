@@ -1,0 +1,484 @@
+"""What a report says of an updating: classes by evidence, coefficients, the linear structure, sampling, coverage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from opid import plots
+from opid.mechanics.laws.law import LAWS, FloatArray
+from opid.mechanics.truth import UpdatingTruth
+from opid.report.document import Document, Figure, Paragraph, Remarks, Row, Table, columns, counted, warnings
+from opid.report.estimates import estimate_row, estimate_table, formula
+from opid.updating.model_class import short_kind
+from opid.updating.result import ClassPosterior, LinearPosterior, Updating
+from opid.updating.sampling.chains import Diagnostics
+from opid.updating.structure.reduction import ReductionErrors
+
+FORMS = {
+    "paper": "mean of the squared errors of each curve, as the paper's numbers have it",
+    "literal": "square of the mean error of each curve, as eq. (12) is printed: errors cancel",
+    "recommended": "an offset for each curve beside the scatter of its points, noise levels inferred",
+    "independent": "every point by itself: intervals far too narrow",
+}
+"""What the forms of the likelihood are."""
+
+SONG = (
+    "M. Song, L. Renson, B. Moaveni and G. Kerschen, Bayesian model updating and class selection of a wing-engine "
+    "structure with nonlinear connections using nonlinear normal modes, Mechanical Systems and Signal Processing 165 "
+    "(2022)."
+)
+
+N_SENSORS_SHOWN = 6  # sensors of a figure of backbones, those that move most
+N_DRAWS = 200  # of the samples, for the band of a force
+N_EXTENSIONS = 200  # at which a force is drawn
+KEPT = 0.01  # relative error of a frequency below which a mode counts as kept
+MOST_NAMED = 4  # modes whose number has changed that are named one by one
+
+_BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
+
+_SIMULATED = (
+    " The backbones were simulated: truth, error, and whether the interval held the truth, are known for the classes "
+    "that hold the true law."
+)
+
+
+def document_of(result: Updating, truth: UpdatingTruth | None = None) -> Document:
+    """Return what is said of an updating."""
+    tables = (
+        _class_table(result),
+        _coefficient_table(result, truth),
+        _linear_table(result, truth),
+        _mode_table(result),
+        _evidence_table(result),
+        _sensitivity_table(result),
+        _sampling_table(result),
+        _coverage_table(result),
+    )
+    return Document(
+        result.title or "Bayesian updating",
+        "Bayesian updating and class selection from backbones",
+        _best(result),
+        result.not_determined,
+        (
+            Paragraph(_basis(result)),
+            *(table for table in tables if table.rows),
+            Remarks("Reduction", reduction_sentences(result)),
+            warnings(result.all_warnings),
+        ),
+        lambda: figures_of(result, truth),
+        _command(result),
+        source="study",
+        reference=f"The method is that of {SONG}",
+    )
+
+
+def _command(result: Updating) -> list[str]:
+    settings = result.settings
+    words = ["opid", "update", str(settings.get("study") or "STUDY.toml"), "--form", result.form]
+    given = [name for name in ("sampler", "samples", "seed") if settings.get(name) is not None]
+    return [*words, *(word for name in given for word in (f"--{name}", str(settings[name])))]
+
+
+def _basis(result: Updating) -> str:
+    counts = [
+        f"{sum(curve.mode == mode for curve in result.measured)} of mode {mode}"
+        for mode in sorted({curve.mode for curve in result.measured})
+    ]
+    points = sum(curve.frequency_hz.size for curve in result.measured)
+    system = result.system
+    form = FORMS.get(result.form)
+    return (
+        f"{counted(len(result.measured), 'backbone')} ({', '.join(counts)}), {counted(points, 'point')}, "
+        f"{counted(len(system.sensors), 'sensor')}, {counted(len(system.joints), 'joint')}, "
+        f"{counted(system.n_modes, 'mode')} kept; likelihood {result.form!r}"
+        f"{f' ({form})' if form else ''}."
+    )
+
+
+def _best(result: Updating) -> str:
+    """Which class is the best and how far it is ahead."""
+    best = next((each for each in result.classes if each.model_class.name == result.best_class), None)
+    if best is None:
+        return "No class of laws is the best."
+    named = f"Best: {result.best_class}, {best.model_class.law_in_words}"
+    others = [each for each in result.classes if each is not best]
+    if not others:
+        return f"{named}, the only class."
+    second = max(others, key=lambda each: each.log_evidence)
+    ahead = best.log_evidence - second.log_evidence
+    if not math.isfinite(ahead):
+        return f"{named}; no other class can explain the data."
+    odds = f"{math.exp(ahead):.3g} to 1" if ahead < 14 else "more than a million to 1"
+    return f"{named}, ahead of {second.model_class.name} by {ahead:.2f} (odds {odds})."
+
+
+def _class_table(result: Updating) -> Table:
+    """The classes with their log evidence and its difference to the best (Song Table 3)."""
+    named = [each.log_evidence for each in result.classes if each.model_class.name == result.best_class]
+    best = named[0] if named else max((each.log_evidence for each in result.classes), default=0.0)
+    rows = []
+    for each in result.classes:
+        first = each.evidences[0]
+        marked = "best" if each.model_class.name == result.best_class else f"{first.log_evidence - best:+.2f}"
+        cells = (f"{first.log_evidence:.2f}", _spread(first.std) or "-", marked, f"{each.log_likelihood_at_best:.2f}")
+        rows.append((each.model_class.name, each.model_class.law_in_words, *cells))
+    heads = columns("class", "law", "log evidence", "std. dev.", "to the best", "log likelihood", left=(0, 1))
+    return Table(heads, tuple(rows), "Model classes")
+
+
+def _coefficient_table(result: Updating, truth: UpdatingTruth | None) -> Table:
+    """The parameters of every class, and the coefficients that they are in SI units (Song Table 4)."""
+    return estimate_table(
+        (row for each in result.classes for row in _rows_of(each, truth)),
+        truth,
+        "Coefficients of the classes",
+        legend="Each coefficient is its parameter θ times the scale of the class, in the unit of its row, for z in m "
+        "and f in N; mean, standard deviation and the 95 % interval are those of the posterior samples."
+        + (_SIMULATED if truth else ""),
+    )
+
+
+def _rows_of(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Row]:
+    own = posterior.model_class
+    several = len(own.kinds) > 1
+    names = [f"k{number}" if several else "k" for number in range(1, len(own.kinds) + 1)]
+    terms = (formula(LAWS[kind].latex).replace("k", name, 1) for kind, name in zip(own.kinds, names, strict=True))
+    scales = ", ".join(f"{name} = theta x {scale:.4g}" for name, scale in zip(names, own.scales, strict=True))
+    yield (f"{own.name}: f(z) = {' + '.join(terms)}, {scales}",)
+    true = true_theta(posterior, truth)
+    coefficients = posterior.coefficients
+    for number, (name, estimate) in enumerate(posterior.estimates.items()):
+        kind, value = own.kinds[number], true[number]
+        yield estimate_row(name, "1", estimate, value)
+        coefficient, unit = coefficients[kind]
+        known = None if value is None else value * own.scales[number] + 0.0
+        yield estimate_row(short_kind(kind), unit, coefficient, known)
+
+
+def _linear_table(result: Updating, truth: UpdatingTruth | None) -> Table:
+    """The linear parameters, factors of the nominal values (Song Table 1)."""
+    true = truth.linear if truth else {}
+    rows = (
+        estimate_row(name, "of nominal", estimate, true.get(name))
+        for name, estimate in (result.linear.estimates.items() if result.linear is not None else ())
+    )
+    return estimate_table(rows, truth, "Linear structure")
+
+
+def _mode_table(result: Updating) -> Table:
+    """Frequency and MAC of each identified mode before and after linear updating (Song Table 2)."""
+    rows = []
+    for mode in result.linear.modes if result.linear is not None else ():
+        hz = [f"{value:.2f} Hz" for value in (mode.identified_hz, mode.initial_hz, mode.updated_hz)]
+        rows.append((str(mode.mode), *hz, f"{mode.initial_mac:.3f}", f"{mode.updated_mac:.3f}"))
+    return Table(columns("mode", "identified", "initial", "updated", "MAC, initial", "MAC, updated"), tuple(rows))
+
+
+def _evidence_table(result: Updating) -> Table:
+    """The log evidence of each class by every method; empty where there is one method."""
+    methods = list(dict.fromkeys(one.method for each in result.classes for one in each.evidences))
+    rows = []
+    for each in result.classes if len(methods) > 1 else ():
+        by_method = {one.method: one for one in each.evidences}
+        cells = []
+        for method in methods:
+            found = by_method.get(method)
+            spread = _spread(found.std) if found is not None else ""
+            cells.append("-" if found is None else f"{found.log_evidence:.2f}{spread and f' ± {spread}'}")
+        rows.append((each.model_class.name, *cells))
+    return Table(
+        columns("log evidence (± std. dev.)", *methods),
+        tuple(rows),
+        note="Log evidence by every method that was run; classes are compared by the first.",
+    )
+
+
+def _sensitivity_table(result: Updating) -> Table:
+    """What wider priors do to the log evidence of each class."""
+    names = list(dict.fromkeys(name for each in result.classes for name in each.prior_sensitivity))
+    rows = []
+    for each in result.classes if names else ():
+        changes = [each.prior_sensitivity.get(name, math.nan) for name in names]
+        rows.append((each.model_class.name, *(f"{c:+.2f}" if math.isfinite(c) else "-" for c in changes)))
+    return Table(
+        columns("prior twice as wide", *names),
+        tuple(rows),
+        note="What a prior twice as wide does to the log evidence: of a wide uniform prior -0.69, for log 2.",
+    )
+
+
+def _sampling_table(result: Updating) -> Table:
+    """How well each posterior was sampled."""
+    linear = [] if result.linear is None else [("linear", result.linear.diagnostics)]
+    each = [*linear, *((each.model_class.name, each.diagnostics) for each in result.classes)]
+    heads = columns("sampling", "by", "samples", "evaluations", "accepted", "effective", "R-hat")
+    return Table(heads, tuple((name, *_sampling_cells(known)) for name, known in each))
+
+
+def _coverage_table(result: Updating) -> Table:
+    """The fraction of measured points within the predicted band, one row a sensor and one column a mode."""
+    modes = sorted({band.mode for band in result.prediction})
+    rows = []
+    for sensor in dict.fromkeys(band.sensor for band in result.prediction):
+        own = [band for band in result.prediction if band.sensor == sensor]
+        # of several bands of one mode and sensor all stand in one cell
+        cells = [", ".join(_percent(band.coverage) for band in own if band.mode == mode) or "-" for mode in modes]
+        rows.append((f"sensor {sensor}", *cells))
+    gaps = "".join(
+        f" The band of mode {band.mode} has no frequency at {band.n_missing} of its {band.amplitude.size} "
+        "amplitudes, where most draws of the parameters have no backbone; its figure has a gap there."
+        for band in result.prediction
+        if band.n_missing
+    )
+    return Table(
+        columns("within the band", *(f"mode {mode}" for mode in modes)),
+        tuple(rows),
+        note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
+        f"points: it tells whether the errors are as large as assumed, and is no test on new data.{gaps}",
+    )
+
+
+def _spread(std: float) -> str:
+    """The standard deviation of a log evidence, "" where it is too small to count."""
+    return f"{std:.2f}" if std >= 0.005 else ""
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.0f} %" if math.isfinite(value) else "-"
+
+
+def _sampling_cells(each: Diagnostics) -> tuple[str, ...]:
+    return (
+        each.sampler,
+        str(each.n_samples),
+        str(each.n_evaluations),
+        _percent(each.acceptance),
+        f"{each.effective_samples:.0f}" if math.isfinite(each.effective_samples) else "-",
+        f"{each.r_hat:.3f}" if math.isfinite(each.r_hat) else "-",
+    )
+
+
+# ---- what the reduction leaves out ------------------------------------------------------------------
+
+
+def reduction_sentences(result: Updating) -> tuple[str, ...]:
+    """Return how much of the whole structure each reduced one keeps (Song Fig. 7)."""
+    tested = sorted({curve.mode for curve in result.measured})
+    return tuple(_kept(each, tested) for each in result.reductions)
+
+
+def order_sentences(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
+    """Return why the modal assurance criterion is small where it is: what is true of these reductions."""
+    return tuple(reason for each in reductions for reason in _reasons(each))
+
+
+def _kept(errors: ReductionErrors, tested: Sequence[int]) -> str:
+    n = errors.relative.size
+    parts = []
+    compared = [mode for mode in tested if mode <= n]
+    if compared:
+        worst = float(np.abs(errors.relative[np.array(compared) - 1]).max())
+        parts.append(f"frequency of {_modes(compared)} off by at most {100 * worst:.1g} %")
+    beyond = np.flatnonzero(np.abs(errors.relative) >= KEPT)
+    n_kept = int(beyond[0]) if beyond.size else n
+    if n_kept:
+        parts.append(f"{_modes(range(1, n_kept + 1))} by less than {100 * KEPT:g} %")
+    cut = f" ({counted(errors.n_cut, 'direction')} cut off)" if errors.n_cut else ""
+    return f"{counted(errors.n_dof, 'coordinate')}{cut}, {_BASES[errors.method]}: {', '.join(parts)}"
+
+
+def _reasons(errors: ReductionErrors) -> Iterator[str]:
+    """Why a modal assurance criterion is small: the order of the modes has changed, or a mode is like no single one."""
+    number = np.arange(1, errors.nearest.size + 1)
+    moved = np.flatnonzero((errors.nearest > 0) & (errors.nearest != number))
+    lost = [int(mode) for mode in number[errors.nearest == 0]]
+    of = "held" if errors.method == "fixed" else "free"
+    if moved.size:
+        pairs = [f"mode {number[k]} is the whole structure's mode {errors.nearest[k]}" for k in moved[:MOST_NAMED]]
+        more = f" and {moved.size - MOST_NAMED} more" * (moved.size > MOST_NAMED)
+        yield (
+            f"with {of} modes the order changes: {', '.join(pairs)}{more} (crosses: MAC at least "
+            f"{errors.nearest_mac[moved].min():.2f}), so that the MAC of equal numbers is small there"
+        )
+    if lost:
+        yield f"with {of} modes the shape of {_modes(lost)} is like no single one of the {number.size} compared"
+
+
+def _modes(numbers: Sequence[int]) -> str:
+    """ "mode 3", "modes 1 to 9", "modes 7 and 8", "modes 2, 7 and 9"."""
+    if len(numbers) == 1:
+        return f"mode {numbers[0]}"
+    if isinstance(numbers, range) or len(numbers) > MOST_NAMED:
+        return f"modes {numbers[0]} to {numbers[-1]}"
+    return f"modes {', '.join(map(str, numbers[:-1]))} and {numbers[-1]}"
+
+
+# ---- figures ----------------------------------------------------------------------------------------
+
+
+def figures_of(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
+    """Yield the figures in the order of the work, those that have something to show."""
+    for mode in sorted({curve.mode for curve in result.measured}):
+        yield _measured_figure(result, mode)
+    if result.linear is not None:
+        yield from _linear_figures(result.linear, truth)
+    if result.reductions:
+        yield _reduction_figure(result)
+    if result.classes:
+        yield from _class_figures(result, truth)
+    for mode in sorted({band.mode for band in result.prediction}):
+        yield _predicted_figure(result, mode)
+
+
+def _measured_figure(result: Updating, mode: int) -> Figure:
+    return Figure(
+        f"measured_mode_{mode}",
+        f"Mode {mode}: what was measured",
+        "Amplitude of the first harmonic over the frequency of phase resonance, one curve a test. They should lie on "
+        "each other: how far they do not is what the likelihood takes for errors. A loop or a peak is a modal "
+        "interaction, of which one harmonic knows nothing.",
+        lambda: plots.measured_backbones(result.measured, mode, sensors=_moving(result, mode)),
+    )
+
+
+def _linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
+    yield Figure(
+        "linear_updating",
+        "The linear structure, before and after",
+        "Frequencies and shapes of the lowest points of the backbones against the structure as it was given and with "
+        "its updated parameters.",
+        lambda: plots.linear_updating(linear),
+    )
+    yield Figure(
+        "linear_samples",
+        "Linear parameters",
+        "Samples of the posterior of the factors as densities, with the contours of 50, 90 and 99 % of a Gaussian of "
+        "the same mean and covariance. Green, if any, is the truth of a simulation.",
+        lambda: plots.parameter_samples(
+            linear.samples,
+            [f"{name} [of nominal]" for name in linear.names],
+            truth=[truth.linear.get(name) for name in linear.names] if truth else None,
+        ),
+    )
+    yield Figure(
+        "linear_running",
+        "Linear parameters: have they converged?",
+        "Mean and standard deviation of the samples so far. Lines that still drift at the end ask for more samples.",
+        lambda: plots.running_moments(linear.samples, linear.names),
+    )
+
+
+def _reduction_figure(result: Updating) -> Figure:
+    sentences = (*reduction_sentences(result), *order_sentences(result.reductions))
+    used, *others = result.reductions
+    caption = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
+    return Figure(
+        "reduction",
+        "What the reduction leaves out",
+        "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
+        f"are tested and those near their multiples should be exact; higher ones need not. {caption}",
+        lambda: plots.reduction_figure(used, free=others[0] if others else None),
+    )
+
+
+def _class_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
+    yield Figure(
+        "log_evidences",
+        "Which class",
+        "Log evidence less that of the best class (in red), by every method that was run. Three is strong, five is "
+        "decisive, and one is nothing; a class with a further term pays for the width of its prior.",
+        lambda: plots.log_evidences(result),
+    )
+    yield Figure(
+        "joint_forces",
+        "What the classes make of the joints",
+        "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
+        "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be told apart by these data.",
+        lambda: _draw_forces(result, truth),
+    )
+    for number, posterior in enumerate(result.classes, start=1):
+        yield from _figures_of_class(number, posterior, truth)
+
+
+def _figures_of_class(number: int, posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
+    name = posterior.model_class.name
+    labels = posterior.labels
+    yield Figure(
+        f"class_{number}_samples",
+        f"{name}, {posterior.model_class.law_in_words}: parameters",
+        "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
+        "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
+        lambda: plots.parameter_samples(
+            posterior.samples, labels, truth=true_theta(posterior, truth) if truth else None
+        ),
+    )
+    yield Figure(
+        f"class_{number}_running",
+        f"{name}, {posterior.model_class.law_in_words}: have they converged?",
+        "Mean and standard deviation of the samples so far.",
+        lambda: plots.running_moments(posterior.samples, labels),
+    )
+
+
+def _predicted_figure(result: Updating, mode: int) -> Figure:
+    n_missing = sum(band.n_missing for band in result.prediction if band.mode == mode)
+    gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
+    return Figure(
+        f"predicted_mode_{mode}",
+        f"Mode {mode}: what the best class predicts",
+        "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
+        "the fraction within the band is no test on new data. Points that leave the band on one side, and more of them "
+        f"with the amplitude, ask for another law.{gap}",
+        lambda: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
+    )
+
+
+def true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[float | None]:
+    """Return the true value of each parameter of a class; None for all if the class lacks a part of the true law."""
+    own = posterior.model_class
+    law = {term.name: term.amplitude for term in truth.law.terms} if truth else None
+    if law is None or not set(law) <= set(own.kinds):
+        return [None] * own.n_parameters
+    return [law.get(kind, 0.0) / scale + 0.0 for kind, scale in zip(own.kinds, own.scales, strict=True)]
+
+
+def _draw_forces(result: Updating, truth: UpdatingTruth | None) -> Any:
+    reached = result.reached_extension
+    # joints that the tests do not extend have laws all the same
+    extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
+    return plots.joint_forces(
+        extension,
+        [_force_band(each, extension) for each in result.classes],
+        best=result.best_class,
+        truth=truth.law.force(extension, 0.0) if truth else None,
+        reached=reached,
+    )
+
+
+def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
+    own = posterior.model_class
+    thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
+    draws = np.array([own.law(theta).force(extension, 0.0) for theta in thinned])
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
+
+
+def _moving(result: Updating, mode: int) -> list[str]:
+    """The sensors that move most in a mode, in the order of the data."""
+    curves = [curve for curve in result.measured if curve.mode == mode]
+    largest: dict[str, float] = {}
+    for curve in curves:
+        for sensor, values in zip(curve.sensors, np.abs(curve.amplitude).max(axis=0), strict=True):
+            largest[sensor] = max(largest.get(sensor, 0.0), float(values))
+    chosen = sorted(largest, key=lambda sensor: -largest[sensor])[:N_SENSORS_SHOWN]
+    return [sensor for sensor in largest if sensor in chosen]
+
+
+def _bands_shown(result: Updating, mode: int) -> list[Any]:
+    shown = set(_moving(result, mode)) if any(curve.mode == mode for curve in result.measured) else set()
+    own = [band for band in result.prediction if band.mode == mode]
+    return ([band for band in own if band.sensor in shown] or own)[:N_SENSORS_SHOWN]

@@ -1,1 +1,0 @@
-"""Reports of Bayesian updating."""
