@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from opid import plots
 from opid.mechanics.laws.law import Law
-from opid.plots.spectra import _noise_lines
+from opid.plots.runs import _noise_lines
 from opid.plots.style import every, panels, pretty
 from opid.signals.recording import Channel, Recording
 from opid.studies.study_file import read_study

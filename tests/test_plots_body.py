@@ -10,7 +10,7 @@ from made_body import LOADING, body_without_mass, short_test, small_body
 from opid import plots
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import law
-from opid.plots.body_motion import sensor_names
+from opid.plots.body import sensor_names
 from opid.plots.style import GREEN, VERMILION
 from opid.suspensions.result import BodyParameters, BodyRatios
 from opid.virtual.files.taxi import taxi_truth

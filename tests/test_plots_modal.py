@@ -13,7 +13,7 @@ from opid.mechanics.truth import ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.linear.frequency_response import cmif, measured_response, resynthesised
 from opid.modal.resonance.appropriation import modal_interaction
-from opid.plots.modal.fits import fourier_amplitude
+from opid.plots.nonlinear_modes import fourier_amplitude
 from opid.plots.style import BLUE, INK, VERMILION
 from opid.signals.recording import Recording
 

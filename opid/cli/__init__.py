@@ -5,32 +5,8 @@ Exit status 0: done. 1: the data do not determine the answer (what was determine
 Heavy imports stand inside the commands, so that help and usage errors come at once.
 """
 
-from opid.cli.bench import law
-from opid.cli.compare import compare
-from opid.cli.decay import decay
+from opid.cli import laws, logs, modal, suspensions, update, virtual_structures, virtual_tests
 from opid.cli.group import main
-from opid.cli.laws import laws
-from opid.cli.logs import inspect
-from opid.cli.modal import modal
-from opid.cli.studies import identify
-from opid.cli.update import update
-from opid.cli.virtual_structures import backbones, sine_beats
-from opid.cli.virtual_tests import aircraft, demo, simulate, taxi
 
-__all__ = [
-    "aircraft",
-    "backbones",
-    "compare",
-    "decay",
-    "demo",
-    "identify",
-    "inspect",
-    "law",
-    "laws",
-    "main",
-    "modal",
-    "simulate",
-    "sine_beats",
-    "taxi",
-    "update",
-]
+# importing the other modules adds their commands to `main`
+__all__ = ["laws", "logs", "main", "modal", "suspensions", "update", "virtual_structures", "virtual_tests"]

@@ -1,4 +1,4 @@
-"""What every command shares: the group, failures as sentences, folders for results, progress on stderr."""
+"""What the commands share: their group, failures as sentences, folders for results, and progress on stderr."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from shutil import get_terminal_size
@@ -24,17 +24,16 @@ if TYPE_CHECKING:
     from opid.result import Result
 
 
-LONGEST_SUMMARY = 1000
-"""Characters: more than any first sentence has."""
+PATH = click.Path(path_type=Path)
 
 
 def example(command: str) -> str:
-    """Return the end of a help text: an example, which click does not wrap."""
+    """Return the end of a help text: an example that click does not wrap."""
     return f"\b\nExample:\n  {command}"
 
 
 class Number(click.ParamType):
-    """A number, with what to give where something else was given."""
+    """A number; the refusal of any other text says what is needed."""
 
     name = "number"
 
@@ -42,7 +41,7 @@ class Number(click.ParamType):
         self.needed = needed
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Turn what was given into a number."""
+        """Return the text as a number."""
         try:
             return float(value)
         except ValueError:
@@ -50,7 +49,7 @@ class Number(click.ParamType):
 
 
 class BadInput(click.ClickException):
-    """What was given cannot be used."""
+    """The input cannot be used."""
 
     exit_code = 2
 
@@ -68,18 +67,18 @@ class Interrupted(click.ClickException):
 
 
 class Commands(click.Group):
-    """Commands whose failures for the user's reasons are sentences, not tracebacks."""
+    """Commands that end with a sentence, not with a traceback, where the input or the data are at fault."""
 
     group_class = type
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands with their whole summaries, which click cuts to one line each."""
-        rows = [(name, each.get_short_help_str(LONGEST_SUMMARY)) for name, each in sorted(self.commands.items())]
+        """List the commands with their whole summaries, which click would shorten to one line each."""
+        rows = [(name, each.get_short_help_str(limit=1000)) for name, each in sorted(self.commands.items())]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def invoke(self, context: click.Context) -> Any:
-        """Run the command that was asked for."""
+        """Run a command."""
         try:
             return super().invoke(context)
         except InputError as error:
@@ -87,7 +86,7 @@ class Commands(click.Group):
         except NotDeterminedError as error:
             raise NotDetermined(str(error)) from error
         except OSError as error:
-            # without a name it is no file of the user's (a pipe whose reader has gone: click ends quietly)
+            # an error without a file is that of a pipe whose reader has ended: click then ends without a word
             if error.filename is None:
                 raise
             raise BadInput(f"{error.filename}: {error.strerror}") from error
@@ -114,30 +113,36 @@ def main() -> None:
 
 
 def result_name(path: Path) -> str:
-    """Name a result after its study; every other study is called study.toml, so after the directory of such a one."""
+    """Return the name of a result: that of its study file, or that of its directory if the file is study.toml."""
     return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
 
 
 REPORT = ("result.json", "report.html")
-"""Files that every report has, by which an older one is known."""
+"""Files that every report has, so that an older report is recognised by them."""
 
 
 def overwrite_option(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the option to overwrite older files, as the argument `overwrite`."""
+    """Return the option to overwrite older files, which is the argument `overwrite` of a command."""
     return click.option(name, "overwrite", is_flag=True, help="Overwrite what an earlier run has left in the folder.")
 
 
 with_force = overwrite_option("--force")
 
 
-def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool, option: str = "--force") -> Path:
-    """Return the path of a directory for these files; refuse before long work where one of them is there.
+def out_option(help_text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option that names the folder for a report."""
+    return click.option("--out", type=PATH, metavar="DIR", help=help_text)
 
-    Files of other names stay in any case.
+
+truth_option = click.option("--truth", type=PATH, metavar="JSON", help="truth.json of a simulation, to compare.")
+
+
+def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool, option: str = "--force") -> Path:
+    """Return the path of a directory for these files, and refuse before long work if one of them exists already.
 
     Raises:
-        InputError: a file stands in the way, the place is not writable, or an older file is there and `overwrite`,
-            which `option` asks for, is False.
+        InputError: the directory cannot be made or written to, or a file exists and may not be overwritten, which
+            `option` would allow.
     """
     from opid.signals.files import require_directory
 
@@ -150,8 +155,9 @@ def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool, optio
 
 @dataclass(frozen=True)
 class Output:
-    """What a command that writes a report shows of its work, and whether it may overwrite an older report."""
+    """What a command prints, where it writes its report, and whether it may overwrite an older one."""
 
+    out: Path | None
     overwrite: bool
     as_json: bool
     quiet: bool
@@ -159,19 +165,38 @@ class Output:
     figures: bool
     option: str = "--force"
 
-    def directory(self, path: Path, names: tuple[str, ...] = REPORT) -> Path:
-        """Return the path of a directory for the report, as `free_directory`."""
-        return free_directory(path, names, overwrite=self.overwrite, option=self.option)
+    def reserved(self, names: tuple[str, ...] = REPORT, *, default: str = "") -> Output:
+        """Return the output with a folder for these files, as `free_directory`; without one where none is named."""
+        if self.out is None and not default:
+            return self
+        path = self.out or Path(default)
+        return replace(self, out=free_directory(path, names, overwrite=self.overwrite, option=self.option))
 
     def progress(self) -> AbstractContextManager[Callable[[str], None]]:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
 
+    def write(
+        self,
+        result: Result,
+        truth: Truth | None = None,
+        *,
+        command: Sequence[str] | None = None,
+        progress: Callable[[str], None],
+    ) -> tuple[str, ...]:
+        """Write the report into the folder, and return a note that names its page; nothing where there is no folder."""
+        from opid.report import write_report
+
+        if self.out is None:
+            return ()
+        page = write_report(result, self.out, truth, command=command, figures=self.figures, progress=progress)
+        return (f"Report: {page} (open it in a browser)",)
+
     def show(self, result: Result, truth: Truth | None = None, *, notes: Sequence[str] = ()) -> None:
-        """Print the result: as JSON where that is asked for, otherwise as text with the notes below it.
+        """Print the result as JSON, or as text with the notes below it.
 
         Raises:
-            NotDetermined: something is not determined; the reason is in it where no text has given it.
+            NotDetermined: something is not determined; it has the reason if no text has told it.
         """
         from opid.json_values import json_text
         from opid.provenance import traced
@@ -190,13 +215,15 @@ class Output:
 
 
 def with_output(command: Callable[..., None], *, option: str = "--force") -> Callable[..., None]:
-    """Give a command the options of `Output`, and `output` in their place; `option` asks for overwriting."""
+    """Give a command the options of an `Output`, which becomes its argument `output`; `option` allows overwriting."""
 
     @wraps(command)
-    def run(*, overwrite: bool, as_json: bool, quiet: bool, verbose: bool, figures: bool, **given: Any) -> None:
+    def run(
+        *, out: Path | None, overwrite: bool, as_json: bool, quiet: bool, verbose: bool, figures: bool, **given: Any
+    ) -> None:
         if quiet and verbose:
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
-        command(output=Output(overwrite, as_json, quiet, verbose, figures, option), **given)
+        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, option), **given)
 
     decorated: Callable[..., None] = run
     for each in (
@@ -212,19 +239,14 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
     return decorated
 
 
-def report_note(page: Path | None) -> tuple[str, ...]:
-    """Say where the page is; nothing where none was written."""
-    return () if page is None else (f"Report: {page} (open it in a browser)",)
-
-
 def show_next(command: str, study: Path) -> None:
-    """Print the command line that works on a virtual test, beside whose study its truth stands, as a shell takes it."""
+    """Print the command line that identifies a virtual test from its study and compares the result with the truth."""
     words = ["opid", command, str(study), "--truth", str(study.with_name("truth.json"))]
     click.echo(f"Next: {shlex.join(words)}")
 
 
-class _Shown(logging.Handler):
-    """What the library logs, as steps of the work."""
+class _LogAsSteps(logging.Handler):
+    """Shows what the library logs like steps of the work."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         super().__init__()
@@ -237,13 +259,13 @@ class _Shown(logging.Handler):
 
 @contextmanager
 def steps() -> Iterator[Callable[[str], None]]:
-    """Print each step and each record of the logger "opid" on a line of its own on stderr, with the seconds passed."""
+    """Print each step and each message that opid logs on stderr, each on a line with the seconds since the start."""
     start, logger = time.monotonic(), logging.getLogger("opid")
 
     def say(step: str) -> None:
         click.echo(f"{time.monotonic() - start:7.1f} s  {step}", err=True)
 
-    shown, before = _Shown(say), logger.level
+    shown, before = _LogAsSteps(say), logger.level
     logger.addHandler(shown)
     logger.setLevel(logging.DEBUG)
     try:
@@ -255,14 +277,14 @@ def steps() -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show the step that is under way and the time since the start on stderr; nothing where that is no terminal.
+    """Show the present step and the time since the start on stderr, if that is a terminal.
 
-    A thread draws the line anew every second: a long step is seen to be alive.
+    A thread draws the line anew every second, so that a user sees that a long step still runs.
     """
     if quiet or not sys.stderr.isatty():
         yield lambda step: None
         return
-    room = get_terminal_size().columns - 1  # what wraps cannot be drawn over
+    room = get_terminal_size().columns - 1  # a line that wraps could not be drawn over
     start, step, stirred, ended = time.monotonic(), "", Event(), Event()
 
     def say(name: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import BadInput, example, free_directory, main, progress, with_force
+from opid.cli.group import PATH, BadInput, example, free_directory, main, out_option, progress, with_force
 from opid.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 
 @main.command(epilog=example("opid inspect heavy.csv light.csv --out pictures"))
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=PATH, metavar="LOG...")
 @click.option(
     "--study",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="STUDY.toml",
     help="Read the logs, and the channels that its runs take from them, as this study file says.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Leave pictures of each log there.")
+@out_option("Leave pictures of each log there.")
 @with_force
 def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path | None, overwrite: bool) -> None:
     """Say what is in a log, and what is wrong with it.
@@ -80,7 +80,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
 
 
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
-    """How the log is to be read, and which of its channels."""
+    """How the log is to be read, and which of its channels are shown."""
     from opid.signals.log_settings import AS_WRITTEN
     from opid.studies.suspension_study import LogReading, log_readings
 
@@ -110,7 +110,7 @@ def _health(log: Path, reading: LogReading, study: Path | None) -> Health:
 
 
 def _choice(runs: tuple[str, ...]) -> str:
-    """Which of the runs that use a log is shown; empty where there is no choice."""
+    """A sentence that says as part of which run a log is shown; empty if only one run uses it."""
     if not runs:
         return "no run of the study takes a channel from this log: all are shown, read as [log] says"
     others = ", ".join(map(repr, runs[1:]))
@@ -118,7 +118,7 @@ def _choice(runs: tuple[str, ...]) -> str:
 
 
 def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> list[str]:
-    """Draw each log, some channels on every picture, and return the names of the files."""
+    """Draw the channels of each log on one or more pictures, and return the names of the files."""
     from opid.report.health import health_figures
     from opid.report.writing import pictured
     from opid.signals.files import write_together
@@ -134,10 +134,10 @@ def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> lis
 
 
 def _printable(text: str) -> str:
-    """What any terminal takes: a file name need not be UTF-8."""
+    """The text as any terminal can show it: the name of a file may be no UTF-8."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """Number the names that stand there twice."""
+    """The names, those that occur twice with a number."""
     return [f"{name}_{names[:i].count(name) + 1}" if names.count(name) > 1 else name for i, name in enumerate(names)]

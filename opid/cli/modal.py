@@ -1,20 +1,41 @@
-"""Nonlinear modal models from sine beats: `opid modal`."""
+"""Nonlinear modes: models from sine beats by `opid modal`, and the law of a free decay by `opid decay`."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Output, example, main, report_note, result_name, with_output
+from opid.cli.group import PATH, Output, example, main, out_option, result_name, truth_option, with_output
+from opid.errors import InputError, NotDeterminedError
+
+if TYPE_CHECKING:
+    from opid.modal.decay.free_decay import Decay
+    from opid.signals.recording import Recording
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)
+ORDERS = ("stiffness_order", "damping_order")
+OPTIONS = tuple(
+    (re.compile(setting), option)
+    for setting, option in (
+        (r"\bnear_hz\b", "--near"),
+        (r"\bstart_s\b", "--start"),
+        (r"\bstop_s\b", "--stop"),
+        (r"\bstiffness_order\b", "--stiffness-order"),
+        (r"\bdamping_order\b", "--damping-order"),
+        (r"`?\btime_unit\b`?( in \[log\])?", "--time-unit"),
+    )
+)
+"""Settings as the messages of the library name them, and the options of `opid decay` for them."""
 
 
 @main.command(epilog=example("opid modal bracket/study.toml --truth bracket/truth.json --out bracket_result"))
-@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: STUDY_result]")
+@click.argument("study", type=PATH, metavar="STUDY.toml")
+@out_option("For the report.  [default: STUDY_result]")
 @click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, whatever the study says.")
 @click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, whatever the study says.")
 @click.option(
@@ -34,11 +55,9 @@ FRACTION = click.FloatRange(min=0, max=1, min_open=True)
     metavar="X",
     help="Likewise of its damping ratio.  [default: as the study says, or 0.15]",
 )
-@click.option(
-    "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
-)
+@truth_option
 @with_output
-def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **settings: Any) -> None:
+def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> None:
     """Identify a nonlinear modal model from linear modes and sine beats, and judge it by a truth test.
 
     Stiffness and damping of each nonlinear mode over its amplitude, with intervals, beside what the linear model makes
@@ -49,23 +68,97 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     `opid simulate sine-beats OUT` writes a study as a template, with logs to try it on; the study file, what to record
     and what the warnings mean stand in docs/nonlinear_modal_models.md.
     """
-    from dataclasses import replace
-
     from opid.mechanics.truth import ModalTruth
     from opid.modal.identification import identify_modes
     from opid.modal.study import ModalStudy
-    from opid.report import write_report
     from opid.report.nonlinear_modes import command_of
     from opid.studies.study_file import read_study
     from opid.virtual.files.truth import read_truth
 
-    target = output.directory(out or Path(f"{result_name(study)}_result"))
+    output = output.reserved(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, ModalTruth)
     given = {name: value for name, value in settings.items() if value is not None}
     with output.progress() as say:
         tests = replace(read_study(study, kind=ModalStudy, progress=say), **given)
         result = identify_modes(tests, progress=say)
-        page = write_report(
-            result, target, known, command=command_of(result, given), figures=output.figures, progress=say
+        notes = output.write(result, known, command=command_of(result, given), progress=say)
+    output.show(result, known, notes=notes)
+
+
+@main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))
+@click.argument("log", type=PATH, metavar="LOG")
+@click.option("--channel", required=True, metavar="NAME", help="Acceleration, velocity or displacement, by its unit.")
+@click.option("--unit", metavar="UNIT", help="Of the channel (g, m/s^2, mm/s, ...), whatever the log says.")
+@click.option("--time-unit", metavar="UNIT", help="Of the time column (s, ms, ...), whatever the log says.")
+@click.option("--near", type=float, metavar="HZ", help="Frequency of the mode.  [default: the highest peak]")
+@click.option("--start", type=float, metavar="S", help="Start of the decay, s from the first sample.  [default: found]")
+@click.option("--stop", type=float, metavar="S", help="Its end, s from the first sample.  [default: found]")
+@click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, 1 is linear.  [default: found]")
+@click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, 1 is linear.  [default: found]")
+@out_option("For result.json, report and figure.")
+@with_output
+def decay(log: Path, output: Output, **settings: Any) -> None:
+    """Follow a free decay: frequency and damping over amplitude, and the law of the mode.
+
+    From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
+    """
+    output = output.reserved()
+    with output.progress() as say:
+        try:
+            found = _decay(log, settings, say)
+        except InputError as error:
+            raise InputError(_in_options(str(error))) from error
+        except NotDeterminedError as error:
+            raise NotDeterminedError(_in_options(str(error)), error.partial) from error
+        notes = output.write(found, progress=say)
+    output.show(found, notes=notes)
+
+
+def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -> Decay:
+    """The free decay in a channel of a log; its warnings name the options of this command."""
+    from opid.modal.decay.free_decay import QUANTITIES, UNITS, free_decay
+
+    say("the record")
+    record = _record(log, settings, UNITS)
+    say("the decay")
+    found = free_decay(
+        record.samples[:, 0],
+        fs=record.fs,
+        quantity=QUANTITIES[UNITS.index(record.channels[0].unit)],
+        near_hz=settings["near"],
+        start_s=settings["start"],
+        stop_s=settings["stop"],
+        name=settings["channel"],
+        **{name: settings[name] for name in ORDERS},
+    )
+    warnings = tuple(_in_options(text) for text in found.warnings)
+    return replace(found, warnings=warnings, settings={"log": str(log), **settings}, files=record.files)
+
+
+def _in_options(text: str) -> str:
+    """A message of the library with the options of this command in the place of its settings."""
+    for setting, option in OPTIONS:
+        text = setting.sub(option, text)
+    return text
+
+
+def _record(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]) -> Recording:
+    """The channel of a log in SI units, which must be those of a motion."""
+    from opid.signals.conversion import recording_of
+    from opid.signals.log_settings import ChannelSettings, LogSettings
+    from opid.signals.logs import open_log
+
+    channel, unit = settings["channel"], settings["unit"]
+    how = LogSettings(time_unit=settings["time_unit"])
+    opened = open_log(log, how)
+    track, column = opened.find(channel)
+    if unit is None and track.channels[column].unit is None:
+        raise InputError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
+    record = recording_of(opened, how, channels={channel: ChannelSettings(channel, unit=unit)})
+    if record.channels[0].unit not in units:
+        raise InputError(
+            f"channel {channel!r} of {log} is in {record.channels[0].unit}: a free decay is followed in an "
+            "acceleration, a velocity or a displacement; choose such a channel, or give the unit of its numbers, like "
+            "--unit g"
         )
-    output.show(result, known, notes=report_note(page))
+    return record

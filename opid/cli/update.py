@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Output, example, main, report_note, result_name, with_output
+from opid.cli.group import PATH, Output, example, main, out_option, result_name, truth_option, with_output
 
 if TYPE_CHECKING:
     from opid.updating.result import Updating
@@ -19,8 +19,8 @@ N_COMPARED = 20
 
 
 @main.command(epilog=example("opid update wing/study.toml --truth wing/truth.json --out wing_result"))
-@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
+@click.argument("study", type=PATH, metavar="STUDY.toml")
+@out_option("For the report.  [default: NAME_result]")
 @click.option(
     "--form",
     type=click.Choice(("recommended", "paper", "literal", "independent")),
@@ -33,12 +33,10 @@ N_COMPARED = 20
 )
 @click.option("--samples", type=click.IntRange(min=1000), metavar="N", help="Of each class, whatever the study says.")
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of the sampling, whatever the study says.")
-@click.option(
-    "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
-)
+@truth_option
 @click.option("--chains", is_flag=True, help="Write the samples beside the report, too: netCDF files for ArviZ.")
 @with_output
-def update(study: Path, out: Path | None, truth: Path | None, chains: bool, output: Output, **settings: Any) -> None:
+def update(study: Path, truth: Path | None, chains: bool, output: Output, **settings: Any) -> None:
     """Update a structure with nonlinear joints from its backbones, and tell which law the joints have.
 
     First the linear parameters from the lowest points, then the coefficients of every candidate law with their
@@ -48,14 +46,13 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
     from dataclasses import replace
 
     from opid.mechanics.truth import UpdatingTruth
-    from opid.report import write_report
     from opid.report.chains import require_arviz, write_chains
     from opid.studies.study_file import read_study
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy
     from opid.virtual.files.truth import read_truth
 
-    target = output.directory(out or Path(f"{result_name(study)}_result"))
+    output = output.reserved(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, UpdatingTruth)
     if chains:
         require_arviz()
@@ -64,13 +61,13 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
         tests = replace(read_study(study, kind=UpdatingStudy, progress=say), **given)
         found = update_study(tests, progress=say)
         result = replace(found, reductions=_reductions(tests, found))
-        page = write_report(result, target, known, figures=output.figures, progress=say)
-        files = write_chains(result, target) if chains else ()
-    output.show(result, known, notes=(*report_note(page), *(f"Chains: {file}" for file in files)))
+        notes = output.write(result, known, progress=say)
+        files = write_chains(result, output.out) if chains and output.out else ()
+    output.show(result, known, notes=(*notes, *(f"Chains: {file}" for file in files)))
 
 
 def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors, ...]:
-    """How both reduced structures differ from the whole one, the one that was used first; none with none to reduce."""
+    """The errors of both reduced structures, first of the used one; nothing if the study gives no whole structure."""
     from opid.updating.structure.affine import AffineStructure
     from opid.updating.structure.reduction import craig_bampton, reduction_errors
 

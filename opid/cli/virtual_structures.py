@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import example, free_directory, progress, show_next, with_force
+from opid.cli.group import PATH, example, free_directory, progress, show_next, with_force
 from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 if TYPE_CHECKING:
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from opid.updating.model_class import ModelClass
 
 DRIVE, DAMPING_RATIO = "7", 0.003
-"""Where the shaker acts, as in the paper, and the damping of every mode."""
+"""Sensor at which the shaker acts, as in the paper, and damping ratio of every mode."""
 
 FEWEST_CONTROLLED = 10
-"""Points of a curve of a controlled test: with larger steps it loses quadrature, after a minute."""
+"""Points of a curve of a controlled test; with fewer, larger steps it loses quadrature after a minute."""
 
 
 @simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 @click.option(
     "--case",
     type=click.Choice(("cubic", "1", "2")),
@@ -46,14 +46,7 @@ FEWEST_CONTROLLED = 10
 @click.option("--damping-error", default=0.0, show_default=True, metavar="%", help="Of the damping in modes.npz.")
 @with_force
 def sine_beats(
-    out: Path,
-    case: str,
-    seed: int,
-    noise: float,
-    shaker: bool | None,
-    frequency_error: float,
-    damping_error: float,
-    overwrite: bool,
+    out: Path, case: str, seed: int, noise: float, shaker: bool | None, overwrite: bool, **errors_percent: float
 ) -> None:
     """Write a series of modal tests of a bolted structure into the directory OUT.
 
@@ -67,13 +60,12 @@ def sine_beats(
 
     free_directory(out, ("modes.npz", *STUDY_FILES), overwrite=overwrite)
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}
-    settings |= {"frequency_error_percent": frequency_error, "damping_error_percent": damping_error}
+    settings |= {f"{name}_percent": value for name, value in errors_percent.items()}
     with progress() as say:
         say("the highest levels")
         series = virtual_series(case, shaker=shaker)
-        stated = stated_modes(
-            series.case.modes, frequency_error=frequency_error / 100, damping_error=damping_error / 100
-        )
+        fractions = {name: value / 100 for name, value in errors_percent.items()}
+        stated = stated_modes(series.case.modes, **fractions)
         rng = np.random.default_rng(seed)
         study = virtual_study(series, rng=rng, noise_share=noise, given=stated, progress=say)
         say("the files")
@@ -83,7 +75,7 @@ def sine_beats(
 
 
 @simulate.command("backbones", epilog=example("opid simulate backbones wing --true-class 2 --points 20"))
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 @click.option(
     "--by",
     type=click.Choice(("synthetic", "continuation")),

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import REPORT, Output, example, free_directory, main, progress, show_next, with_force, with_output
+from opid.cli.group import (
+    PATH,
+    REPORT,
+    Output,
+    example,
+    free_directory,
+    main,
+    progress,
+    show_next,
+    with_force,
+    with_output,
+)
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law
@@ -20,13 +32,13 @@ ROAD_CLASSES = tuple("ABCDEFGH")
 STUDY_FILES = ("study.toml", "truth.json")
 TAXI_FILES = ("heavy.csv", "light.csv", *STUDY_FILES)
 POSITION_TOLERANCE_M = 0.01
-"""What the study of an aircraft says of its coordinates, as of those of a real drawing."""
+"""Tolerance that the study of an aircraft states for its coordinates, like that of a real drawing."""
 
 
 @main.command(epilog=example("opid demo --out demo_taxi --seed 2"))
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=Path("demo_taxi"),
     show_default=True,
     metavar="DIR",
@@ -34,11 +46,10 @@ POSITION_TOLERANCE_M = 0.01
 )
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
 @with_output
-def demo(out: Path, seed: int, output: Output) -> None:
+def demo(seed: int, output: Output) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.report import write_report
     from opid.studies.study_file import read_study
     from opid.suspensions.identification import identify
     from opid.suspensions.study import Study
@@ -47,7 +58,9 @@ def demo(out: Path, seed: int, output: Output) -> None:
     from opid.virtual.taxi_tests.airframe import LandingGear
     from opid.virtual.taxi_tests.taxiing import taxi_test
 
-    output.directory(out, (*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
+    output = output.reserved((*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
+    assert output.out is not None  # the option has a default
+    out = output.out
     with output.progress() as say:
         say("two taxi runs")
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
@@ -55,11 +68,11 @@ def demo(out: Path, seed: int, output: Output) -> None:
         truth = taxi_truth(test, settings={"seed": seed})
         study = write_field_test(runs, truth, out)
         result = identify(read_study(study, kind=Study), progress=say)
-        page = write_report(result, out / "report", truth, figures=output.figures, progress=say)
+        replace(output, out=out / "report").write(result, truth, progress=say)
     notes = (
         f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}",
         f"The study:  {study}",
-        f"The report: {page} (open it in a browser)",
+        f"The report: {out / 'report' / 'report.html'} (open it in a browser)",
     )
     output.show(result, truth, notes=notes)
 
@@ -70,21 +83,21 @@ def simulate() -> None:
 
 
 def of_runs(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that taxi runs of every aircraft have."""
+    """Give a command the options of taxi runs of any aircraft."""
     for option in (
         click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="ISO 8608."),
         click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise."),
         click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate."),
         click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run."),
         click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise."),
-        click.argument("out", type=click.Path(path_type=Path)),
+        click.argument("out", type=PATH),
         with_force,
     ):
         command = option(command)
     return command
 
 
-# the defaults are those of opid.mechanics (a test compares them), written out so that help needs no heavy import
+# the defaults are those of `opid.virtual`, as a test asserts; they stand here so that help needs no heavy import
 @simulate.command(epilog=example("opid simulate taxi runs --law arctan_velocity+cubic_stiffness --noise 0.02"))
 @of_runs
 @click.option("--sprung-mass", default=1850.0, show_default=True, metavar="KG", help="M2 of the heavy run.")
@@ -174,7 +187,7 @@ def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **sett
 
 
 def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], **facts: Any) -> None:
-    """Make a taxi test of the options, write it with what its owner knows, and say what to do with it."""
+    """Simulate a taxi test, write it with the facts that its owner knows, and print the next command."""
     from opid.virtual.files.taxi import taxi_study, taxi_truth
     from opid.virtual.files.truth import write_field_test
 
@@ -190,7 +203,7 @@ def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: d
 
 
 def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
-    """Run the field test that the options of `simulate taxi` describe."""
+    """Simulate the taxi test that the options of `simulate taxi` describe."""
     import numpy as np
 
     from opid.virtual.taxi_tests.sensors import Sensor
@@ -241,9 +254,7 @@ def _gear(settings: dict[str, Any]) -> LandingGear:
 
 
 def _with_friction(law: Law, friction_n: float | None) -> Law:
-    """Give the friction term of a law another amplitude; none at all for an amplitude of 0."""
-    from dataclasses import replace
-
+    """The law with another amplitude of its friction term, or without that term if the amplitude is 0."""
     from opid.mechanics.laws.kinds import LAWS
     from opid.mechanics.laws.law import Law
 
@@ -259,7 +270,7 @@ def _with_friction(law: Law, friction_n: float | None) -> Law:
 
 
 def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
-    """Run the field test that the options describe."""
+    """Simulate the taxi test that the options of `simulate aircraft` describe."""
     import numpy as np
 
     from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
@@ -274,7 +285,7 @@ def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
         airframe = with_bending(airframe, frequency_hz=settings["bending"])
     for name, factor in settings["weaken"]:
         airframe = _weaken(airframe, name, factor)
-    # ahead of the struts and nearer to the middle, as there is room in a fuselage
+    # the sensors stand ahead of the struts and nearer to the middle, where a fuselage has room
     beside = {gear.name: (gear.x_m + 0.3, round(0.85 * gear.y_m, 2)) for gear in airframe.gears}
     behind = min(gear.x_m for gear in airframe.gears) - 3.0
     return taxi_test(
@@ -293,9 +304,7 @@ def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
 
 
 def _weaken(airframe: Airframe, name: str, factor: float) -> Airframe:
-    """The aircraft with the stiffness of one strut times `factor`; its law stays."""
-    from dataclasses import replace
-
+    """The aircraft with the stiffness of one strut times `factor` and the same law."""
     from opid.errors import InputError, nearest
 
     names = [gear.name for gear in airframe.gears]

@@ -1,4 +1,4 @@
-"""Figures of the answer: the laws that were tried, and the estimates of every method side by side."""
+"""The figure of the answer: the estimates of every method side by side."""
 
 from __future__ import annotations
 
@@ -8,33 +8,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
 from opid.estimate import Estimate
 from opid.mechanics.truth import GearTruth
-from opid.plots.laws import model_ladder
-from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
+from opid.plots.style import GREEN, GREY, INK, figure_of, house_style, minus, note, panels, run_colors
 from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.spectral_equation import RATIOS
 from opid.suspensions.result import GearRatios
 
-__all__ = ["estimates", "law_ladder"]
-
 # one for each pair of peaks that is shown
 _PAIR_MARKERS = ("D", "s", "p")
-
-
-def law_ladder(result: AnyIdentification, ax: Any = None) -> Axes:
-    """Draw the noise that each law leaves unexplained, against the noise floor of the sensors.
-
-    Args:
-        result: the identification.
-        ax: one Axes, or None for a new figure.
-    """
-    if isinstance(result, PaperIdentification):
-        return model_ladder(result.ladder, ax, noise_floor_m_per_s2=result.chain.noise_floor_m_per_s2)
-    return model_ladder(result.evidence[0].ladder, ax, noise_floor_m_per_s2=result.evidence[0].noise)
 
 
 @dataclass(frozen=True)
@@ -90,9 +76,8 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth |
                 _draw(ax, mark, low, high)
             if not any(mark.estimate.value is not None for mark in mine):
                 ax.set_xticks([])
-                ax.text(
-                    0.5, 0.5, "not determined", color=GREY, ha="center", transform=ax.transAxes, backgroundcolor="white"
-                )
+                style: dict[str, Any] = {"color": GREY, "ha": "center", "backgroundcolor": "white"}
+                ax.text(0.5, 0.5, "not determined", transform=ax.transAxes, **style)
             ax.set_title(_COLUMNS[column])
             ax.set_ylim(len(_METHODS) - 0.5, -0.5)
             ax.grid(False, axis="y")
@@ -100,7 +85,7 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth |
                 ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
         of_all = "driven model,\nall runs" if result.method == "model" else _METHODS[-1]
         grid[0, 0].set_yticks(range(len(_METHODS)), [*_METHODS[:-1], of_all])
-        _legend(grid[0, 0].get_figure(), chain, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
+        _legend(figure_of(grid), chain, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
     return grid
 
 
@@ -136,7 +121,7 @@ def _marks(result: AnyIdentification) -> Iterator[_Mark]:
 
 
 def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], float]:
-    """Mass, ratios and 1/M2 of all runs: as the result tells them, or of the fit behind the printed formula."""
+    """Mass, ratios and 1/M2 of all runs: those of the result, or of the joint fit if the method is the paper's."""
     if isinstance(result, PaperIdentification) and result.method == "paper":
         joint, added = result.joint, result.added_mass
         std = dict(zip(joint.names, joint.std, strict=True))
@@ -150,7 +135,7 @@ def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], f
 
 
 def _shown_pairs(chain: PaperChain) -> list[PeakPair]:
-    """Return the pairs with the largest |T|, credible ones first: with few averages there are dozens by chance."""
+    """Return the pairs with the largest |T|, credible ones first: few averages give dozens of pairs by chance."""
     by_weight = sorted(
         chain.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True
     )
@@ -173,7 +158,7 @@ def _true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tuple[f
 
 
 def _limits(marks: list[_Mark], truths: list[float]) -> tuple[float, float]:
-    """Frame what the sound methods find; the peak formula may lie outside."""
+    """The limits of a panel that hold what the sound methods find; the peak formula may lie outside."""
     sound = [mark.estimate for mark in marks if mark.row >= 2]
     ends = [*truths, *(v for e in sound for v in (e.interval95 or (e.value,)) if v is not None)]
     ends = ends or [mark.estimate.value for mark in marks if mark.estimate.value is not None] or [0.0]
@@ -195,23 +180,20 @@ def _draw(ax: Axes, mark: _Mark, low: float, high: float) -> None:
         return
     edge, arrow, side, align = (low, "<", 1, "left") if value < low else (high, ">", -1, "right")
     ax.plot([edge], [row], marker=arrow, markersize=3.5, clip_on=False, linestyle="none", color=mark.color)
-    inward = offset_copy(ax.transData, ax.get_figure(root=True), x=7 * side, units="points")
+    inward = offset_copy(ax.transData, figure_of(ax), x=7 * side, units="points")
     ax.plot([edge], [row], marker=mark.marker, markersize=4.5, linestyle="none", transform=inward, **style)
-    beside: dict[str, Any] = {"textcoords": "offset points", "va": "center", "ha": align, "fontsize": 7.5}
-    ax.annotate(_short(value), (edge, row), (12 * side, 0), **beside)
+    note(ax, _short(value), (edge, row), (12 * side, 0), va="center", ha=align, fontsize=7.5)
 
 
 def _short(value: float) -> str:
-    """Three digits, without a power of ten where a reader can do without."""
+    """Three digits, with a power of ten only from a million on."""
     if abs(value) >= 1e6:
-        return f"{value:.1e}".replace("-", "−")
+        return minus(f"{value:.1e}")
     rounded = float(f"{value:.3g}")
-    return (f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}").replace("-", "−")
+    return minus(f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}")
 
 
 def _legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: bool) -> None:
-    from matplotlib.lines import Line2D
-
     dot: dict[str, Any] = {"marker": "o", "linewidth": 2, "markersize": 4.5}
     handles = [
         Line2D([], [], color=color, label=f"run {run.name!r}", **dot)

@@ -11,15 +11,25 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import force_along
 from opid.plots.laws import color_of_step, name_steps, shown_steps
-from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
+from opid.plots.style import (
+    GREY,
+    INK,
+    PALE,
+    RUN_COLORS,
+    TRAVEL,
+    VELOCITY,
+    every,
+    house_style,
+    law_title,
+    note,
+    panels,
+    thick,
+)
 from opid.suspensions.bench.law import BenchLaw
 from opid.suspensions.bench.loop import sine_of
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.law_search.pursuit import chosen
 
-__all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
-
-_TRAVEL, _VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.2, "markeredgewidth": 0}
 
 
@@ -35,7 +45,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
     """
     bench, shown, scale, unit = _choose_samples(result)
     fitted = bench.force - result.residual
-    motions = list(zip(_motions(result), (_VELOCITY, _TRAVEL), strict=True))[bench.is_quasi_static :]
+    motions = list(zip(_motions(result), (VELOCITY, TRAVEL), strict=True))[bench.is_quasi_static :]
     with house_style():
         grid = panels(axes, 1, len(motions), height_in=3.7, sharey=True)
         for ax, (motion, label) in zip(grid[0], motions, strict=True):
@@ -43,7 +53,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
             ax.plot(motion[shown], scale * fitted[shown], color=RUN_COLORS[1], label="law", **_DOTS)
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel(f"force [{unit}]")
-        name = result.law.name.replace("_", " ").replace("+", " + ")
+        name = law_title(result.law.name)
         grid[0, 0].set_title(name)
         explained = f"{100 * result.r2_left_out:.4g} % explained where left out"
         if bench.is_quasi_static:
@@ -55,9 +65,9 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
 
 
 def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
-    """Draw the law over velocity (at z = 0) and over travel (at z' = 0), among the measured force less the rest of it.
+    """Draw the law over velocity (at z = 0) and over travel (at z' = 0), beside the measured force less its other part.
 
-    Of a law that remembers the loop of a sine is drawn, as large and as fast as the record.
+    Of a law that remembers, a loop is drawn: that of a sine as large and as fast as the record.
 
     Args:
         result: the law of a bench.
@@ -87,7 +97,7 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
             symbol = "C z′" if along == "velocity" else "K z"
             ax.plot(factor * line, scale * straight, color=GREY, linestyle="--", linewidth=1.1, label=symbol)
             ax.plot(factor * line, scale * curve, color=RUN_COLORS[1], linewidth=2.0, label=f"{symbol} + f")
-            ax.set_xlabel(_VELOCITY if along == "velocity" else _TRAVEL)
+            ax.set_xlabel(VELOCITY if along == "velocity" else TRAVEL)
             ax.set_title("Over velocity, z = 0" if along == "velocity" else "Over travel, z′ = 0")
             low, high = (float(scale * each) for each in (min(dots.min(), curve.min()), max(dots.max(), curve.max())))
             room = 0.06 * (high - low)
@@ -117,18 +127,11 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
             ax.plot([inside], [row], marker="o", markersize=6, color=color, markerfacecolor="white", linestyle="none")
             ax.plot([outside], [row], marker="o", markersize=6, color=color, linestyle="none")
             text = f"{100 * outside:.3g} %"
-            ax.annotate(text, (max(inside, outside), row), (7, 0), textcoords="offset points", va="center", fontsize=8)
+            note(ax, text, (max(inside, outside), row), (7, 0), va="center", fontsize=8)
         static = max(1 - result.memory.r2_at_most, least)
         ax.axvline(static, color=INK, linestyle="--", linewidth=1)
-        ax.annotate(
-            "best without memory",
-            (static, 1),
-            (0, 3),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-        )
+        above: Any = ("data", "axes fraction")
+        note(ax, "best without memory", (static, 1), (0, 3), xycoords=above, ha="center", fontsize=8)
         ax.set_xscale("log")
         low, high = ax.get_xlim()
         ax.set_xlim(low / 1.1, high * (high / low) ** 0.15)
@@ -137,7 +140,6 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         ax.tick_params(axis="x", which="minor", labelsize=7.5)
         name_steps(ax, steps, answer)
         ax.grid(True, axis="x", which="both")
-        ax.grid(False, axis="y")
         ax.set_xlabel("unexplained fraction of the force: fitted ○, left out ●")
         ax.set_title("Laws tried", pad=16)
     return ax
@@ -157,9 +159,9 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
     time = np.arange(bench.force.size) / bench.fs
     with house_style():
         velocity, travel = _motions(result)
-        quantities = [(time, "time [s]"), (velocity, _VELOCITY), (travel, _TRAVEL)]
+        quantities = [(time, "time [s]"), (velocity, VELOCITY), (travel, TRAVEL)]
         if bench.is_quasi_static:
-            quantities = [(time, "distance [m]"), (travel, _TRAVEL)]
+            quantities = [(time, "distance [m]"), (travel, TRAVEL)]
         grid = panels(axes, 1, len(quantities), height_in=3.1, sharey=True)
         for ax, (along, label) in zip(grid[0], quantities, strict=True):
             ax.plot(along[shown], scale * bench.force[shown], color=PALE, label="force", **_DOTS)
@@ -179,7 +181,7 @@ def _motions(result: BenchLaw) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> np.ndarray:
-    """The part of the force along travel or velocity, the other zero, without what remembers."""
+    """The force along travel or velocity while the other is zero, without the terms that remember."""
     zero = np.zeros_like(position)
     motion = (zero, position) if along == "velocity" else (position, zero)
     static = Law(tuple(term for term in result.law.terms if term.kind.memory is None))
@@ -187,14 +189,14 @@ def _along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> 
 
 
 def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Travel, velocity and force of what remembers over the last cycle of a sine as large and as fast as the record."""
+    """Travel, velocity, and force of the terms that remember, over the last cycle of a sine like the record."""
     z, v, fs = sine_of(bench)
     n = z.size // 4
     return z[-n:], v[-n:], force_along(memory, z, v, fs)[-n:]
 
 
 def _choose_samples(result: BenchLaw) -> tuple[Bench, slice, float, str]:
-    """The record, its samples that are drawn, and the unit of force with the factor that leads to it."""
+    """The record, those of its samples that are drawn, and the unit of force with the factor from newtons."""
     force = result.bench.force
     factor, unit = (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
     return result.bench, every(force.size), factor, unit

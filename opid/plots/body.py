@@ -1,4 +1,4 @@
-"""Figures of a body on several suspensions: where everything is, which structure, and suspension by suspension."""
+"""Figures of a body on several suspensions: its plan, its structure, each suspension, and its motion."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth
 from opid.plots.style import (
     BEHIND,
@@ -19,20 +20,34 @@ from opid.plots.style import (
     GREY,
     INK,
     PALE,
+    SHADED,
+    SKY,
+    TRAVEL,
+    VELOCITY,
     VERMILION,
     figure_of,
     house_style,
+    law_title,
+    minus,
+    name_rows,
+    note,
     panels,
+    panels_in_rows,
     plain_numbers,
     pretty,
+    require_answer,
     run_colors,
+    smoothed,
+    thick,
 )
-from opid.suspensions.result import BodyRatios, Candidate, Identification
+from opid.suspensions.result import BodyRatios, Candidate, Identification, InterfaceEstimate, RunResidual
 
-__all__ = ["plan_view", "structure_candidates", "suspension_parameters"]
-
+# a structure that leaves a larger residual over noise is drawn here; its number is written beside it
 FARTHEST_DRAWN = 1e4
-"""Residual over noise at which a structure stands whose fit ran away and left more; its number is written beside it."""
+# the residual is averaged over lines within this width
+SMOOTHING_HZ = 0.5
+# length of the stretch of measured and predicted accelerations that is shown
+SHOWN_S = 4.0
 
 
 def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None = None) -> Axes:
@@ -48,11 +63,11 @@ def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None
         for name, (x, y, sensor_x, sensor_y) in result.places.items():
             ax.plot([y, sensor_y], [x, sensor_x], color=PALE, linewidth=1.2, zorder=1)
             ax.plot([y], [x], marker="o", markersize=11, color=INK, markerfacecolor="white", markeredgewidth=1.8)
-            _note(ax, name, (y, x), (0, -16), fontweight="bold", ha="center")
+            note(ax, name, (y, x), (0, -16), fontweight="bold", ha="center")
             _sensor(ax, sensor_x, sensor_y)
         for name, (x, y) in further_sensors(result).items():
             _sensor(ax, x, y)
-            _note(ax, name, (y, x), (8, 0), color=BLUE, va="center")
+            note(ax, name, (y, x), (8, 0), color=BLUE, va="center")
         _loadings(ax, result)
         _centre_of_gravity(ax, result, truth)
         _room(ax)
@@ -82,7 +97,7 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
     candidates, explained = result.candidates, result.settings.verdicts.explained
     with house_style():
         ax = panels(ax, 1, height_in=1.4 + 0.5 * len(candidates))[0, 0]
-        ax.axvspan(1e-3, explained, color="#F1F1F1", zorder=0)
+        ax.axvspan(1e-3, explained, color=SHADED, zorder=0)
         ax.axvline(explained, color=INK, linestyle="--", linewidth=1)
         found = [value for candidate in candidates for value in _levels(candidate)] or [1.0]
         for row, candidate in enumerate(candidates):
@@ -91,12 +106,8 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
         ax.set_xlim(min(0.8, *found) / 1.1, max(4.0, *found) * 3.0)
         plain_numbers(ax.xaxis)
         labels = [candidate.label + _law_line(candidate) for candidate in candidates]
-        ax.set_yticks(range(len(candidates)), labels, fontsize=8)
-        for label, candidate in zip(ax.get_yticklabels(), candidates, strict=True):
-            label.set_color(VERMILION if candidate.recommended else INK)
-            label.set_fontweight("bold" if candidate.recommended else "normal")
-        ax.set_ylim(len(candidates) - 0.5, -0.5)
-        ax.grid(False, axis="y")
+        chosen = [candidate.recommended for candidate in candidates]
+        name_rows(ax, labels, [VERMILION if each else INK for each in chosen], chosen=chosen, fontsize=8)
         ax.set_xlabel(f"residual over the noise of the sensors; up to {explained:g} it is noise")
         ax.set_title("Structures on the same data")
         dot: dict[str, Any] = {"marker": "o", "markersize": 7, "color": GREY, "linestyle": "none"}
@@ -123,30 +134,153 @@ def suspension_parameters(result: Identification, axes: Any = None, *, truth: Bo
     rows = -(-len(quantities) // columns)
     names = [interface.name for interface in result.interfaces]
     with house_style():
-        grid = panels(axes, rows, columns, height_in=0.5 + 2.9 * rows)
+        grid = panels_in_rows(axes, len(quantities), columns, height_in=0.5 + 2.9 * rows)
         for ax, quantity in zip(grid.ravel(), quantities, strict=False):
             _quantity(ax, quantity, names)
-        for ax in grid.ravel()[len(quantities) :]:
-            ax.set_axis_off()
         if truth is not None:
             grid[0, 0].legend(loc="lower right")
     return grid
 
 
-def further_sensors(result: Identification) -> dict[str, tuple[float, float]]:
-    """Return the (x, y) of the sensors on the body beside those of the suspensions, by the names of their channels.
+def suspension_forces(result: Identification, axes: Any = None, *, truth: BodyTruth | None = None) -> np.ndarray:
+    """Draw the force of each suspension over velocity and over travel, and its nonlinear part.
+
+    Suspensions that share one law share a row.
 
     Args:
         result: the identification.
+        axes: two Axes for each row, or None for a new figure.
+        truth: of a simulated aircraft: the true nonlinear part is drawn too.
+
+    Returns:
+        (n_rows, 2) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
+    shown = [
+        each
+        for index, each in enumerate(result.interfaces)
+        if not any(before.name in each.shared_with for before in result.interfaces[:index])
+    ]
+    with house_style():
+        grid = panels(axes, len(shown), 2, height_in=0.5 + 2.4 * len(shown))
+        for row, interface in zip(grid, shown, strict=True):
+            _forces(row, result, interface, _true_law(interface, truth, result.per_mass))
+        grid[-1, 0].set_xlabel(VELOCITY)
+        grid[-1, 1].set_xlabel(TRAVEL)
+        for ax in grid[0]:
+            thick(ax.legend(loc="upper left", fontsize=7, handlelength=1.4, labelspacing=0.3))
+    return grid
+
+
+def predicted_accelerations(
+    result: Identification, axes: Any = None, *, run: str | None = None, start_s: float | None = None
+) -> np.ndarray:
+    """Draw some seconds of what each sensor on the body read and of what the model said it would, offsets removed.
+
+    Args:
+        result: the identification.
+        axes: one Axes a sensor, or None for a new figure.
+        run: name of the run; the first where left out.
+        start_s: first time; where left out the stretch is around the largest reading.
+
+    Returns:
+        (n_sensors, 1) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
+    """
+    require_answer(result)
+    shown = next((each for each in result.runs if each.name == run), result.runs[0])
+    begin = _loudest(shown) if start_s is None else start_s
+    part = (shown.time_s >= begin) & (shown.time_s <= begin + SHOWN_S)
+    names = sensor_names(result, len(shown.measured))
+    with house_style():
+        grid = panels(axes, len(names), height_in=0.7 + 1.55 * len(names), sharex=True)
+        for ax, name, measured, predicted in zip(grid[:, 0], names, shown.measured, shown.predicted, strict=True):
+            # an accelerometer may have an offset that the model does not know
+            read = measured - float(np.mean(measured - predicted))
+            left, time = read - predicted, shown.time_s[part]
+            ax.plot(time, read[part], color=PALE, linewidth=3.5, label="measured")
+            ax.plot(time, predicted[part], color=BLUE, linewidth=1.0, label="predicted")
+            label = f"difference, {1e3 * float(left.std()):.2g} mm/s² rms"
+            ax.plot(time, left[part], color=VERMILION, linewidth=0.8, label=label)
+            ax.set_title(name)
+            ax.set_ylabel("acceleration [m/s²]")
+            ax.margins(x=0)
+            thick(ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1))
+        grid[-1, 0].set_xlabel(f"time [s], run {shown.name!r}")
+    return grid
+
+
+def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
+    """Draw the errors of the prediction of each sensor over its noise, averaged over neighbouring lines.
+
+    Args:
+        result: the identification.
+        axes: one Axes a sensor (a multiple of two from four on), or None for a new figure.
+
+    Returns:
+        (n_rows, n_columns) Axes, the last switched off if it is not needed.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
+    """
+    require_answer(result)
+    names = sensor_names(result, max(len(run.residual) for run in result.runs))
+    columns = 1 if len(names) < 4 else 2
+    rows = -(-len(names) // columns)
+    with house_style():
+        grid = panels_in_rows(axes, len(names), columns, height_in=0.7 + 1.75 * rows, sharex=True, sharey=True)
+        for index, (ax, name) in enumerate(zip(grid.ravel(), names, strict=False)):
+            for run, color in zip(result.runs, run_colors(len(result.runs)), strict=True):
+                lines = smoothed(run.frequency_hz, run.residual[index], SMOOTHING_HZ)
+                ax.plot(*lines, color=color, linewidth=1.2, label=f"run {run.name!r}")
+            ax.axhline(1.0, color=INK, linestyle="--", linewidth=1, label="noise")
+            ax.set_title(name)
+            ax.margins(x=0)
+        grid[0, 0].set_yscale("log")
+        # noise alone is to look flat: the range goes at least from a half to two
+        low, high = grid[0, 0].get_ylim()
+        grid[0, 0].set_ylim(min(low, 0.5), max(high, 2.0))
+        plain_numbers(grid[0, 0].yaxis)
+        for row in grid:
+            row[0].set_ylabel("residual over noise")
+        for ax in grid[-1]:
+            ax.set_xlabel("frequency [Hz]")
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        thick(figure_of(grid).legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5)))
+    return grid
+
+
+def further_sensors(result: Identification) -> dict[str, tuple[float, float]]:
+    """Return the (x, y) of the sensors on the body beside those of the suspensions, by the names of their channels."""
     return {sensor.channel: (sensor.x_m, sensor.y_m) for sensor in result.study.sensors}
+
+
+def sensor_names(result: Identification, n_sensors: int) -> list[str]:
+    """Return what the sensors on the body are called: after their suspensions, then the further ones.
+
+    Of pairs the means come first, then the suspensions that are in none.
+    """
+    names = [f"above {interface.name}" for interface in result.interfaces]
+    if result.structure == "pair":
+        pairs = [candidate.interfaces for candidate in result.candidates if candidate.kind == "pair"]
+        paired = {name for pair in pairs for name in pair}
+        names = [f"mean above {', '.join(pair)}" for pair in pairs]
+        names += [f"above {interface.name}" for interface in result.interfaces if interface.name not in paired]
+    elif result.structure == "rigid_body":
+        names += further_sensors(result)
+    return [*names[:n_sensors], *(f"sensor {index + 1}" for index in range(len(names), n_sensors))]
 
 
 # ---- from above ------------------------------------------------------------------------------------
 
 
 def _room(ax: Axes) -> None:
-    """One scale along both axes, no narrower than 0.6 times as high, y to the left: the nose points upward."""
+    """Give both axes one scale, and turn the nose upward; the narrower side is at least 0.6 times the other."""
     ax.margins(0.12)
     (low_y, high_y), (low_x, high_x) = ax.get_xlim(), ax.get_ylim()
     wide, high = max(high_y - low_y, 0.6 * (high_x - low_x)), max(high_x - low_x, 0.6 * (high_y - low_y))
@@ -154,10 +288,6 @@ def _room(ax: Axes) -> None:
     ax.set_xlim(middle_y + wide / 2, middle_y - wide / 2)
     ax.set_ylim(middle_x - high / 2, middle_x + high / 2)
     ax.set_aspect("equal", adjustable="box")
-
-
-def _note(ax: Axes, text: str, position: tuple[float, float], shift: tuple[float, float], **style: Any) -> None:
-    ax.annotate(text, position, shift, textcoords="offset points", **{"fontsize": 8.5, **style})
 
 
 def _sensor(ax: Axes, x: float, y: float) -> None:
@@ -171,19 +301,9 @@ def _loadings(ax: Axes, result: Identification) -> None:
             label = f"carried in run {run.name!r}" if index == 0 else None
             size = float(np.clip(5 + 0.4 * np.sqrt(abs(mass_kg)), 6, 18))
             face = color if mass_kg >= 0 else "white"
-            ax.plot(
-                [y],
-                [x],
-                marker="s",
-                markersize=size,
-                color=color,
-                markerfacecolor=face,
-                alpha=0.6,
-                linestyle="none",
-                label=label,
-                zorder=2,
-            )
-            _note(ax, f"{mass_kg:+g} kg".replace("-", "−"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
+            square: dict[str, Any] = {"marker": "s", "markersize": size, "markerfacecolor": face, "linestyle": "none"}
+            ax.plot([y], [x], color=color, alpha=0.6, label=label, zorder=2, **square)
+            note(ax, minus(f"{mass_kg:+g} kg"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
 
 
 def _centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None) -> None:
@@ -208,8 +328,8 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None
 
 
 def _law_line(candidate: Candidate) -> str:
-    """The laws below the name, two of them at most: long lines would leave no room for the figure."""
-    laws = [law.replace("_", " ").replace("+", " + ") for law in candidate.law.split("; ") if law]
+    """Lines with the laws of a structure, two at most and shortened: the figure needs its room."""
+    laws = [law_title(law) for law in candidate.law.split("; ") if law]
     laws = [law if len(law) <= 34 else law[:32] + "…" for law in laws]
     return "".join(f"\n{law}" for law in (laws if len(laws) < 3 else [laws[0], f"and {len(laws) - 1} other laws"]))
 
@@ -224,7 +344,7 @@ def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> Non
     color = VERMILION if candidate.recommended else INK if candidate.explains else GREY
     inside, outside = candidate.residual_over_noise, candidate.left_out_over_noise
     if not np.isfinite(inside):
-        _note(ax, "no fit", (max(farthest, 1.0), row), (0, 0), va="center", ha="right", color=GREY)
+        note(ax, "no fit", (max(farthest, 1.0), row), (0, 0), va="center", ha="right", color=GREY)
         return
     ends = list(_levels(candidate))
     ax.plot(ends, [row] * len(ends), color=color, linewidth=1)
@@ -232,7 +352,7 @@ def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> Non
         ax.plot([ends[-1]], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
     ax.plot(ends[:1], [row], marker="o", markersize=5.5, color=color, linestyle="none")
     text = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
-    _note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=BEHIND)
+    note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=BEHIND)
 
 
 # ---- suspension by suspension ----------------------------------------------------------------------
@@ -240,7 +360,7 @@ def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> Non
 
 @dataclass(frozen=True)
 class _Quantity:
-    """One panel: what every suspension has of it, and the truth."""
+    """One panel: a quantity of every suspension, and its true values."""
 
     title: str
     label: str
@@ -287,7 +407,7 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
             ax.plot(bar, height, color=GREEN, linewidth=5, alpha=0.4, solid_capstyle="butt", label=label, zorder=1)
             labelled = True
         if estimate.value is None:
-            _note(ax, "–", (index, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
+            note(ax, "–", (index, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
             continue
         value = quantity.scale * estimate.value
         ends = [value]
@@ -297,7 +417,7 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
             ax.plot([index, index], ends, color=BLUE, marker="_", markersize=8, linestyle="none")
         ax.plot([index], [value], color=BLUE, marker="o", markersize=4, linestyle="none")
         text = _spread(estimate, quantity.scale).replace(" ± ", "\n± ")
-        _note(ax, text, (index, max(ends)), (0, 8), ha="center", fontsize=7.5)
+        note(ax, text, (index, max(ends)), (0, 8), ha="center", fontsize=7.5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
     ax.margins(y=0.25)
@@ -309,13 +429,58 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
 
 
 def _spread(estimate: Estimate, scale: float) -> str:
-    """Value and half the 95 % interval, with the digits that it leaves."""
+    """A value and half of its 95 % interval, with as many digits as that leaves."""
     assert estimate.value is not None
     value = scale * estimate.value
     if estimate.interval95 is None or estimate.interval95[1] <= estimate.interval95[0]:
-        return f"{value:.4g}".replace("-", "−")
+        return minus(f"{value:.4g}")
     half = 0.5 * scale * (estimate.interval95[1] - estimate.interval95[0])
     decimals = max(0, 1 - int(np.floor(np.log10(half))))
     if decimals > 6 or abs(value) >= 1e6:
-        return f"{value:.4g} ± {half:.2g}".replace("-", "−")
-    return f"{value:.{decimals}f} ± {half:.{decimals}f}".replace("-", "−")
+        return minus(f"{value:.4g} ± {half:.2g}")
+    return minus(f"{value:.{decimals}f} ± {half:.{decimals}f}")
+
+
+# ---- in motion -------------------------------------------------------------------------------------
+
+
+def _true_law(interface: InterfaceEstimate, truth: BodyTruth | None, per_mass: bool) -> Law | None:
+    true = None if truth is None else truth.interfaces.get(interface.name)
+    if truth is None or true is None:
+        return None
+    return true.law.scaled(1.0 / truth.parameters.sprung_mass_kg) if per_mass else true.law
+
+
+def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimate, true: Law | None) -> None:
+    unit, scale = ("m/s²", 1.0) if result.per_mass else ("kN", 1e-3)
+    group = dict.fromkeys((interface.name, *interface.shared_with))
+    together = [name for name in group if name in result.places] or [interface.name]
+    for ax, along, visited, slope, factor in (
+        (row[0], "velocity", interface.velocity, interface.damping.value, 1.0),
+        (row[1], "travel", interface.travel, interface.stiffness.value, 1e3),
+    ):
+        line = np.linspace(-1.0, 1.0, 401) * (float(np.abs(visited).max()) if visited.size else 0.0)
+        zero = np.zeros_like(line)
+        motion = (zero, line) if along == "velocity" else (line, zero)
+        rms = factor * float(np.sqrt(np.mean(visited**2))) if visited.size else 0.0
+        ax.axvspan(-rms, rms, color=SHADED, zorder=0, label="± rms of the motion")
+        nonlinear, symbol = interface.law.force(*motion), "C z′" if along == "velocity" else "K z"
+        if slope is not None:
+            linear = slope * line
+            # without f both lines are the same: the dashed one is then seen on the wide one
+            ax.plot(factor * line, scale * linear, color=INK, linewidth=1.1, linestyle="--", label=symbol, zorder=2.5)
+            ax.plot(factor * line, scale * (linear + nonlinear), color=SKY, linewidth=3.2, label=f"{symbol} + f")
+        ax.plot(factor * line, scale * nonlinear, color=VERMILION, linewidth=2.0, label="nonlinear part f")
+        if true is not None:
+            force = scale * true.force(*motion)
+            ax.plot(factor * line, force, color=GREEN, linewidth=4, alpha=0.45, label="f, truth", zorder=1.5)
+        ax.margins(x=0)
+    row[0].set_ylabel(f"force{' / M' * result.per_mass} [{unit}]")
+    row[0].set_title(", ".join(together))
+    row[1].set_title(f"law: {law_title(interface.law.name)}", fontweight="normal")
+
+
+def _loudest(run: RunResidual) -> float:
+    """The begin of the stretch around the largest reading."""
+    peak = float(run.time_s[int(np.argmax(np.abs(run.measured).max(axis=0)))])
+    return max(float(run.time_s[0]), min(peak - 0.5 * SHOWN_S, float(run.time_s[-1]) - SHOWN_S))

@@ -11,15 +11,13 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, offset_copy
 
-from opid.plots.style import INK, figure_of, house_style, panels, pretty, run_colors
+from opid.plots.style import INK, figure_of, house_style, minus, note, panels, pretty, run_colors
 from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
 
-__all__ = ["compared_quantity"]
-
-# the gears of one flight are drawn beside each other by so many points on paper: a date stays what it is
+# points on paper between the gears of one flight, which have the same date
 BESIDE = 3.0
-# names in a row of the legend, and what a row takes of the height above the axes, points
+# names in a row of the legend, and height of a row, points
 IN_A_ROW, ROW_POINTS = 4, 16
 
 
@@ -46,12 +44,12 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     with house_style():
         ax = panels(ax, 1, height_in=3.4)[0, 0]
         for i, (each, reference, color) in enumerate(zip(series, references, run_colors(len(series)), strict=True)):
-            beside = BESIDE * (i - (len(series) - 1) / 2)
+            shift = BESIDE * (i - (len(series) - 1) / 2)
             scale = 100 / abs(reference) if relative and reference else 1.0
             name = each.quantity.gear or "all of the body"
             if relative and reference:
                 name += f": {_digits(reference)} {pretty(each.quantity.unit)}"
-            _draw(ax, each, positions, scale, color, name, beside, alone=len(series) == 1)
+            _draw(ax, each, positions, scale, color, name, shift, alone=len(series) == 1)
         _dates(ax, result, positions)
         unit = "% of what was expected" if relative else pretty(series[0].quantity.unit)
         ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
@@ -59,33 +57,21 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
         rows = -(-len(series) // IN_A_ROW)
         ax.set_title(_title(label, series), pad=6 + ROW_POINTS * rows)
         ax.margins(y=0.15)
-        ax.legend(
-            loc="lower left",
-            bbox_to_anchor=(0.0, 1.0),
-            ncols=min(len(series), IN_A_ROW),
-            borderaxespad=0.2,
-            borderpad=0.2,
-        )
+        close: dict[str, Any] = {"borderaxespad": 0.2, "borderpad": 0.2}
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(series), IN_A_ROW), **close)
     return ax
 
 
 def _draw(
-    ax: Axes,
-    series: Series,
-    positions: np.ndarray,
-    scale: float,
-    color: str,
-    name: str,
-    beside_points: float,
-    *,
-    alone: bool,
+    ax: Axes, series: Series, positions: np.ndarray, scale: float, color: str, name: str, shift: float, *, alone: bool
 ) -> None:
-    beside = offset_copy(ax.transData, figure_of(ax), x=beside_points, units="points")
+    """Draw one series, its values shifted by some points on paper."""
+    beside = offset_copy(ax.transData, figure_of(ax), x=shift, units="points")
     judged = [point for point in series.points if point.limits is not None]
     if judged:
         x = [positions[point.flight] for point in judged]
         low, high = (scale * np.array([point.limits[side] for point in judged if point.limits]) for side in (0, 1))
-        # bands overlap, and fillings would mix: only one alone is filled, edges tell several apart
+        # several bands overlap, and filled ones would hide each other: only a single one is filled
         if alone:
             ax.fill_between(x, low, high, color=color, alpha=0.10, linewidth=0)
         for edge in (low, high):
@@ -95,27 +81,14 @@ def _draw(
     bars = [point for point in known if point.estimate.interval95 is not None]
     value = np.array([point.estimate.value for point in known], dtype=float)
     # a value without an interval is hollow, for it was not judged
+    dot: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linestyle": "none", "transform": beside}
     for point, height in zip(known, scale * value, strict=True):
-        ax.plot(
-            [positions[point.flight]],
-            [height],
-            marker="o",
-            markersize=4.5,
-            color=color,
-            markerfacecolor=color if point in bars else "white",
-            linestyle="none",
-            transform=beside,
-        )
+        face = color if point in bars else "white"
+        ax.plot([positions[point.flight]], [height], color=color, markerfacecolor=face, **dot)
     ends = np.array([point.estimate.interval95 for point in bars], dtype=float).reshape(-1, 2)
-    ax.vlines(
-        [positions[point.flight] for point in bars],
-        scale * ends[:, 0],
-        scale * ends[:, 1],
-        color=color,
-        label=name,
-        transform=beside,
-    )
-    # what is moved aside on paper does not count for the limits of the axes
+    at = [positions[point.flight] for point in bars]
+    ax.vlines(at, scale * ends[:, 0], scale * ends[:, 1], color=color, label=name, transform=beside)
+    # matplotlib does not count shifted points when it chooses the limits of the axes
     ax.update_datalim([(positions[point.flight], height) for point, height in zip(known, scale * value, strict=True)])
     ax.update_datalim(
         [(positions[point.flight], scale * end) for point, both in zip(bars, ends, strict=True) for end in both]
@@ -123,42 +96,21 @@ def _draw(
     ax.autoscale_view()
     for point in series.points:
         if point.flagged:
-            _mark(
-                ax,
-                point,
-                positions[point.flight],
-                scale,
-                series.quantity.gear if _starts(series, point) else None,
-                beside,
-            )
+            gear = series.quantity.gear if _starts(series, point) else None
+            _mark(ax, point, positions[point.flight], scale, gear, beside)
 
 
 def _mark(ax: Axes, point: Point, position: float, scale: float, name: str | None, beside: Transform) -> None:
-    """A ring about a flagged value; the first of a change has the gear's name and its departure."""
+    """Draw a ring around a flagged value; the first one of a change has the departure beside it."""
     height = scale * (point.estimate.value or 0.0)
-    ax.plot(
-        [position],
-        [height],
-        marker="o",
-        markersize=10,
-        color=INK,
-        markerfacecolor="none",
-        linestyle="none",
-        transform=beside,
-    )
+    ring: dict[str, Any] = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
+    ax.plot([position], [height], color=INK, transform=beside, **ring)
     if name is not None:
         verdict = {True: "confirmed", False: "not confirmed", None: "next flight awaited"}[point.confirmed]
         up = (point.departure or 0.0) > 0
-        ax.annotate(
-            f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {verdict}".replace("-", "−"),
-            (position, height),
-            (-5, 9 if up else -9),
-            xycoords=beside,
-            textcoords="offset points",
-            ha="right",
-            va="bottom" if up else "top",
-            fontsize=8,
-        )
+        text = f"{name}{': ' * bool(name)}" + minus(f"{point.departure:+.1f} std, {verdict}")
+        shift, side = ((-5, 9), "bottom") if up else ((-5, -9), "top")
+        note(ax, text, (position, height), shift, xycoords=beside, ha="right", va=side, fontsize=8)
 
 
 def _starts(series: Series, point: Point) -> bool:
@@ -168,7 +120,7 @@ def _starts(series: Series, point: Point) -> bool:
 
 
 def _reference(series: Series, clear_std: float) -> float | None:
-    """What was expected last, where it is clearly not zero."""
+    """The value that was expected last, if it is clearly not zero."""
     judged = [point for point in series.points if point.expected is not None and point.std is not None]
     if not judged:
         known = [point.estimate.value for point in series.points if point.estimate.value]
@@ -202,5 +154,5 @@ def _title(label: str, series: list[Series]) -> str:
 
 
 def _digits(value: float) -> str:
-    """Four digits without a power of ten where a reader can take them in."""
+    """Four digits, with a power of ten only for very small and very large values."""
     return f"{value:.4g}" if 1e-3 <= abs(value) < 1e4 or abs(value) >= 1e8 else f"{float(f'{value:.4g}'):,.0f}"

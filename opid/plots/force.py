@@ -18,7 +18,10 @@ from opid.plots.style import (
     INK,
     PALE,
     RUN_COLORS,
+    SHADED,
     SURFACE_MAP,
+    TRAVEL,
+    VELOCITY,
     every,
     house_style,
     panels,
@@ -32,10 +35,7 @@ from opid.suspensions.paper.restoring_force import SliceCurve
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Identification
 
-__all__ = ["law_curves", "restoring_force_map", "restoring_force_surface", "slices"]
-
 _FORCE = "force per mass −x₂″ [m/s²]"
-_TRAVEL, _VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 
 
 def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
@@ -60,7 +60,7 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         surface.set_clim(-limit, limit)
         ax.add_collection3d(surface, autolim=False)
         ax.set(xlim=(1e3 * travel.min(), 1e3 * travel.max()), ylim=(velocity.min(), velocity.max()))
-        ax.set(zlim=(-limit, limit), xlabel=_TRAVEL, ylabel=_VELOCITY, zlabel="−x₂″ [m/s²]")
+        ax.set(zlim=(-limit, limit), xlabel=TRAVEL, ylabel=VELOCITY, zlabel="−x₂″ [m/s²]")
         ax.locator_params(nbins=5)
         ax.view_init(elev=24, azim=-125)
         ax.set_box_aspect((4, 4, 3), zoom=0.95)
@@ -97,7 +97,7 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
             1e3 * travel, velocity, np.ma.masked_invalid(binned.mean), levels=9, colors=INK, linewidths=0.6
         )
         force_ax.clabel(levels, fontsize=7, fmt="%g")
-        # below: beside the map, the words would pass for those of the next one
+        # the words stand below the map: beside it they would seem to belong to the next one
         force_ax.figure.colorbar(color, ax=force_ax, label=_FORCE, location="bottom")
         counts = np.ma.masked_equal(binned.counts, 0)
         color = count_ax.pcolormesh(*edges, counts.T, cmap=COUNT_MAP, norm=LogNorm(1, max(2.0, float(counts.max()))))
@@ -105,9 +105,9 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
         force_ax.set_title(f"Mean force, {run_title(run)}")
         count_ax.set_title(f"Samples; {binned.coverage:.0%} of the cells hold ≥ {binned.min_count}")
         for ax in grid[0]:
-            ax.set_xlabel(_TRAVEL)
+            ax.set_xlabel(TRAVEL)
             ax.grid(False)
-        force_ax.set_ylabel(_VELOCITY)
+        force_ax.set_ylabel(VELOCITY)
     return grid
 
 
@@ -134,7 +134,7 @@ def slices(run: RunEvidence, axes: Any = None) -> np.ndarray:
 
 def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     along_travel = curve.along == "travel"
-    scale, label = (1e3, _TRAVEL) if along_travel else (1.0, _VELOCITY)
+    scale, label = (1e3, TRAVEL) if along_travel else (1.0, VELOCITY)
     shown = every(curve.position.size)
     line = np.linspace(curve.position.min(), curve.position.max(), 400)
     zero = np.zeros_like(line)
@@ -145,11 +145,10 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
     position = scale * curve.position[shown]
     above.plot(position, curve.force_per_mass[shown], color=PALE, label=f"measured, {other}", **dots)
-    # where stiffness and arctangent stand for each other, either alone may be hundreds of times the force
+    # if stiffness and arctangent cannot be told apart, each alone may be hundreds of times the force
     if fit.verdicts[0].distinguishable:
-        above.plot(
-            scale * line, straight, color=RUN_COLORS[0], linewidth=1.1, linestyle="--", label="its straight part"
-        )
+        dashed = {"color": RUN_COLORS[0], "linewidth": 1.1, "linestyle": "--"}
+        above.plot(scale * line, straight, label="its straight part", **dashed)
     above.plot(scale * line, straight + arctangent, color=RUN_COLORS[1], label="slope + arctangent")
     above.set_title("Stiffness curve" if along_travel else "Damping curve")
     above.text(0.97, 0.05, _verdict(curve, fit), ha="right", va="bottom", fontsize=8.5, transform=above.transAxes)
@@ -188,12 +187,10 @@ def law_curves(result: AnyIdentification, axes: Any = None, *, truth: GearTruth 
     travelled, moved = _motion(result)
     stiffness, damping = _slopes(result)
     true_law = None if truth is None or visited.per_mass else truth.law
-    velocity, travel = (np.linspace(-1, 1, 401) * float(np.abs(part).max()) for part in (moved, travelled))
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.4)
-        rms = [float(np.sqrt(np.mean(part**2))) for part in (travelled, moved)]
-        _law(grid[0, 0], velocity, 1.0, damping, result.law, true_law, "velocity", rms[1])
-        _law(grid[0, 1], travel, 1e3, stiffness, result.law, true_law, "travel", rms[0])
+        _law(grid[0, 0], moved, 1.0, damping, result.law, true_law, "velocity")
+        _law(grid[0, 1], travelled, 1e3, stiffness, result.law, true_law, "travel")
         grid[0, 0].set_ylabel("force per sprung mass [m/s²]" if visited.per_mass else "force [N]")
     return grid
 
@@ -217,41 +214,25 @@ def _motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _law(
-    ax: Axes,
-    position: np.ndarray,
-    scale: float,
-    slope: float | None,
-    law: Law,
-    true_law: Law | None,
-    along: str,
-    rms: float,
+    ax: Axes, visited: np.ndarray, scale: float, slope: float | None, law: Law, true_law: Law | None, along: str
 ) -> None:
+    """Draw a law along travel or velocity as far as the runs went."""
+    position = np.linspace(-1, 1, 401) * float(np.abs(visited).max())
+    rms = float(np.sqrt(np.mean(visited**2)))
     zero = np.zeros_like(position)
     motion = (position, zero) if along == "travel" else (zero, position)
     nonlinear = law.force(*motion)
-    coefficient, at, label = ("K₂ z", "z′ = 0", _TRAVEL) if along == "travel" else ("C₂ z′", "z = 0", _VELOCITY)
-    ax.axvspan(-scale * rms, scale * rms, color="#F1F1F1", zorder=0, label="± rms of the motion")
+    coefficient, at, label = ("K₂ z", "z′ = 0", TRAVEL) if along == "travel" else ("C₂ z′", "z = 0", VELOCITY)
+    ax.axvspan(-scale * rms, scale * rms, color=SHADED, zorder=0, label="± rms of the motion")
     if slope is not None:
         linear = slope * position
         ax.plot(scale * position, linear, color=GREY, linewidth=1.1, linestyle="--", label=coefficient)
         ax.plot(scale * position, linear + nonlinear, color=RUN_COLORS[0], label=f"{coefficient} + f")
-    ax.plot(
-        scale * position,
-        nonlinear,
-        color=RUN_COLORS[1],
-        linewidth=2.2,
-        label="nonlinear force f" if law.terms else "no nonlinear force",
-    )
+    name = "nonlinear force f" if law.terms else "no nonlinear force"
+    ax.plot(scale * position, nonlinear, color=RUN_COLORS[1], linewidth=2.2, label=name)
     if true_law is not None:
-        ax.plot(
-            scale * position,
-            true_law.force(*motion),
-            color=GREEN,
-            linewidth=3.5,
-            alpha=0.45,
-            label="f, truth",
-            zorder=1.5,
-        )
+        force = true_law.force(*motion)
+        ax.plot(scale * position, force, color=GREEN, linewidth=3.5, alpha=0.45, label="f, truth", zorder=1.5)
     ax.set_title(f"Force over {along}, {at}")
     ax.set_xlabel(label)
     ax.margins(x=0)

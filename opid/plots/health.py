@@ -23,12 +23,12 @@ from opid.plots.style import (
     VERMILION,
     figure_of,
     house_style,
+    minus,
+    note,
     panels,
     pretty,
 )
 from opid.signals.health.result import ChannelHealth, Health, Overview, SpectralLine, Stretch
-
-__all__ = ["health_picture"]
 
 WIDTH_IN = 12.0
 KINDS = {
@@ -38,13 +38,13 @@ KINDS = {
     "flat": ("held at one value", ORANGE),
     "spike": ("spike", GREEN),
 }
-# stretches of each kind that `Stretch` keeps: there may be more of them
+# number of stretches of each kind that are stored: the record may have more
 MOST_STRETCHES = 100
 MOST_LABELS = 6
-# channels that are drawn at leisure
+# up to so many channels each row has more height
 FEW = 6
 LONGEST_NAME = 44
-# what is quieter (a value that is held) is no vibration
+# range of the colours: a value that is held would make it far too large
 LEAST_DB, DEEPEST_DB = 40.0, 90.0
 
 
@@ -86,7 +86,7 @@ def health_picture(
         _limits(grid, drawn)
         if n > FEW:
             for ax in grid.flat:
-                ax.minorticks_off()  # they take most of the time
+                ax.minorticks_off()  # drawing them would take most of the time
         grid[0, 1].set_title("power spectral density")
         grid[0, 2].set_title("spectrogram")
         for ax, label in zip(grid[-1], ("time [s]", "frequency [Hz]", "time [s]"), strict=True):
@@ -168,7 +168,7 @@ def _scale(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
         reach = " and ".join(
             f"{value:.4g}" for value, far in ((least, least < low - room), (most, most > high + room)) if far
         )
-        _write(ax, f"spikes reach {reach}".replace("-", "−"), 0.03, color=GREEN)
+        _write(ax, minus(f"spikes reach {reach}"), 0.03, color=GREEN)
     elif most > least:
         ax.set_ylim(least - 0.08 * (most - least), most + 0.15 * (most - least))
 
@@ -217,8 +217,7 @@ def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: st
         if named and len(labelled) < MOST_LABELS and all(abs(position - one) > 0.055 * decades for one in labelled):
             labelled.append(position)
             text, at = f"{line.frequency_hz:.4g} Hz", (line.frequency_hz, level)
-            how: Any = {"textcoords": "offset points", "rotation": 90, "ha": "center", "va": "bottom"}
-            ax.annotate(text, at, (0, 4), fontsize=7, color=color, **how)
+            note(ax, text, at, (0, 4), fontsize=7, color=color, rotation=90, ha="center", va="bottom")
 
 
 def _mains_words(lines: Sequence[SpectralLine]) -> str:
@@ -252,13 +251,13 @@ def _spectrogram(ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch
 
 
 def _decibels(density: np.ndarray) -> np.ma.MaskedArray:
-    """Levels below the largest, masked where there is nothing."""
+    """Levels relative to the largest, masked where there are no values."""
     there = np.ma.masked_invalid(np.ma.masked_less_equal(density, 0.0))
     return 10 * np.ma.log10(there / there.max())
 
 
 def _depth_db(channels: Sequence[ChannelHealth]) -> float:
-    """How deep the colours reach: all but the quietest of half of the spectrograms is told apart."""
+    """The range of the colours, in which half of the spectrograms show all but their quietest twentieth."""
     quietest = []
     for overview in (channel.overview for channel in channels):
         if overview is None:
@@ -321,12 +320,12 @@ def _write(ax: Axes, text: str, height: float, *, color: str) -> None:
     floor = color == GREY
     at: Any = ax.get_yaxis_transform() if floor else ax.transAxes
     box = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.3}
-    how: Any = {"xycoords": at, "textcoords": "offset points", "va": "bottom", "fontsize": 7, "zorder": 5, "bbox": box}
-    ax.annotate(text, (0.0, height), (3.0, 1.5 if floor else 0.0), color=color, **how)
+    how: Any = {"xycoords": at, "va": "bottom", "fontsize": 7, "zorder": 5, "bbox": box}
+    note(ax, text, (0.0, height), (3.0, 1.5 if floor else 0.0), color=color, **how)
 
 
 def _brief(name: str) -> str:
-    """A name that fits above a history; the end of a long one tells more than its beginning."""
+    """A name that fits above a history; of a long one the end is kept, which tells more than its beginning."""
     shown = name if name.isprintable() else ascii(name)[1:-1]
     return shown if len(shown) <= LONGEST_NAME else f"…{shown[1 - LONGEST_NAME :]}"
 

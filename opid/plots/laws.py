@@ -1,4 +1,4 @@
-"""Figures of the choice of a law: the ladder of laws, and the force without a law beside the chosen one."""
+"""Figures of the choice of a law: the laws that were tried, and the force without a law beside the chosen one."""
 
 from __future__ import annotations
 
@@ -15,20 +15,36 @@ from opid.plots.style import (
     PALE,
     RUN_COLORS,
     SURFACE_MAP,
+    TRAVEL,
+    VELOCITY,
     figure_of,
     house_style,
+    law_title,
+    name_rows,
+    note,
     panels,
     plain_numbers,
 )
 from opid.suspensions.law_search.force_surface import ForceSurface
 from opid.suspensions.law_search.pursuit import F, LawStep, chosen
-
-__all__ = ["color_of_step", "force_departures", "force_sections", "model_ladder", "name_steps", "shown_steps"]
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 Ladder = Sequence[LawStep[Any]]
 
 # laws shown that the search did not go on from
 N_OTHERS = 8
+
+
+def law_ladder(result: AnyIdentification, ax: Any = None) -> Axes:
+    """Draw the noise that each law leaves unexplained, against the noise floor of the sensors.
+
+    Args:
+        result: the identification.
+        ax: one Axes, or None for a new figure.
+    """
+    if isinstance(result, PaperIdentification):
+        return model_ladder(result.ladder, ax, noise_floor_m_per_s2=result.chain.noise_floor_m_per_s2)
+    return model_ladder(result.evidence[0].ladder, ax, noise_floor_m_per_s2=result.evidence[0].noise)
 
 
 def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float | None = None) -> Axes:
@@ -52,12 +68,11 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
                 ax.plot([left_out], [row], marker="D", color=color, **look)
             behind = step.fit.bic - best.fit.bic
             text = f"{fitted:.4g}" + (f"   BIC {behind:+,.0f}".replace(",", " ") if step is not best else "")
-            ax.annotate(text, (fitted, row), (10, 0), textcoords="offset points", va="center", fontsize=8, bbox=BEHIND)
+            note(ax, text, (fitted, row), (10, 0), va="center", fontsize=8, bbox=BEHIND)
         if noise_floor_m_per_s2 is not None:
             floor = 1e3 * noise_floor_m_per_s2
             ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
-            corner = {"xy": (floor, 1), "xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-            ax.annotate(f"noise floor {floor:.2g}", xytext=(4, 3), fontsize=8, **corner)
+            note(ax, f"noise floor {floor:.2g}", (floor, 1), (4, 3), xycoords=("data", "axes fraction"), fontsize=8)
         low, high = ax.get_xlim()
         # room for the words at the right
         if (low > 0 and high / low > 3) or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
@@ -69,7 +84,6 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
             ax.set_xlim(low, high + 0.35 * (high - low))
         name_steps(ax, steps, best)
         ax.grid(True, axis="x", which="major")
-        ax.grid(False, axis="y")
         ax.set_xlabel("unexplained [mm/s² rms], ◇ left out")
         ax.set_title("Laws tried, the chosen one in colour", pad=16)
     return ax
@@ -93,13 +107,12 @@ def force_departures(surface: ForceSurface, ax: Any = None) -> Axes:
             vmin=-limit,
             vmax=limit,
         )
-        figure = ax.get_figure(root=True)
-        bar = figure.colorbar(mesh, ax=ax, extend="both")
+        bar = figure_of(ax).colorbar(mesh, ax=ax, extend="both")
         bar.set_label("measured less law [standard errors]")
         ax.set_facecolor("#F2F2F2")
         ax.grid(False)
-        ax.set_xlabel("travel z [mm]")
-        ax.set_ylabel("velocity z′ [m/s]")
+        ax.set_xlabel(TRAVEL)
+        ax.set_ylabel(VELOCITY)
         ax.set_title(
             f"Largest departure {surface.largest_standard_errors:.1f} standard errors\n"
             f"(chance alone: up to {surface.expected_standard_errors:.1f})",
@@ -121,7 +134,7 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.6, sharey=False)
         sections = (surface.along_travel, surface.along_velocity)
-        labels = ("travel z [mm], z′ near 0", "velocity z′ [m/s], z near 0")
+        labels = (f"{TRAVEL}, z′ near 0", f"{VELOCITY}, z near 0")
         for ax, section, factor, label in zip(grid[0], sections, (1e3, 1.0), labels, strict=True):
             x = factor * section.position
             known = np.isfinite(section.mean)
@@ -133,47 +146,24 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel("force per mass less (K z + C z′) [m/s²]")
-        grid[0, 0].set_title(surface.law_name.replace("_", " ").replace("+", " + "))
+        grid[0, 0].set_title(law_title(surface.law_name))
         handles, words = grid[0, 0].get_legend_handles_labels()
         figure_of(grid).legend(handles, words, loc="outside lower center", ncols=3)
     return grid
 
 
 def shown_steps(ladder: Sequence[LawStep[F]]) -> list[LawStep[F]]:
-    """Return the steps that were kept and the most likely ones of the others.
-
-    Args:
-        ladder: of a search for laws.
-    """
+    """Return the steps of a search that were kept, and the most likely ones of the others."""
     others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
     return [step for step in ladder if step.kept or step in others]
 
 
 def color_of_step(step: LawStep[Any], best: LawStep[Any]) -> str:
-    """Return the colour of a step of a ladder.
-
-    Args:
-        step: the step.
-        best: the one that was chosen.
-    """
+    """Return the colour of a step of a ladder, of which `best` was chosen."""
     return RUN_COLORS[1] if step is best else INK if step.kept else GREY
 
 
 def name_steps(ax: Axes, steps: Sequence[LawStep[Any]], best: LawStep[Any]) -> None:
-    """Write the laws of the steps beside the rows of an Axes, from the top.
-
-    Args:
-        ax: one row a step.
-        steps: that are shown.
-        best: the one that was chosen.
-    """
-    ax.set_yticks(range(len(steps)), [_label(step) for step in steps])
-    for label, step in zip(ax.get_yticklabels(), steps, strict=True):
-        label.set_color(color_of_step(step, best))
-        label.set_fontweight("bold" if step is best else "normal")
-    ax.set_ylim(len(steps) - 0.5, -0.5)
-
-
-def _label(step: LawStep[Any]) -> str:
-    name = step.law_name.replace("_", " ").replace("+", " + ")
-    return f"{name} (sparse)" if step.method == "sparse regression" else name
+    """Write the laws of the steps beside the rows of an Axes, from the top."""
+    names = [law_title(step.law_name) + " (sparse)" * (step.method == "sparse regression") for step in steps]
+    name_rows(ax, names, [color_of_step(step, best) for step in steps], chosen=[step is best for step in steps])

@@ -1,10 +1,10 @@
-"""The one style of all figures: colours that every reader can tell apart, and nothing global."""
+"""The style of all figures, and what several of them draw alike."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -27,11 +27,14 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "
 INK, GREY, PALE = "#222222", "#7A7A7A", "#C4C4C4"
 RUN_COLORS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 SURFACE_MAP, COUNT_MAP = "RdBu_r", "cividis"
+# the box behind a number that would cross a line
 BEHIND = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-"""Of a number that would cross a line."""
+# the colour of the range in which most of the motion lies
+SHADED = "#F1F1F1"
+TRAVEL, VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 WIDTH_IN, DPI = 7.4, 150
 RAISED = str.maketrans("0123456789.n", "⁰¹²³⁴⁵⁶⁷⁸⁹˙ⁿ")
-# points drawn in a scatter: more only make a blot
+# at most about so many points are drawn in a scatter: more would only make a blot
 N_POINTS = 4000
 
 STYLE: Any = {
@@ -68,7 +71,7 @@ STYLE: Any = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the house style while the block lasts; the user's own settings come back after it."""
+    """Draw in the house style within the block; the settings of the user hold again after it."""
     with rc_context(STYLE):
         yield
 
@@ -133,11 +136,7 @@ def figure_of(axes: Axes | np.ndarray) -> Figure:
 
 
 def every(n_samples: int, n_points: int = N_POINTS) -> slice:
-    """Return the slice that thins `n_samples` to at most `n_points` or a little less than twice as many.
-
-    Args:
-        n_samples: number of samples.
-        n_points: to keep.
+    """Return the slice that thins `n_samples` to fewer than twice `n_points`.
 
     >>> len(range(10000)[every(10000, 4000)])
     5000
@@ -145,11 +144,48 @@ def every(n_samples: int, n_points: int = N_POINTS) -> slice:
     return slice(None, None, max(1, n_samples // n_points))
 
 
+def panels_in_rows(axes: Any, n_panels: int, columns: int, **settings: Any) -> np.ndarray:
+    """Return panels in rows of so many `columns`, as `panels` does; those after the last one that is needed are off."""
+    grid = panels(axes, -(-n_panels // columns), columns, **settings)
+    for ax in grid.ravel()[n_panels:]:
+        ax.set_axis_off()
+    return grid
+
+
+def note(ax: Axes, text: str, at: tuple[float, float], shift: tuple[float, float], **style: Any) -> None:
+    """Write a text that is shifted by some points on paper from a position in the data."""
+    ax.annotate(text, at, shift, textcoords="offset points", **{"fontsize": 8.5, **style})
+
+
+def name_rows(ax: Axes, names: Sequence[str], colors: Sequence[str], *, chosen: Sequence[bool], **style: Any) -> None:
+    """Write names in their colours at the rows of an Axes, which are counted from the top; those chosen are bold."""
+    ax.set_yticks(range(len(names)), names, **style)
+    for label, color, is_chosen in zip(ax.get_yticklabels(), colors, chosen, strict=True):
+        label.set_color(color)
+        label.set_fontweight("bold" if is_chosen else "normal")
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.grid(False, axis="y")
+
+
+def smoothed(frequency_hz: np.ndarray, residual: np.ndarray, width_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rms of complex lines over a width in Hz, and the frequency in the middle of each, Hz."""
+    n = max(1, min(frequency_hz.size, round(width_hz / float(frequency_hz[1] - frequency_hz[0]))))
+    power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
+    return np.convolve(frequency_hz, np.ones(n), "valid") / n, np.sqrt(power)
+
+
+def law_title(name: str) -> str:
+    """Return the name of a law with blanks, as it is written in a figure."""
+    return name.replace("_", " ").replace("+", " + ")
+
+
+def minus(text: str) -> str:
+    """Return a text with the sign minus in the place of each hyphen."""
+    return text.replace("-", "−")
+
+
 def require_answer(result: AnyIdentification) -> None:
     """Refuse to draw a fit of which the identification tells no number.
-
-    Args:
-        result: the identification.
 
     Raises:
         NotDeterminedError: it was refused.
@@ -162,9 +198,6 @@ def require_answer(result: AnyIdentification) -> None:
 def run_colors(n_runs: int) -> list[str]:
     """Return one colour a run, from the palette over and over.
 
-    Args:
-        n_runs: number of runs.
-
     >>> run_colors(2) == [BLUE, VERMILION]
     True
     """
@@ -172,21 +205,13 @@ def run_colors(n_runs: int) -> list[str]:
 
 
 def run_title(run: RunEvidence | Run) -> str:
-    """Return the name of a run with its mass against the reference.
-
-    Args:
-        run: of a study, or what was made of it.
-    """
-    change = "reference mass" if run.mass_change_kg == 0 else f"{run.mass_change_kg:+g} kg".replace("-", "−")
+    """Return the name of a run with its mass against the reference."""
+    change = "reference mass" if run.mass_change_kg == 0 else minus(f"{run.mass_change_kg:+g} kg")
     return f"run {run.name!r}, {change}"
 
 
 def thick(legend: Legend) -> None:
-    """Show the colours of thin lines and small dots in a legend.
-
-    Args:
-        legend: to be changed.
-    """
+    """Show the colours of thin lines and small dots in a legend."""
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_linewidth(max(handle.get_linewidth(), 2.0))
@@ -197,23 +222,16 @@ def thick(legend: Legend) -> None:
 def pretty(unit: str) -> str:
     """Return a unit, or a text with units, in print.
 
-    Args:
-        unit: as in `opid.signals.units`.
-
     >>> pretty("N s^2/m^2"), pretty("+-2 %")
     ('N s²/m²', '±2 %')
     """
-    # "^2.5" and "^n" with them, for there are no raised points and few letters
+    # exponents like "^2.5" and "^n" count, too: a raised point does not exist, so that a dot above stands for it
     raised = re.sub(r"\^(\d+(?:\.\d+)?|n)", lambda power: power[1].translate(RAISED), unit)
     return raised.replace("*", "·").replace("+-", "±")
 
 
 def plain_numbers(axis: Axis) -> None:
-    """Write the numbers at a logarithmic axis without powers of ten, at 1, 2 and 5 of each decade.
-
-    Args:
-        axis: `ax.xaxis` or `ax.yaxis`.
-    """
+    """Write the numbers at a logarithmic axis without powers of ten, at 1, 2 and 5 of each decade."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -1,19 +1,23 @@
-"""One gear or a body on several suspensions from runs at known loadings: `opid identify`."""
+"""Suspensions: `opid identify` from runs under known loadings, `opid law` of a bench, and `opid compare` of flights."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Number, Output, example, main, report_note, result_name, with_output
+from opid.cli.group import PATH, Number, Output, example, main, out_option, result_name, truth_option, with_output
 from opid.errors import InputError
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
 
 if TYPE_CHECKING:
     from opid.suspensions.study import Study
+
+CHANGED = 3
+"""Exit status of `opid compare` if a change is flagged; 1 and 2 mean what they mean everywhere."""
 
 
 @main.command(
@@ -21,8 +25,8 @@ if TYPE_CHECKING:
         "opid identify heavy.csv light.csv --sprung upper_z --unsprung lower_z --mass-change -220 --out result"
     )
 )
-@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | DIR | LOG...")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
+@click.argument("paths", nargs=-1, required=True, type=PATH, metavar="STUDY.toml | DIR | LOG...")
+@out_option("For the report.  [default: NAME_result]")
 @click.option(
     "--method",
     type=click.Choice(METHODS),
@@ -49,9 +53,7 @@ if TYPE_CHECKING:
     help="One gear, classical and paper: corner of the integration.  [default: 0.3]",
 )
 @click.option("--no-ground", is_flag=True, help="Let no spring to the ground in, K3 = 0.")
-@click.option(
-    "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
-)
+@truth_option
 @click.option("--sprung", metavar="NAME", help="Without a study: channel on the airframe.")
 @click.option("--unsprung", metavar="NAME", help="Without a study: channel on the spindle.")
 @click.option(
@@ -83,7 +85,6 @@ if TYPE_CHECKING:
 @with_output
 def identify(
     paths: tuple[Path, ...],
-    out: Path | None,
     method: str,
     law: str | None,
     method_of_law: str,
@@ -132,11 +133,10 @@ def identify(
     if method != "model" and method_of_law != "pursuit":
         raise click.UsageError(f"--method {method} has one method of searching the law: leave --method-of-law out")
     from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
-    from opid.report import write_report
     from opid.suspensions.identification import identify as identify_study
     from opid.virtual.files.truth import read_truth
 
-    target = output.directory(out or Path(f"{result_name(paths[0])}_result"))
+    output = output.reserved(default=f"{result_name(paths[0])}_result")
     known: TaxiTruth | None = None
     if truth is not None:
         known = read_truth(truth, GearTruth) if is_one_gear else read_truth(truth, BodyTruth)
@@ -146,17 +146,17 @@ def identify(
     with output.progress() as say:
         study = _study(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
-        page = write_report(result, target, known, figures=output.figures, progress=say)
-    output.show(result, known, notes=report_note(page))
+        notes = output.write(result, known, progress=say)
+    output.show(result, known, notes=notes)
 
 
 def _study_in(path: Path) -> Path:
-    """The study.toml of a directory that has one; any other path as it is."""
+    """The study.toml of a directory; any other path as it is."""
     return path / "study.toml" if (path / "study.toml").is_file() else path
 
 
 def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
-    """Whether it is about one gear, as logs without a study are; what is wrong with a file is said when it is read."""
+    """Whether the files are about one gear, as logs without a study are; a faulty file is refused when it is read."""
     from opid.studies.schema import load
 
     if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
@@ -206,3 +206,90 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
         repeatability=of_logs["--repeatability"],
         progress=say,
     )
+
+
+@main.command(epilog=example("opid law bench.csv --force load --travel stroke --velocity speed --out bench_result"))
+@click.argument("bench", type=PATH, metavar="STUDY.toml | BENCH.csv")
+@click.option("--force", metavar="COL", help="Without a study: column of the force, in N, kN, lbf, ...")
+@click.option("--travel", metavar="COL", help="Without a study: column of the travel, in m, mm, in, ...")
+@click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
+@click.option("--moving-mass", is_flag=True, help="Parts of unknown mass move between force cell and specimen.")
+@click.option(
+    "--mass",
+    "mass_kg",
+    type=Number("kg"),
+    metavar="KG",
+    help="Of a body that the specimen alone holds: --force is its acceleration.",
+)
+@click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
+@out_option("For result.json, report and figures.")
+@partial(with_output, option="--overwrite")  # --force is a column here
+def law(bench: Path, output: Output, **of_log: Any) -> None:
+    """Find the law of a damper or spring from its measured force and motion.
+
+    F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
+    among them; and what of the force no law explains (backlash, moving parts). With --moving-mass the force is m z''
+    more, and the law is refined until the motion simulated from the force alone is the recorded one. With --mass no
+    force need be measured: --force is the acceleration of a body that the specimen alone holds, and F = -m a.
+
+    A study file with a table [bench] says all of this itself.
+    """
+    from opid.studies.bench_study import bench_study_from_log
+    from opid.studies.study_file import read_study
+    from opid.suspensions.bench.law import law_of_bench
+    from opid.suspensions.bench.study import BenchStudy
+
+    given = {name: value for name, value in of_log.items() if value is not None and value is not False}
+    options = [f"--{name.removesuffix('_kg').replace('_', '-')}" for name in given]
+    is_study = bench.suffix.lower() == ".toml"
+    if is_study and given:
+        raise click.UsageError(f"{bench} is a study, which says that itself: leave out {' and '.join(options)}")
+    if not is_study and not {"force", "travel"} <= given.keys():
+        raise click.UsageError(
+            "name the columns of the log: --force COL --travel COL (`opid inspect LOG` lists them), or give a study"
+        )
+    output = output.reserved()
+    with output.progress() as say:
+        say("the record")
+        study = (
+            read_study(bench, kind=BenchStudy, progress=say)
+            if is_study
+            else bench_study_from_log(bench, progress=say, **given)
+        )
+        result = law_of_bench(study, progress=say)
+        notes = output.write(result, progress=say)
+    output.show(result, notes=notes)
+
+
+@main.command(epilog=example("opid compare flight_1 flight_2 flight_3 --out health"))
+@click.argument("results", nargs=-1, required=True, type=PATH, metavar="RESULT...")
+@out_option("For comparison.json, report and figures.")
+@click.option(
+    "--false-alarm",
+    type=float,
+    metavar="P",
+    help="Chance of any flag in the whole comparison if nothing changed.  [default: 0.001]",
+)
+@with_output
+def compare(results: tuple[Path, ...], false_alarm: float | None, output: Output) -> None:
+    """Say what changed from flight to flight by more than its uncertainty.
+
+    RESULT is a result.json of `opid identify`, a folder with one, or a folder of such folders. They are taken by the
+    dates in the study files (`date = 2026-03-01`), else as they are given.
+
+    A flight that is not determined, or for which no structure was recommended, is left out and named.
+
+    Exit status 0: nothing is flagged. 1: fewer than two flights can be compared, for want of values with intervals. 2:
+    bad input. 3: a change is flagged.
+    """
+    from opid.suspensions.flights.comparison import compare as compare_flights
+    from opid.suspensions.flights.results import read_flights
+
+    output = output.reserved(("comparison.json", "report.html"))
+    with output.progress() as say:
+        say("the results")
+        found = compare_flights(read_flights(results), false_alarm=false_alarm)
+        notes = output.write(found, command=["opid", "compare", *map(str, results)], progress=say)
+    output.show(found, notes=notes)
+    if found.changes:
+        click.get_current_context().exit(CHANGED)

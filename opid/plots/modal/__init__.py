@@ -1,1 +1,0 @@
-"""Figures of nonlinear modes: tests, fits, shapes, decays, and the truth tests."""

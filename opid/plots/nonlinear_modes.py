@@ -1,0 +1,432 @@
+"""Figures of nonlinear modes: sine beats, restoring forces, orders, free decays, and truth tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+
+from opid.mechanics.truth import ModeTruth
+from opid.modal.decay.fit import DecayLaw
+from opid.modal.decay.free_decay import Decay
+from opid.modal.forced.mode_fit import ForceCurve, ModeFit
+from opid.modal.model import TruthTest
+from opid.modal.result import ModalIdentification
+from opid.plots.modes import number_modes
+from opid.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PALE,
+    SKY,
+    VERMILION,
+    house_style,
+    name_rows,
+    panels,
+    plain_numbers,
+    thick,
+)
+
+# a value is well known if half of its interval is below this fraction of the range of the better half of the values
+KNOWN = 0.5
+# room above and below them, a fraction of their range
+ROOM_OF_DECAY = 0.08
+# periods of the strongest line on either side of the largest acceleration
+N_PERIODS = 5
+# samples to either side of the peak in which its period is looked for
+AROUND = 256
+# height of the panel at the peak, in peaks of measurement and nonlinear model
+ROOM = 2.0
+# the spectrum is shown down to this fraction of its peak
+LEAST_SHOWN = 1e-4
+# points of a curve that stand for many samples or lines, and the fewest that still show its shape
+N_CRESTS = 400
+LEAST_CRESTS = 40
+_AMPLITUDE = "\N{SQUARE ROOT}kg"
+
+
+def sine_beats(result: ModalIdentification, mode: int, axes: Any = None) -> np.ndarray:
+    """Draw the tests that a mode was fitted to in its modal coordinate, in time and in frequency.
+
+    Args:
+        result: the identification.
+        mode: number of the mode, from 1; one that was fitted.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    fit = next(fit for fit in result.fits if fit.mode == mode)
+    tests = [test for test in result.tests if test.name in fit.tests]
+    # the highest level lies below the others
+    tests.sort(key=lambda test: -float(np.abs(test.modal_acceleration(mode)).max()))
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.3, width_in=7.4)
+        over_time, over_frequency = grid[0]
+        low, high = _around(result, fit)
+        for color, test in zip(_levels(len(tests)), tests, strict=True):
+            motion = test.modal_acceleration(mode)
+            over_time.plot(np.arange(motion.size) / test.fs, motion, color=color, linewidth=0.7, label=test.name)
+            frequency, amplitude = fourier_amplitude(motion, test.fs)
+            seen = (frequency >= low) & (frequency <= high)
+            over_frequency.plot(frequency[seen], amplitude[seen], color=color, linewidth=1.1, label=test.name)
+        over_frequency.axvspan(*fit.band_hz, color=PALE, alpha=0.35, linewidth=0, zorder=0, label="fitted band")
+        every = enumerate(result.modes.frequency_hz, start=1)
+        number_modes(over_frequency, {n: hz for n, hz in every if max(low, 1e-9) <= hz <= high}, own=mode)
+        over_frequency.set_yscale("log")
+        over_frequency.set_xlim(low, high)
+        top = over_frequency.get_ylim()[1]
+        over_frequency.set_ylim(top / 3e4, top)
+        over_time.set_xlabel("time [s]")
+        over_time.set_ylabel(f"modal acceleration [m/s² {_AMPLITUDE}]")
+        over_time.set_title(f"Mode {mode}, {len(tests)} tests")
+        over_frequency.set_xlabel("frequency [Hz]")
+        over_frequency.set_ylabel(f"Fourier amplitude [m/s² {_AMPLITUDE}/Hz]")
+        over_frequency.set_title("modes by number", fontweight="normal", pad=14)
+        handles, labels = over_frequency.get_legend_handles_labels()
+        thick(over_time.legend(handles, labels, loc="upper right", fontsize=7.5, ncols=1 + len(tests) // 6))
+    return grid
+
+
+def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | None = None) -> np.ndarray:
+    """Draw the stiffness and the damping force of a mode with its band, and its frequency and damping over amplitude.
+
+    Args:
+        fit: of the mode.
+        truth: of a simulated test.
+        axes: six Axes, or None for a new figure.
+
+    Returns:
+        (2, 3) Axes: stiffness above, damping below; whole force, nonlinear part, what it makes of the mode.
+    """
+    amplitude = fit.stiffness_curve.position
+    with house_style():
+        grid = panels(axes, 2, 3, height_in=5.2, width_in=8.6)
+        _force_row(grid[0], fit.stiffness_curve, f"q [{{}}m {_AMPLITUDE}]", "stiffness force", "k₀ q")
+        _force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′")
+        factor, prefix = _prefix(amplitude)
+        for ax, name, scale, values, label in (
+            (grid[0, 2], "frequency_hz", 1, fit.frequency_at_hz, "natural frequency [Hz]"),
+            (grid[1, 2], "damping_ratio", 100, fit.damping_at, "damping ratio [%]"),
+        ):
+            linear = scale * getattr(fit, name)
+            ax.axhline(linear, color=BLUE, linestyle="--", linewidth=1.1, label="linear, as given")
+            ax.plot(factor * amplitude, scale * values, color=VERMILION, linewidth=2.0, label="over amplitude")
+            if truth is not None:
+                at, known = np.asarray(truth.amplitude), scale * np.asarray(getattr(truth, name))
+                shown = at <= 1.02 * amplitude[-1]
+                dots = {"color": GREEN, "linewidth": 0, "marker": ".", "markersize": 6}
+                ax.plot(factor * at[shown], known[shown], **dots, label="truth, other modes at rest")
+            ax.set_xlabel(f"amplitude of q [{prefix}m {_AMPLITUDE}]")
+            ax.set_ylabel(label)
+            thick(ax.legend(loc="best", fontsize=7.5))
+        grid[1, 2].set_ylim(bottom=0)
+        grid[0, 0].set_title(f"Mode {fit.mode}: N_s = {fit.stiffness_order}, N_d = {fit.damping_order}")
+        grid[0, 1].set_title("nonlinear part, 95 %", fontweight="normal")
+    return grid
+
+
+def modal_orders(fit: ModeFit, ax: Any = None) -> Axes:
+    """Draw the misfit that each pair of orders leaves on tests that were left out.
+
+    Args:
+        fit: of a mode whose orders were searched.
+        ax: one Axes, or None for a new figure.
+    """
+    rungs = sorted(fit.orders, key=lambda rung: (rung.stiffness_order, rung.damping_order))
+    with house_style():
+        ax = panels(ax, 1, height_in=1.2 + 0.19 * len(rungs), width_in=5.6)[0, 0]
+        for row, rung in enumerate(rungs):
+            color = VERMILION if rung.chosen else INK
+            error, std = 100 * rung.error, 100 * rung.error_std
+            ax.plot([max(error - std, error / 3), error + std], [row, row], color=color, linewidth=1.2)
+            ax.plot([error], [row], marker="o", markersize=6, color=color, linestyle="none")
+        ax.set_xscale("log")
+        plain_numbers(ax.xaxis)
+        labels = [f"{rung.stiffness_order}, {rung.damping_order}" for rung in rungs]
+        chosen = [rung.chosen for rung in rungs]
+        name_rows(ax, labels, [VERMILION if each else INK for each in chosen], chosen=chosen)
+        ax.set_ylabel("N_s, N_d", labelpad=10)
+        ax.set_xlabel("misfit where left out [% of the modal force]")
+        ax.set_title(f"Mode {fit.mode}: orders tried")
+    return ax
+
+
+def fourier_amplitude(samples: np.ndarray, fs: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lines of a transient record and its Fourier amplitude |X| there, the unit of the samples per Hz.
+
+    >>> frequency, amplitude = fourier_amplitude(np.r_[1.0, np.zeros(7)], 4.0)
+    >>> frequency.tolist(), amplitude.tolist()
+    ([0.0, 0.5, 1.0, 1.5, 2.0], [0.25, 0.25, 0.25, 0.25, 0.25])
+    """
+    return np.fft.rfftfreq(samples.size, 1 / fs), np.abs(np.fft.rfft(samples)) / fs
+
+
+def _force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol: str) -> None:
+    """The whole force beside the linear one, and the nonlinear part alone, with their band."""
+    factor, prefix = _prefix(curve.position)
+    x = factor * curve.position
+    whole, part = row[0], row[1]
+    for ax, base in ((whole, curve.linear), (part, 0.0 * curve.linear)):
+        ax.fill_between(x, base + curve.low, base + curve.high, color=VERMILION, alpha=0.25, linewidth=0)
+        ax.plot(x, base, color=BLUE, linestyle="--", linewidth=1.1, label=f"linear, {symbol}")
+        ax.plot(x, base + curve.force, color=VERMILION, linewidth=1.8, label="with nonlinear part")
+        ax.set_xlabel(along.format(prefix))
+    whole.set_ylabel(f"{name} [N/{_AMPLITUDE}]")
+    thick(whole.legend(loc="upper left", fontsize=7.5))
+
+
+def _levels(n: int) -> list[Any]:
+    """One colour a level, the highest first: pale below, dark above."""
+    if n <= 3:
+        return [SKY, BLUE, INK][:n]
+    return [colormaps["viridis"](0.85 * (1 - level / (n - 1))) for level in range(n)]
+
+
+def _around(result: ModalIdentification, fit: ModeFit) -> tuple[float, float]:
+    """A range of frequency with the fitted band and both neighbours in it."""
+    below, above = result.modes.neighbours_hz(fit.mode)
+    width = fit.band_hz[1] - fit.band_hz[0]
+    low = max(below, fit.frequency_hz - 4 * width) if below else fit.band_hz[0]
+    high = min(above, fit.frequency_hz + 4 * width) if np.isfinite(above) else fit.band_hz[1]
+    room = 0.15 * (max(high, fit.band_hz[1]) - min(low, fit.band_hz[0]))
+    return max(min(low, fit.band_hz[0]) - room, 0.0), max(high, fit.band_hz[1]) + room
+
+
+def _prefix(values: np.ndarray) -> tuple[float, str]:
+    """A factor and the prefix of the unit that make values easy to read."""
+    largest = float(np.abs(values).max())
+    for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
+        if largest * factor >= 1:
+            return factor, prefix
+    return 1e9, "n"
+
+
+# ---- free decays ------------------------------------------------------------------------------------
+
+
+def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = None) -> np.ndarray:
+    """Draw a free decay with the amplitude that was followed, and natural frequency and damping ratio over it.
+
+    Heights are chosen for what is known well: at the smallest amplitudes the band may leave the panel.
+
+    Args:
+        decay: what it shows.
+        axes: three Axes, or None for a new figure.
+        law: a law of the mode, of this decay or of several, drawn beside what was measured.
+
+    Returns:
+        (1, 3) Axes.
+    """
+    factor, unit = _readable(float(decay.amplitude.max()), decay.amplitude_unit)
+    shown = decay if law is None else law
+    with house_style():
+        grid = panels(axes, 1, 3, height_in=3.0, width_in=9.0)
+        _record(grid[0, 0], decay)
+        for ax, name, std, low, scale, label in (
+            (grid[0, 1], "frequency_hz", decay.frequency_std_hz, shown.frequency_low_hz, 1, "natural frequency [Hz]"),
+            (grid[0, 2], "damping_ratio", decay.damping_std, shown.damping_low, 100, "damping ratio [%]"),
+        ):
+            over = None if law is None else (factor * law.amplitude, scale * getattr(law, name))
+            lowest = None if low.value is None else scale * low.value
+            _over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
+            ax.set_xlabel(f"amplitude [{unit}]")
+            ax.set_ylabel(label)
+        thick(grid[0, 1].legend(loc="best", fontsize=7.5))
+    return grid
+
+
+def _record(ax: Axes, decay: Decay) -> None:
+    ax.plot(decay.time_s, decay.signal, color=PALE, linewidth=0.6, label="record")
+    for sign in (1, -1):
+        label = "amplitude" if sign > 0 else None
+        ax.plot(decay.time_s, sign * decay.envelope, color=VERMILION, linewidth=1.4, label=label)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(f"[{_print_unit(decay.signal_unit)}]")
+    ax.set_title(decay.name if decay.mode is None else f"{decay.name}, mode {decay.mode}")
+    thick(ax.legend(loc="upper right", fontsize=7.5))
+
+
+def _over_amplitude(
+    ax: Axes,
+    amplitude: np.ndarray,
+    values: np.ndarray,
+    std: np.ndarray,
+    low: float | None,
+    law: tuple[np.ndarray, np.ndarray] | None,
+) -> None:
+    """Draw the measured values with their band, the law, and its limit; the heights suit the well-known values."""
+    known = _known(values, std)
+    below, above = values - 1.96 * std, values + 1.96 * std
+    ax.fill_between(amplitude, below, above, color=VERMILION, alpha=0.25, linewidth=0, label="95 %")
+    ax.plot(amplitude, values, color=VERMILION, linewidth=0.7, alpha=0.4)
+    ax.plot(amplitude, np.where(known, values, np.nan), color=VERMILION, linewidth=1.6, label="measured")
+    if law is not None:
+        ax.plot(*law, color=INK, linewidth=1.0, label="law")
+    ends = [*below[known], *above[known]]
+    if low is not None:
+        ends.append(low)
+        ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="law, at zero amplitude")
+    room = ROOM_OF_DECAY * (max(ends) - min(ends)) or ROOM_OF_DECAY * abs(ends[0]) or 1.0
+    ax.set_ylim(min(ends) - room, max(ends) + room)
+    ax.set_xscale("log")
+
+
+def _known(values: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Which values are well known, compared with the range of the better half of them."""
+    better = std <= np.median(std)
+    enough = max(KNOWN * float(np.ptp(values[better])), 2.0 * 1.96 * float(np.quantile(std, 0.25)))
+    return 1.96 * std <= enough
+
+
+def _readable(largest: float, unit: str) -> tuple[float, str]:
+    """A factor and a unit in which an amplitude in m or m kg^1/2 is easy to read."""
+    factor, prefix = (1e3, "m") if largest >= 1e-3 else (1e6, "µ")
+    return factor, prefix + _print_unit(unit)
+
+
+def _print_unit(unit: str) -> str:
+    return unit.replace("kg^1/2", "√kg").replace("^2", "²")
+
+
+# ---- truth tests ------------------------------------------------------------------------------------
+
+
+def truth_test(
+    test: TruthTest, *, sensors: Sequence[str], nonlinear_hz: Sequence[float] = (), axes: Any = None
+) -> np.ndarray:
+    """Draw a truth test: acceleration over time, near its peak, and over frequency (Figs. 8 and 12 of Pacini).
+
+    Args:
+        test: the truth test.
+        sensors: those to draw, one row each.
+        nonlinear_hz: natural frequencies of the nonlinear modes, dashed lines.
+        axes: three Axes a sensor, or None for a new figure.
+
+    Returns:
+        (n_sensors, 3) Axes.
+    """
+    with house_style():
+        grid = panels(axes, len(sensors), 3, height_in=0.6 + 2.4 * len(sensors), width_in=9.4)
+        for row, sensor in zip(grid, sensors, strict=True):
+            _sensor(row, test, sensor, nonlinear_hz)
+            row[0].set_ylabel("acceleration [m/s²]")
+            row[0].set_title(sensor)
+            figures = test.sensors[sensor]
+            peak = f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}"
+            error = f"error {100 * figures.nrmse_nonlinear:.3g} %, linear {100 * figures.nrmse_linear:.3g} %"
+            for ax, title in ((row[1], peak), (row[2], error)):
+                ax.set_title(title, fontweight="normal", fontsize=9)
+        thick(grid[0, 0].legend(loc="upper right", fontsize=7.5))
+        for ax, label in zip(grid[-1], ("time [s]", "time [s], at the peak", "frequency [Hz]"), strict=True):
+            ax.set_xlabel(label)
+    return grid
+
+
+def truth_test_figures(test: TruthTest, ax: Any = None) -> Axes:
+    """Draw the errors of both models at every sensor of a truth test.
+
+    Args:
+        test: the truth test.
+        ax: one Axes, or None for a new figure.
+    """
+    names = list(test.sensors)
+    with house_style():
+        ax = panels(ax, 1, height_in=3.0)[0, 0]
+        for color, marker, label, values in (
+            (BLUE, "s", "linear model", [100 * test.sensors[name].nrmse_linear for name in names]),
+            (VERMILION, "o", "nonlinear model", [100 * test.sensors[name].nrmse_nonlinear for name in names]),
+        ):
+            ax.plot(range(len(names)), values, color=color, marker=marker, markersize=5, linestyle="none", label=label)
+        ax.set_yscale("log")
+        plain_numbers(ax.yaxis)
+        ax.set_xticks(range(len(names)), names, rotation=90 * (len(names) > 8), fontsize=8 if len(names) <= 30 else 6)
+        ax.set_xlabel("sensor")
+        ax.set_ylabel("rms error [% of measured rms]")
+        ax.set_title(f"Truth test {test.name!r}")
+        ax.grid(False, axis="x")
+        thick(ax.legend(loc="best"))
+    return ax
+
+
+def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequence[float]) -> None:
+    whole, near, spectrum = row
+    fs = test.measured.fs
+    measured = test.measured.channel(sensor)
+    # the linear model, whose curve is often the largest, lies below the others
+    series = (
+        (test.linear.channel(sensor), BLUE, "linear", 1),
+        (measured, INK, "measured", 2),
+        (test.nonlinear.channel(sensor), VERMILION, "nonlinear", 3),
+    )
+    time = test.measured.time_s
+    peak = int(np.abs(measured).argmax())
+    reach = _reach(measured, peak)
+    close = slice(max(peak - reach, 0), peak + reach + 1)
+    for values, color, label, order in series:
+        settings: dict[str, Any] = {"color": color, "label": label, "zorder": order}
+        # where two curves agree, a thin line is still seen on a broad one
+        broad = label == "measured"
+        _whole(whole, time, values, 2 * reach // N_PERIODS, settings)
+        near.plot(time[close], values[close], linewidth=2.6 if broad else 1.1, **settings)
+        lines, height = fourier_amplitude(values - values.mean(), fs)
+        shown = _thin_lines(lines, test.band_hz, height)
+        look = {"linewidth": 2.2, "alpha": 0.5} if broad else {"linewidth": 0.9, "alpha": 1}
+        spectrum.plot(*_crests(lines[shown], height[shown]), **look, **settings)
+    for hz in nonlinear_hz:
+        spectrum.axvline(hz, color=GREY, linestyle="--", linewidth=0.8, zorder=0)
+    spectrum.set_yscale("log")
+    top = float(fourier_amplitude(measured - measured.mean(), fs)[1].max())
+    spectrum.set_ylim(LEAST_SHOWN * top, 4 * top)
+    spectrum.set_ylabel("Fourier amplitude [m/s²/Hz]", fontsize=8.5)
+    # a linear model that overshoots by far would flatten the other two
+    highest = ROOM * max(float(np.abs(values[close]).max()) for values in (measured, test.nonlinear.channel(sensor)))
+    near.set_ylim(max(near.get_ylim()[0], -highest), min(near.get_ylim()[1], highest))
+    near.locator_params(axis="x", nbins=5)
+
+
+def _whole(ax: Axes, time: np.ndarray, values: np.ndarray, least: int, settings: dict[str, Any]) -> None:
+    """Draw a whole record; if it has many periods, its envelope: of a measurement as an area, of a model as lines."""
+    size = max(values.size // N_CRESTS, least)
+    n = values.size // size
+    if n < LEAST_CRESTS:
+        ax.plot(time, values, linewidth=0.6, alpha=0.9, **settings)
+        return
+    blocks = values[: n * size].reshape(n, size)
+    middle = time[size // 2 : n * size : size]
+    low, high = blocks.min(axis=1), blocks.max(axis=1)
+    if settings["label"] == "measured":
+        ax.fill_between(middle, low, high, alpha=0.45, linewidth=0, **settings | {"zorder": 0.5})
+        return
+    for label, edge in ((settings["label"], high), (None, low)):
+        ax.plot(middle, edge, linewidth=1.0, **settings | {"label": label})
+
+
+def _crests(frequency: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The highest of each group of neighbouring lines: of very many lines, noise would fill an area."""
+    size = frequency.size // N_CRESTS
+    if size < 2:
+        return frequency, height
+    blocks = height[: size * N_CRESTS].reshape(N_CRESTS, size)
+    crests = size * np.arange(N_CRESTS) + blocks.argmax(axis=1)
+    return frequency[crests], height[crests]
+
+
+def _reach(measured: np.ndarray, peak: int) -> int:
+    """The number of samples to either side of the peak that hold some periods of the strongest line there."""
+    near = measured[max(peak - AROUND, 0) : peak + AROUND]
+    height = np.abs(np.fft.rfft(near * np.hanning(near.size)))
+    strongest = max(int(height[1:].argmax()) + 1, 2)
+    return max(8, round(N_PERIODS * near.size / strongest))
+
+
+def _thin_lines(frequency: np.ndarray, band_hz: tuple[float, float] | None, height: np.ndarray) -> np.ndarray:
+    """Which lines are drawn: those in the compared band, or without one up to the last that stands out."""
+    if band_hz is not None:
+        return (frequency > 0) & (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    loud = np.flatnonzero(height > LEAST_SHOWN * height.max())
+    return (frequency > 0) & (frequency <= frequency[loud[-1]])

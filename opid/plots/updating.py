@@ -1,0 +1,522 @@
+"""Figures of Bayesian updating: backbones, classes, the linear structure, and posterior samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+from opid.errors import InputError
+from opid.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    RUN_COLORS,
+    VERMILION,
+    WIDTH_IN,
+    every,
+    house_style,
+    minus,
+    note,
+    panels,
+    panels_in_rows,
+    thick,
+)
+from opid.signals.recording import FloatArray
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.structure.reduction import ReductionErrors
+
+_COLUMNS = 3
+
+_METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
+# from here on the axis of the evidences is logarithmic
+_LINEAR_TO = 10.0
+
+# of the largest force: curves that are nearer to each other than this hide each other
+_SAME_FORCE = 0.02
+# length of a dash, in widths of its line; width of the line of the best class
+_DASH, _WIDE = 4.0, 2.4
+# marks of the truth, which other lines are seen between
+_N_TRUTH = 16
+# classes in one column of a legend
+_IN_ONE_COLUMN = 6
+
+LEAST_STD = 0.005  # of a log evidence: what is less is drawn without a bar
+
+# a frequency that agrees to the last digit has a place on a logarithmic axis, too
+_LEAST_PERCENT = 1e-12
+_HELD: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4, "label": "sensors and joints held"}
+# hollow, so that the other one is seen within it
+_FREE: dict[str, Any] = {
+    "color": VERMILION, "marker": "s", "markersize": 6, "markerfacecolor": "none", "label": "free modes",
+}  # fmt: skip
+
+# of the Gaussian: fractions of the samples within its contours
+_WITHIN = (0.5, 0.9, 0.99)
+# points of the running moments
+_N_RUNNING = 400
+# parameters with panels of their own at most: more are no figure
+_N_SHOWN = 5
+
+
+# ---- backbones -------------------------------------------------------------------------------------
+
+
+def measured_backbones(
+    measured: Sequence[MeasuredBackbone], mode: int, *, sensors: Sequence[str], axes: Any = None
+) -> np.ndarray:
+    """Draw the amplitude of some sensors over the frequency of phase resonance, all curves of a mode in one panel.
+
+    Args:
+        measured: the backbones, of all modes.
+        mode: number of the mode, from 1.
+        sensors: one panel each.
+        axes: as many Axes as panels, or None for a new figure.
+
+    Returns:
+        Axes, in rows of three; those without a sensor are empty.
+
+    Raises:
+        InputError: no backbone of that mode.
+    """
+    curves = [curve for curve in measured if curve.mode == mode]
+    if not curves:
+        raise InputError(f"no backbone of mode {mode} was measured: there are {sorted({c.mode for c in measured})}")
+    with house_style():
+        grid = _grid(len(sensors), axes)
+        for ax, sensor in zip(grid.ravel(), sensors, strict=False):
+            factor, unit = _length_unit(_largest(curves, sensor))
+            for curve in (curve for curve in curves if sensor in curve.sensors):
+                ax.plot(
+                    curve.frequency_hz, factor * np.abs(_at(curve, sensor)),
+                    color=BLUE, linewidth=0.9, alpha=0.75, marker=".", markersize=3.5,
+                )  # fmt: skip
+            _label_axes(ax, sensor, unit)
+        grid[0, 0].annotate(
+            f"mode {mode}, {len(curves)} curve{'s' * (len(curves) > 1)}", (0.04, 0.93), xycoords="axes fraction",
+            fontsize=8, va="top",
+        )  # fmt: skip
+    return grid
+
+
+def predicted_backbones(
+    bands: Sequence[BackboneBand], measured: Sequence[MeasuredBackbone], mode: int, axes: Any = None
+) -> np.ndarray:
+    """Draw the predicted backbones of a mode with their 95 % bands over the measured points.
+
+    Args:
+        bands: the prediction, of all modes and sensors; one panel for each of this mode. A band breaks off where its
+            frequencies are nan.
+        measured: the backbones, of all modes.
+        mode: number of the mode, from 1.
+        axes: as many Axes as panels, or None for a new figure.
+
+    Returns:
+        Axes, in rows of three; those without a band are empty.
+
+    Raises:
+        InputError: no band of that mode.
+    """
+    own = [band for band in bands if band.mode == mode]
+    if not own:
+        raise InputError(f"no backbone of mode {mode} was predicted: there are {sorted({b.mode for b in bands})}")
+    curves = [curve for curve in measured if curve.mode == mode]
+    with house_style():
+        grid = _grid(len(own), axes)
+        for ax, band in zip(grid.ravel(), own, strict=False):
+            factor, unit = _length_unit(max(float(band.amplitude.max()), _largest(curves, band.sensor)))
+            height = factor * band.amplitude
+            ax.fill_betweenx(
+                height, band.low_hz, band.high_hz, color=VERMILION, alpha=0.22, linewidth=0, label="95 % band"
+            )
+            ax.plot(band.frequency_hz, height, color=VERMILION, label="predicted")
+            for number, curve in enumerate(curve for curve in curves if band.sensor in curve.sensors):
+                ax.plot(
+                    curve.frequency_hz, factor * np.abs(_at(curve, band.sensor)),
+                    color=INK, linestyle="none", marker=".", markersize=3, alpha=0.6,
+                    label="measured" if number == 0 else None,
+                )  # fmt: skip
+            _label_axes(ax, band.sensor, unit)
+            if np.isfinite(band.coverage):
+                ax.set_title(f"sensor {band.sensor}: {100 * band.coverage:.0f} % within")
+        thick(grid[0, 0].legend(loc="upper left", fontsize=7.5, title=f"mode {mode}", title_fontsize=8))
+    return grid
+
+
+def _grid(n: int, axes: Any) -> np.ndarray:
+    """Rows of three panels; those beyond the last one are empty."""
+    if axes is not None:
+        return panels(axes, 1, n, height_in=3.0)
+    columns = min(n, _COLUMNS)
+    height_in = 0.5 + (2.5 if columns > 1 else 3.0) * -(-n // columns)
+    return panels_in_rows(None, n, columns, height_in=height_in)
+
+
+def _at(curve: MeasuredBackbone, sensor: str) -> np.ndarray:
+    return curve.amplitude[:, curve.sensors.index(sensor)]
+
+
+def _largest(curves: Sequence[MeasuredBackbone], sensor: str) -> float:
+    return max((float(np.abs(_at(curve, sensor)).max()) for curve in curves if sensor in curve.sensors), default=0.0)
+
+
+def _length_unit(largest: float) -> tuple[float, str]:
+    """What metres are multiplied by to be numbers that one reads, and the unit then."""
+    if largest >= 1:
+        return 1.0, "m"
+    return (1e3, "mm") if largest >= 2e-5 else (1e6, "µm")
+
+
+def _label_axes(ax: Axes, sensor: str, unit: str) -> None:
+    ax.set_title(f"sensor {sensor}")
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel(f"amplitude [{unit}]")
+    ax.set_ylim(bottom=0)
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=5))
+
+
+# ---- model classes ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBand:
+    """Force of one class over the extension of the joints.
+
+    Args:
+        name: of the class.
+        force: (n,) at the mean of the parameters, N.
+        low: (n,) lower end of the 95 % band, N.
+        high: (n,) upper end, N.
+    """
+
+    name: str
+    force: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def log_evidences(result: Updating, ax: Any = None) -> Axes:
+    """Draw the log evidence of every class, by every method, less that of the best class.
+
+    Args:
+        result: of the updating.
+        ax: one Axes, or None for a new figure.
+    """
+    classes = result.classes
+    best = max((each.log_evidence for each in classes if np.isfinite(each.log_evidence)), default=0.0)
+    named: set[str] = set()
+    with house_style():
+        ax = panels(ax, 1, height_in=1.4 + 0.42 * len(classes))[0, 0]
+        lowest, spread = 0.0, False
+        for row, each in enumerate(classes):
+            color = RUN_COLORS[1] if each.model_class.name == result.best_class else RUN_COLORS[0]
+            for evidence in each.evidences:
+                marker, label = _METHODS.get(evidence.method, ("d", evidence.method))
+                offset = evidence.log_evidence - best
+                if not np.isfinite(offset):
+                    continue
+                lowest = min(lowest, offset - 2 * evidence.std)
+                bar = 2 * evidence.std if evidence.std > LEAST_STD else None
+                spread = spread or bar is not None
+                ax.errorbar(
+                    offset, row, xerr=bar, color=color, marker=marker, linestyle="none", markersize=6,
+                    markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
+                    label="_" if label in named else label,
+                )  # fmt: skip
+                named.add(label)
+        _as_differences(ax, lowest)
+        ax.axvline(0, color=GREY, linewidth=0.9, zorder=0)
+        ax.set_yticks(range(len(classes)), [_class_label(each) for each in classes])
+        ax.set_ylim(len(classes) - 0.5, -0.5)
+        bars = " (± 2 standard deviations)" if spread else ""
+        ax.set_xlabel(f"log evidence less that of the best class{bars}")
+        if named:
+            # above the axes: a class may lie anywhere within
+            ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named), fontsize=8)
+    return ax
+
+
+def joint_forces(
+    extension: FloatArray,
+    bands: Sequence[ForceBand],
+    *,
+    best: str,
+    truth: FloatArray | None = None,
+    reached: Mapping[int, float] | None = None,
+    ax: Any = None,
+) -> Axes:
+    """Draw the nonlinear force of every class over the extension that the tests reached.
+
+    Args:
+        extension: (n,) m.
+        bands: one a class.
+        best: name of the best class, which alone has its band drawn.
+        truth: (n,) force of a simulation, N.
+        reached: extension that the tests of each mode reached, m, by its number.
+        ax: one Axes, or None for a new figure.
+    """
+    x = 1e3 * extension
+    with house_style():
+        ax = panels(ax, 1, height_in=3.8)[0, 0]
+        for number, band in enumerate(bands):
+            color = RUN_COLORS[number % len(RUN_COLORS)]
+            if band.name == best:
+                ax.plot(x, band.force, color=color, linewidth=_WIDE, label=f"{band.name} (best)", zorder=2)
+                ax.fill_between(x, band.low, band.high, color=color, alpha=0.25, linewidth=0, label="its 95 % band")
+            else:
+                style = _dashes(band, bands, best)
+                ax.plot(x, band.force, color=color, label=band.name, zorder=3, **style)
+        if truth is not None:
+            ax.plot(
+                x, truth, color=INK, linestyle="none", marker="o", markersize=4, markerfacecolor="white",
+                markevery=max(1, len(x) // _N_TRUTH), label="truth", zorder=5,
+            )  # fmt: skip
+        for mode, extended in (reached or {}).items():
+            ax.axvline(1e3 * extended, color=GREY, linestyle=":", linewidth=1.0)
+            look: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "rotation": 90, "ha": "right", "va": "top"}
+            note(ax, f"mode {mode}", (1e3 * extended, 1), (-3, -3), fontsize=8, color=INK, **look)
+        # joints that are not extended at all leave nothing to zoom in on
+        if x[-1] > x[0]:
+            ax.set_xlim(float(x[0]), float(x[-1]))
+        ax.set_xlabel("extension of a joint [mm]")
+        ax.set_ylabel("nonlinear force [N]")
+        legend = ax.legend(loc="upper left", fontsize=8, ncols=1 if len(bands) <= _IN_ONE_COLUMN else 2)
+        thick(legend)
+        for handle in legend.legend_handles:
+            # the turns of a class are too far apart for a legend
+            if isinstance(handle, Line2D) and handle.is_dashed():
+                handle.set_linestyle("--")
+    return ax
+
+
+def _dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str, Any]:
+    """The line of a class that is not the best; classes whose curves lie on each other take turns along the curve."""
+    largest = max(float(np.abs(each.force).max()) for each in bands)
+    together = [each.name for each in bands if np.abs(each.force - band.force).max() <= _SAME_FORCE * largest]
+    # the best is drawn whole beneath and shows where it is its turn
+    turn = sum(name != best for name in together[: together.index(band.name)])
+    dashes = (turn * _DASH, (_DASH, max(1, len(together) - 1) * _DASH))
+    return {"linestyle": dashes, "linewidth": _WIDE if best in together else 1.5}
+
+
+def _class_label(each: ClassPosterior) -> str:
+    name, law = each.model_class.name, each.model_class.law_in_words
+    return name if name == law else f"{name}: {law}"
+
+
+def _as_differences(ax: Axes, lowest: float) -> None:
+    """Linear near the best class and logarithmic beyond, with plain numbers."""
+    if lowest > -3 * _LINEAR_TO:
+        ax.set_xlim(min(1.15 * lowest, -1.0), max(-0.06 * lowest, 0.3))
+        return
+    ax.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=1.5)
+    ax.set_xlim(2 * lowest, 4)
+    decades = [_LINEAR_TO * 10**power * step for power in range(1, 12) for step in (1, 3)]
+    ticks = [0, -2, -5, -10, -30, *(-each for each in decades if each < -2 * lowest)]
+    ax.xaxis.set_major_locator(FixedLocator(ticks))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: minus(f"{value:g}")))
+    ax.xaxis.set_minor_locator(NullLocator())
+
+
+# ---- the linear structure --------------------------------------------------------------------------
+
+
+def linear_updating(linear: LinearPosterior, axes: Any = None) -> np.ndarray:
+    """Draw frequency error and MAC of every identified mode before and after linear updating (Song Table 2).
+
+    Args:
+        linear: phase I.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    modes = linear.modes
+    position = np.arange(len(modes))
+    measured = np.array([mode.identified_hz for mode in modes])
+    errors = [
+        100 * (np.array([getattr(mode, name) for mode in modes]) / measured - 1)
+        for name in ("initial_hz", "updated_hz")
+    ]
+    shapes = [[getattr(mode, name) for mode in modes] for name in ("initial_mac", "updated_mac")]
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=2.9)
+        for ax, (before, after) in zip(grid[0], (errors, shapes), strict=True):
+            for shift, values, color, label in ((-0.2, before, BLUE, "initial"), (0.2, after, VERMILION, "updated")):
+                bars = ax.bar(position + shift, values, width=0.38, color=color, label=label)
+                ax.bar_label(bars, [_short(value) for value in values], fontsize=7.5, padding=2)
+            ax.margins(y=0.14)
+            ax.set_xticks(position, [f"mode {mode.mode}" for mode in modes])
+        grid[0, 0].axhline(0, color=INK, linewidth=0.9)
+        grid[0, 0].set_ylabel("frequency error [%]")
+        grid[0, 1].set_ylabel("MAC with the tests")
+        thick(grid[0, 0].legend(loc="best"))
+    return grid
+
+
+def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: ReductionErrors | None = None) -> np.ndarray:
+    """Draw frequency error and MAC of the reduced structure against the whole one, mode by mode (Song Fig. 7).
+
+    A cross is the MAC with the mode that a reduced mode is most like, where that is another one than that of its
+    number: the order has changed.
+
+    Args:
+        errors: of the reduction with sensors and joints held.
+        axes: two Axes, or None for a new figure.
+        free: of the reduction with free modes, drawn beside it.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    crosses: list[Line2D] = []
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.0)
+        left, right = grid[0]
+        for each, style in zip((errors, free), (_HELD, _FREE), strict=True):
+            if each is None:
+                continue
+            number = np.arange(1, len(each.frequency_hz) + 1)
+            left.plot(number, np.maximum(100 * np.abs(each.relative), _LEAST_PERCENT), linewidth=1.0, **style)
+            right.plot(number, each.mac, linewidth=1.0, **style)
+            other = (each.nearest > 0) & (each.nearest != number)
+            if other.any():
+                crosses += right.plot(
+                    number[other], each.nearest_mac[other], color=style["color"], marker="x", linestyle="none",
+                    label="with the mode that it is most like",
+                )  # fmt: skip
+        left.set_yscale("log")
+        left.set_ylabel("frequency error [%]")
+        right.axhline(1, color=GREY, linewidth=0.9, linestyle="--")
+        right.set_ylim(-0.03, 1.05)
+        right.set_ylabel("MAC")
+        for ax in grid[0]:
+            ax.set_xlabel("mode")
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        # above the axes: an error may lie anywhere within
+        above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0, 1), "fontsize": 8}
+        thick(left.legend(ncols=2, **above))
+        if crosses:
+            right.legend(handles=crosses[:1], **above)
+    return grid
+
+
+def _short(value: float) -> str:
+    """A number of three digits, at most three of them decimals."""
+    return minus(f"{value:.3g}" if abs(value) >= 1 and value != 1 else f"{value:.3f}")
+
+
+# ---- posterior samples -----------------------------------------------------------------------------
+
+
+def parameter_samples(
+    samples: FloatArray, labels: Sequence[str], *, truth: Sequence[float | None] | None = None, axes: Any = None
+) -> np.ndarray:
+    """Draw histograms of the parameters and scatters of their pairs, with the Gaussian of the same mean and covariance.
+
+    Histograms are densities, as the Gaussians beside them; the contours hold 50, 90 and 99 % of the Gaussian (Song et
+    al. 2021, Figs. 6 and 8 to 10).
+
+    Args:
+        samples: (n_samples, n_parameters); the first five parameters are drawn.
+        labels: of the parameters, for the axes.
+        truth: value of each parameter in a simulation; None where it has none.
+        axes: n x n Axes, or None for a new figure.
+
+    Returns:
+        (n, n) Axes, those above the diagonal empty.
+    """
+    shown = np.asarray(samples, dtype=np.float64)[:, :_N_SHOWN]
+    n = shown.shape[1]
+    known = [None] * n if truth is None else list(truth)[:n]
+    with house_style():
+        grid = panels(axes, n, n, height_in=1.0 + 2.0 * n, width_in=max(WIDTH_IN, 2.2 * n))
+        for (row, column), ax in np.ndenumerate(grid):
+            if column > row:
+                ax.set_axis_off()
+                continue
+            if row == column:
+                _histogram(ax, shown[:, row], known[row])
+            else:
+                _pair(ax, shown[:, [column, row]], (known[column], known[row]))
+                if column == 0:
+                    ax.set_ylabel(labels[row])
+            ax.xaxis.set_major_locator(MaxNLocator(nbins=5))
+            if row == n - 1:
+                ax.set_xlabel(labels[column])
+        grid[0, 0].set_ylabel("density")
+        thick(grid[0, 0].legend(loc="best", fontsize=7.5))
+    return grid
+
+
+def running_moments(samples: FloatArray, labels: Sequence[str], axes: Any = None) -> np.ndarray:
+    """Draw how mean and standard deviation settle as samples come in (Song et al. 2021, Figs. 6b and 8b).
+
+    Args:
+        samples: (n_samples, n_parameters) in the order in which they were drawn, chain after chain; the first five
+            parameters are drawn.
+        labels: of the parameters, for the axes.
+        axes: n x 2 Axes, or None for a new figure.
+
+    Returns:
+        (n, 2) Axes.
+    """
+    shown = np.asarray(samples, dtype=np.float64)[:, :_N_SHOWN]
+    count = np.arange(1, len(shown) + 1)
+    # about the mean of all, so that no digits are lost
+    centre = shown.mean(axis=0)
+    mean = np.cumsum(shown - centre, axis=0) / count[:, None]
+    square = np.cumsum((shown - centre) ** 2, axis=0) / count[:, None]
+    deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+    thin = every(len(shown), _N_RUNNING)
+    with house_style():
+        grid = panels(axes, shown.shape[1], 2, height_in=0.9 + 1.5 * shown.shape[1], sharex="all")
+        for row, label in enumerate(labels[: shown.shape[1]]):
+            for ax, values in zip(grid[row], ((mean + centre)[:, row], deviation[:, row]), strict=True):
+                ax.plot(count[thin], values[thin], color=BLUE)
+                ax.axhline(values[-1], color=INK, linestyle="--", linewidth=0.9)
+            grid[row, 0].set_ylabel(label)
+        for ax, title in zip(grid[0], ("Mean", "Standard deviation"), strict=True):
+            ax.set_title(title)
+        for ax in grid[-1]:
+            ax.set_xlabel("samples")
+    return grid
+
+
+def _histogram(ax: Axes, values: np.ndarray, truth: float | None) -> None:
+    mean, deviation = float(values.mean()), float(values.std())
+    ax.hist(values, bins="auto", range=_span(values), density=True, color=BLUE, alpha=0.45, label="samples")
+    if deviation > 0:
+        x = np.linspace(mean - 4 * deviation, mean + 4 * deviation, 300)
+        density = np.exp(-0.5 * ((x - mean) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
+        ax.plot(x, density, color=INK, linewidth=1.2, label="Gaussian")
+    if truth is not None:
+        ax.axvline(truth, color=GREEN, linestyle="--", label="truth")
+    ax.set_yticks([])
+
+
+def _pair(ax: Axes, pair: np.ndarray, truth: tuple[float | None, float | None]) -> None:
+    thinned = pair[every(len(pair))]
+    ax.plot(*thinned.T, linestyle="none", marker=".", markersize=2.5, color=BLUE, alpha=0.35, rasterized=True)
+    mean, covariance = pair.mean(axis=0), np.cov(pair.T)
+    angle = np.linspace(0, 2 * np.pi, 200)
+    values, directions = np.linalg.eigh(covariance)
+    circle = np.vstack([np.cos(angle), np.sin(angle)])
+    ellipse = directions @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
+    for within in _WITHIN:
+        # of a Gaussian in the plane, exp(-r^2/2) lies beyond r
+        ax.plot(*(mean[:, None] + np.sqrt(-2 * np.log(1 - within)) * ellipse), color=VERMILION, linewidth=1.0)
+    if truth[0] is not None and truth[1] is not None:
+        ax.plot(truth[0], truth[1], marker="+", markersize=11, markeredgewidth=2, color=GREEN, linestyle="none")
+
+
+def _span(values: np.ndarray) -> tuple[float, float]:
+    """The range of the values without the last 0.1 % at either side, which would make the bins wide."""
+    low, high = (float(each) for each in np.quantile(values, [0.001, 0.999]))
+    return (low, high) if high > low else (low - 0.5, low + 0.5)

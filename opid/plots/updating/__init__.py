@@ -1,1 +1,0 @@
-"""Figures of Bayesian updating: backbones, classes, the linear structure, and posterior samples."""
