@@ -18,8 +18,8 @@ os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 @pytest.fixture(scope="session")
 def field_test(tmp_path_factory):
     """A directory with heavy.csv, light.csv, study.toml and truth.json of 20 s at 256 Hz; not to be changed."""
-    from opid.virtual.files.taxi import taxi_study, taxi_truth
-    from opid.virtual.files.truth import write_field_test
+    from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
+    from opid.virtual.truth_file import write_field_test
 
     directory = tmp_path_factory.mktemp("field_test")
     test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=20.0, fs=256.0)
@@ -32,7 +32,7 @@ def field_test(tmp_path_factory):
 def identified(field_test):
     """The identification of the field test, with its truth: `.result`, `.truth`."""
     from opid.mechanics.truth import GearTruth
-    from opid.virtual.files.truth import read_truth
+    from opid.virtual.truth_file import read_truth
 
     truth = read_truth(field_test / "truth.json", GearTruth)
     return SimpleNamespace(result=identify(read_study(field_test / "study.toml")), truth=truth)

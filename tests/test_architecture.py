@@ -136,10 +136,10 @@ def estimators_in_virtual_tests(path, tree):
 
 
 def truths_written(path, tree):
-    for node in nodes_of(tree) if path.parent != PACKAGE / "virtual" / "files" else ():
+    for node in nodes_of(tree) if path != PACKAGE / "virtual" / "truth_file.py" else ():
         writes = isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("write_whole", "write_text"))
         if writes and "truth" in ast.unparse(node):
-            yield f"line {node.lineno}: a truth is written in virtual/files"
+            yield f"line {node.lineno}: a truth is written in virtual/truth_file.py"
 
 
 def reaching_upward(_path, tree):
@@ -270,11 +270,11 @@ def test_each_rule_finds_its_fault(rule, code):
     ("room", "code"),
     [
         ("modal", "from opid.virtual.modal_tests import series"),
-        ("updating", "import opid.virtual.files.truth"),
+        ("updating", "import opid.virtual.truth_file"),
         ("suspensions", "from opid.studies.study_file import read_study"),
-        ("report", "from opid.virtual.files.truth import write_field_test"),
+        ("report", "from opid.virtual.truth_file import write_field_test"),
         ("virtual", "from opid.report import write_report"),
-        ("studies", "from opid.virtual.files.truth import read_truth"),
+        ("studies", "from opid.virtual.truth_file import read_truth"),
     ],
 )
 def test_arrows_that_do_not_exist(room, code):

@@ -8,12 +8,12 @@ from opid import cli
 from opid.mechanics.laws.law import law
 from opid.mechanics.truth import GearTruth
 from opid.signals.logs import read_log
-from opid.virtual.files.truth import read_truth
 from opid.virtual.taxi_tests import taxiing
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.road import ROAD_CLASSES
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
+from opid.virtual.truth_file import read_truth
 
 
 @pytest.mark.usefixtures("few_figures")

@@ -17,7 +17,7 @@ from opid.studies.study_file import read_study
 from opid.updating import identification
 from opid.updating.measured import MeasuredBackbone, write_backbone
 from opid.updating.structure.matrices_file import write_structure
-from opid.virtual.files.truth import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, truth_table
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from opid.mechanics.laws.law import law
 from opid.plots.body import sensor_names
 from opid.plots.style import GREEN, VERMILION
 from opid.suspensions.result import BodyParameters, BodyRatios
-from opid.virtual.files.taxi import taxi_truth
+from opid.virtual.taxi_tests.study import taxi_truth
 
 TRUE = taxi_truth(short_test(duration_s=0.5))
 DRAWN = {

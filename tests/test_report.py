@@ -39,7 +39,7 @@ from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
-from opid.virtual.files.truth import read_truth
+from opid.virtual.truth_file import read_truth
 
 OLD_KEYS = {
     "schema",

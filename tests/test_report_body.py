@@ -17,9 +17,9 @@ from opid.report.suspensions.figures import figures_of
 from opid.report.writing import document_of
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
-from opid.virtual.files.taxi import taxi_truth
-from opid.virtual.files.truth import read_truth, truth_table
 from opid.virtual.taxi_tests.aircraft import default_aircraft
+from opid.virtual.taxi_tests.study import taxi_truth
+from opid.virtual.truth_file import read_truth, truth_table
 
 
 @pytest.fixture(scope="module")

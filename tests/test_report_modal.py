@@ -16,7 +16,7 @@ from opid.modal.model import Comparison
 from opid.report.document import Table
 from opid.report.nonlinear_modes import command_of, figures_of
 from opid.report.writing import document_of
-from opid.virtual.files.truth import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, truth_table
 
 TRUTH = ModalTruth({SOFT: ModeTruth({3: -1.5e11}, {2: 30.0})})
 

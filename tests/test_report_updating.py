@@ -22,7 +22,7 @@ from opid.report.updating import order_sentences, reduction_sentences
 from opid.report.writing import document_of
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
-from opid.virtual.files.truth import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, truth_table
 
 
 @pytest.fixture(scope="module")

@@ -73,7 +73,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     from opid.modal.study import ModalStudy
     from opid.report.nonlinear_modes import command_of
     from opid.studies.study_file import read_study
-    from opid.virtual.files.truth import read_truth
+    from opid.virtual.truth_file import read_truth
 
     output = output.reserved(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, ModalTruth)

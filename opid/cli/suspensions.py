@@ -134,7 +134,7 @@ def identify(
         raise click.UsageError(f"--method {method} has one method of searching the law: leave --method-of-law out")
     from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
     from opid.suspensions.identification import identify as identify_study
-    from opid.virtual.files.truth import read_truth
+    from opid.virtual.truth_file import read_truth
 
     output = output.reserved(default=f"{result_name(paths[0])}_result")
     known: TaxiTruth | None = None

@@ -50,7 +50,7 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
     from opid.studies.study_file import read_study
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy
-    from opid.virtual.files.truth import read_truth
+    from opid.virtual.truth_file import read_truth
 
     output = output.reserved(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, UpdatingTruth)

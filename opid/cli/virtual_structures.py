@@ -55,8 +55,8 @@ def sine_beats(
     """
     import numpy as np
 
-    from opid.virtual.files.truth import write_field_test
     from opid.virtual.modal_tests.series import modal_truth, stated_modes, virtual_series, virtual_study
+    from opid.virtual.truth_file import write_field_test
 
     free_directory(out, ("modes.npz", *STUDY_FILES), overwrite=overwrite)
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}
@@ -137,7 +137,7 @@ def backbones(
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones
     from opid.virtual.backbone_tests.wing_engine import UPDATED, replace_matrices, wing_engine_structure
-    from opid.virtual.files.truth import write_field_test
+    from opid.virtual.truth_file import write_field_test
 
     if by == "continuation" and points < FEWEST_CONTROLLED:
         raise InputError(

@@ -53,10 +53,10 @@ def demo(seed: int, output: Output) -> None:
     from opid.studies.study_file import read_study
     from opid.suspensions.identification import identify
     from opid.suspensions.study import Study
-    from opid.virtual.files.taxi import taxi_study, taxi_truth
-    from opid.virtual.files.truth import write_field_test
     from opid.virtual.taxi_tests.airframe import LandingGear
+    from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
     from opid.virtual.taxi_tests.taxiing import taxi_test
+    from opid.virtual.truth_file import write_field_test
 
     output = output.reserved((*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
     assert output.out is not None  # the option has a default
@@ -188,8 +188,8 @@ def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **sett
 
 def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], **facts: Any) -> None:
     """Simulate a taxi test, write it with the facts that its owner knows, and print the next command."""
-    from opid.virtual.files.taxi import taxi_study, taxi_truth
-    from opid.virtual.files.truth import write_field_test
+    from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
+    from opid.virtual.truth_file import write_field_test
 
     with progress() as say:
         say("two taxi runs")

@@ -10,10 +10,9 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.signals.log_settings import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
-from opid.studies.channels import CHANNEL, ChannelTable, as_table, sources_of
-from opid.studies.kinds import TEST_BENCH
-from opid.studies.run_files import RunFiles, read_beside, run_from_files
+from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, as_table, read_beside, run_from_files, sources_of
 from opid.studies.schema import Document, Say, fields_of, prefixed, read_tables, recast, text_of
+from opid.studies.study_file import TEST_BENCH
 from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.study import Run
 
@@ -45,7 +44,7 @@ class _Study:
     channels: Mapping[str, Annotated[str | int | ChannelTable, CHANNEL]] = field(default_factory=dict)
 
 
-def build_bench_study(document: Document, source: Path, say: Say) -> BenchStudy:
+def build_study(document: Document, source: Path, say: Say) -> BenchStudy:
     """Read the log that a study file of a test bench names, and return the study."""
     study, faults = bench_tables(document)
     refuse(faults, source)
@@ -80,7 +79,7 @@ def bench_study_from_log(log: Path, *, progress: Say, **bench: Any) -> BenchStud
     return _read(_Study(bench=_Bench(log=str(log), **bench)), Path(), progress, title=log.name, log=log, source=None)
 
 
-def write_bench_log(study: BenchStudy, directory: Path) -> str:
+def write_files(study: BenchStudy, directory: Path) -> str:
     """Write the log of a test bench, and return the text of the study file."""
     write_log(study.recording, directory / "bench.csv")
     return text_of(_Study(title=study.title, bench=recast(_Bench, study, log="bench.csv")))

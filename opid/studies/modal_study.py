@@ -18,9 +18,7 @@ from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
 from opid.signals.units import to_si
-from opid.studies.channels import CHANNEL, ChannelTable, as_table
-from opid.studies.kinds import MODAL_TESTS
-from opid.studies.run_files import read_beside
+from opid.studies.run_files import CHANNEL, ChannelTable, as_table, read_beside
 from opid.studies.schema import (
     NO_KEY,
     Document,
@@ -33,6 +31,7 @@ from opid.studies.schema import (
     stated,
     text_of,
 )
+from opid.studies.study_file import MODAL_TESTS
 
 LARGEST_CSV = 3_000_000
 """Values in all logs of a study beyond which they are written as HDF5, where that can be: some 60 MB of text."""
@@ -79,7 +78,7 @@ class _Study(_Settings):
     tests: Annotated[tuple[_Test, ...], MODAL_TESTS.needs["tests"]]
 
 
-def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
+def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     """Read what a study file of modal tests names, and return the study."""
     study, faults = read_tables(_Study, document)
     refuse(faults, source)
@@ -121,7 +120,7 @@ def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
     return ModalStudy(title, linear, tests=tuple(tests), source=source, **settings)
 
 
-def write_modal_logs(study: ModalStudy, directory: Path) -> str:
+def write_files(study: ModalStudy, directory: Path) -> str:
     """Write the modes and the log of each test, and return the text of the study file."""
     for each in study.tests:
         require_plain("test", each.test.name)

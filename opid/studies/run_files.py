@@ -1,16 +1,17 @@
-"""From the files of a run to the `Run`: health, the stretch to identify from, one clock for all of its channels."""
+"""The files of a run -> `Run`: its channels, the stretch to identify from, one clock; and its loading table."""
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
+from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, nearest
 from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.health.inspection import inspect, remove_spikes
@@ -21,8 +22,15 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
+from opid.studies.schema import NO_KEY, recast
 from opid.suspensions.settings import RunSettings
-from opid.suspensions.study import SAME_RATE, Run
+from opid.suspensions.study import SAME_RATE, PointMass, Run
+
+CHANNEL = "the name of a channel, its number or a table"
+"""What an entry of [channels] may be."""
+
+COLUMNS = ("mass_kg", "x_m", "y_m")
+"""The columns of a loading table."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +83,13 @@ def run_from_files(
     *,
     fs_hz: float | None = None,
     is_bench: bool = False,
-    settings: RunSettings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
-    Where no rate is given it is the lowest of theirs, reduced if it is above `RunSettings.reduced_above_hz`. Of a test
-    bench all is taken, at the rate at which it was recorded, and nothing is said of single channels: a force and a
-    travel are not judged as accelerations are.
+    Without a given rate the lowest of the channels' rates is taken, reduced if it is above
+    `RunSettings.reduced_above_hz`. The record of a test bench is taken whole and at its own rate, and its channels are
+    not judged singly: a force and a travel are not judged like accelerations.
 
     Raises:
         InputError: a log or a channel is at fault, or nothing of it is sound.
@@ -117,7 +124,7 @@ def run_from_files(
         )
     parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
-    fs = fs if fs_hz or is_bench else _reduce_rate(fs, settings or RunSettings())
+    fs = fs if fs_hz or is_bench else _reduce_rate(fs, RunSettings())
     recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
     if len({recorder.log.path for recorder in recorders}) > 1:
         words = (
@@ -133,7 +140,7 @@ def run_from_files(
 
 
 def read_beside(recording: Recording, *files: Path) -> Recording:
-    """Return a recording that also names the files that say what its samples mean: the study, loadings, modes."""
+    """Return a recording that also names other files that it depends on: the study, loading tables, modes."""
     return replace(recording, files=(*map(read_file, files), *recording.files))
 
 
@@ -159,17 +166,17 @@ def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recor
     for (path, settings, shift_s), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
         require_distinct(log, channels)
-        health = inspect(log, settings, channels=channels, progress=partial(_say_percent, say, path.name))
+
+        def say_part(fraction: float, name: str = path.name) -> None:
+            say(f"{name} {fraction:.0%}")
+
+        health = inspect(log, settings, channels=channels, progress=say_part)
         recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))
     return recorders, findings
 
 
-def _say_percent(say: Callable[[str], None], name: str, fraction: float) -> None:
-    say(f"{name} {fraction:.0%}")
-
-
 def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:
-    """When the time of each file begins, s after that of the first; 0 where not all of them tell."""
+    """The time zero of each file, s after that of the first; 0 for all if not all files state it."""
     if len(logs) == 1:
         return dict.fromkeys(logs, 0.0), []
     zeros = [log.zero for log in logs.values()]
@@ -208,7 +215,7 @@ def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: 
 def _on_one_clock(
     parts: Sequence[Recording], order: Sequence[str], fs: float, fs_hz: float | None
 ) -> tuple[Recording, list[Finding]]:
-    """The parts at one rate, and what was found in those that had to be resampled, while it could be seen."""
+    """The parts at one rate, and the findings of those that are resampled: they are no longer seen after it."""
     if len(parts) == 1 and abs(parts[0].fs / fs - 1) < SAME_RATE:
         return parts[0], []
     findings: list[Finding] = []
@@ -220,7 +227,7 @@ def _on_one_clock(
 
 
 def _without_spikes(recording: Recording) -> Recording:
-    """Single spikes mended at the rate at which they were recorded: a filter would make long ones of them."""
+    """The recording without single spikes, which the filter of the resampling would make longer."""
     columns, history = [], list(recording.history)
     for channel, samples in zip(recording.channels, recording.samples.T, strict=True):
         mended, spikes = remove_spikes(samples, fs=recording.fs)
@@ -231,3 +238,105 @@ def _without_spikes(recording: Recording) -> Recording:
 
 def _reduce_rate(fs: float, settings: RunSettings) -> float:
     return fs if fs <= settings.reduced_above_hz else fs / int(fs // settings.reduced_to_hz)
+
+
+# ---- tables [channels.NAME] --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelTable(ChannelSettings):
+    """What a table of a channel says.
+
+    Args:
+        channel: as in `ChannelSettings`; the name of the table where left out.
+        log: how its file is to be read; as [log] says where left out.
+        given: the keys that stand in it.
+    """
+
+    ELSEWHERE: ClassVar[dict[str, str]] = {"name": "write `channel` for the name of the channel in the log"}
+    channel: str | int | None = None  # type: ignore[assignment]
+    log: LogSettings | None = None
+    given: Annotated[frozenset[str], NO_KEY] = frozenset()
+
+
+C = TypeVar("C", bound=ChannelTable)
+
+
+def as_table(kind: type[C], name: str, entry: str | int | C) -> C:
+    """Return the table that an entry of [channels] stands for: a name, a number or a table that may leave both out."""
+    if isinstance(entry, str | int):
+        return kind(channel=entry, given=frozenset({"channel"}))
+    return replace(entry, channel=name if entry.channel is None else entry.channel)
+
+
+def sources_of(
+    channels: Mapping[str, ChannelTable], *, run: str, log: str | None, settings: LogSettings, directory: Path
+) -> dict[str, Source]:
+    """Return where the channels of a run are found.
+
+    Args:
+        channels: by the names that they will have.
+        run: its name, for which `{run}` stands in the name of a file.
+        log: the file of channels that name none.
+        settings: of logs whose channels give none.
+        directory: of the study.
+
+    Raises:
+        InputError: a channel without a file in a run without a log.
+    """
+    sources = {}
+    for name, table in channels.items():
+        channel = recast(ChannelSettings, table)
+        if channel.file is not None:
+            channel = replace(channel, file=channel.file.replace("{run}", run))
+        file = log if channel.file is None else channel.file
+        if file is None:
+            raise InputError(f"run {run!r} has no 'log', and [channels.{name}] no 'file': give one of them")
+        sources[name] = Source(directory / file, channel, table.log or settings)
+    return sources
+
+
+# ---- loading tables ---------------------------------------------------------------------------------
+
+
+def read_loading(path: Path) -> tuple[PointMass, ...]:
+    """Read a loading table: a CSV file with the columns mass_kg, x_m and y_m, in any order among others.
+
+    Args:
+        path: the file; its columns stand apart by commas, or by semicolons (numbers may then have decimal commas).
+
+    Raises:
+        InputError: no such file, a column that is missing, a cell that is no number: all at once.
+    """
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except OSError as error:
+        raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
+    except ValueError as error:  # no UTF-8, or a zero byte in the name
+        raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+    faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in COLUMNS if name not in head]
+    loading = []
+    for number, row in enumerate([] if faults else rows, start=2):
+        cells = [row[head.index(name)] if head.index(name) < len(row) else "" for name in COLUMNS]
+        values = [_number(cell.replace(",", ".") if delimiter == ";" else cell) for cell in cells]
+        faults += [
+            f"has {cell!r} for {name} in row {number}, give a number"
+            for name, cell, value in zip(COLUMNS, cells, values, strict=True)
+            if value is None
+        ]
+        loading.append(PointMass(*(math.nan if value is None else value for value in values)))
+    if not faults and not rows:
+        faults = ["has no row below its head, give one a mass (for the reference leave 'loading' out)"]
+    if faults:
+        raise InputError(f"the loading table {path} {'; it '.join(faults)}")
+    return tuple(loading)
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

@@ -1,18 +1,19 @@
-"""Study files of every kind -> the records of the wings, and back."""
+"""Study files: the kinds that there are, each known by its tables, and one reader and one writer for all of them."""
 
 from __future__ import annotations
 
 import logging
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
 from opid.signals.files import write_whole
-from opid.studies.kinds import KINDS, MODAL_TESTS, SUSPENSIONS, TEST_BENCH, StudyKind, kind_of
-from opid.studies.schema import Say, load
+from opid.studies.schema import Document, Say, load, misspelt
 
 if TYPE_CHECKING:
     from opid.modal.study import ModalStudy
@@ -25,6 +26,71 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 S = TypeVar("S", "Study", "BenchStudy", "ModalStudy", "UpdatingStudy")
+
+
+@dataclass(frozen=True)
+class StudyKind:
+    """A kind of study file.
+
+    Args:
+        record: its class in `opid`, by the full name, so that no wing is loaded to know the kind of a study.
+        module: in `opid.studies`, with `build_study` and `write_files`.
+        subject: what is studied.
+        command: the command of `opid` that identifies from it.
+        needs: the tables that it must have, each with a description.
+        others: the tables that it may have.
+    """
+
+    record: str
+    module: str
+    subject: str
+    command: str
+    needs: Mapping[str, str]
+    others: tuple[str, ...]
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """All tables that it may have."""
+        return (*self.needs, *self.others)
+
+
+SUSPENSIONS = StudyKind(
+    "suspensions.study.Study",
+    "suspension_study",
+    "suspensions",
+    "identify",
+    {"channels": "a table [channels]", "runs": "one table [[runs]] for each log"},
+    ("interfaces", "body_sensors", "structure", "sensors", "log"),
+)
+TEST_BENCH = StudyKind(
+    "suspensions.bench.study.BenchStudy",
+    "bench_study",
+    "a test bench",
+    "law",
+    {"bench": "a table [bench]"},
+    ("channels", "log"),
+)
+MODAL_TESTS = StudyKind(
+    "modal.study.ModalStudy",
+    "modal_study",
+    "modal tests",
+    "modal",
+    {"modes": "a table [modes]", "tests": "one table [[tests]] for each log"},
+    ("channels", "log"),
+)
+BACKBONES = StudyKind(
+    "updating.study.UpdatingStudy",
+    "updating_study",
+    "backbones",
+    "update",
+    {
+        "structure": "a table [structure]",
+        "backbones": "one table [[backbones]] for each file",
+        "classes": "one table [[classes]] for each candidate law",
+    },
+    ("sampling", "noise", "log"),
+)
+KINDS = (SUSPENSIONS, TEST_BENCH, MODAL_TESTS, BACKBONES)
 
 
 @overload
@@ -104,15 +170,14 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     document = load(source)
     found = kind_of(document, source)
     logger.info("read %s: a study of %s", source, found.subject)
-    record, build, _ = _room(found)
-    if kind is not None and kind is not record:
+    if kind is not None and f"{kind.__module__}.{kind.__qualname__}" != f"opid.{found.record}":
         command = f"opid {found.command} {shlex.quote(str(source))}"
         raise InputError(f"{source} is a study of {found.subject}: use `{command}`")
-    return build(document, source, progress or (lambda step: None))
+    return _module_of(found).build_study(document, source, progress or (lambda step: None))
 
 
 def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
-    """Write a study so that `read_study` gives it back: its file, and what it is made of beside it.
+    """Write a study file, and beside it the files that it names, so that `read_study` gives the study back.
 
     Of suspensions that is `NAME.csv` for each run, of a test bench bench.csv; of modal tests modes.npz and the log of
     each test, CSV, or HDF5 where the logs are large and h5py is installed; of backbones structure.npz and a CSV file
@@ -127,39 +192,59 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
             or a structure that is given by its modes.
     """
     target = Path(path)
-    for kind in KINDS:
-        record, _, write = _room(kind)
-        if isinstance(study, record):
-            text = write(study, target.parent)
-            with write_whole(target) as file:
-                file.write(text)
-            return
+    names = [f"{each.__module__}.{each.__qualname__}" for each in type(study).__mro__]
+    kind = next((each for each in KINDS if f"opid.{each.record}" in names), None)
+    if kind is None:
+        raise InputError(
+            f"study is of type {type(study).__name__}: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
+        )
+    text = _module_of(kind).write_files(study, target.parent)
+    with write_whole(target) as file:
+        file.write(text)
+
+
+def _module_of(kind: StudyKind) -> Any:
+    return import_module(f"opid.studies.{kind.module}")
+
+
+# ---- which kind a file is ---------------------------------------------------------------------------
+
+
+def kind_of(document: Document, source: Path) -> StudyKind:
+    """Return the kind of a study file: that of which it has most tables that no other kind has.
+
+    Raises:
+        InputError: it has no table of a study, or as many of one kind as of another.
+
+    >>> kind_of({"tests": [], "modes": {}}, Path("study.toml")).command
+    'modal'
+    """
+    ranks = [_likeness(document, kind) for kind in KINDS]
+    best = max(ranks)
+    if best > (0, 0) and ranks.count(best) == 1:
+        return KINDS[ranks.index(best)]
+    named = [repr(name) for name in document][:8] + ["..."] * (len(document) > 8)
     raise InputError(
-        f"study is of type {type(study).__name__}: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
+        f"{source} is no study: it has {', '.join(named) or 'no keys'}; {'; '.join(_say_what_lacks(document))}"
     )
 
 
-def _room(kind: StudyKind) -> tuple[type[AnyStudy], Callable[..., AnyStudy], Callable[..., str]]:
-    """The record of a kind of study, what makes it of tables, and what writes its files and returns its text.
+def _there(document: Document, kind: StudyKind) -> set[str]:
+    """The tables of a kind that a file has; a misspelt name counts, too, unless another kind has it."""
+    known = {name for each in KINDS for name in each.tables}
+    unknown = {name: value for name, value in document.items() if name not in known}
+    return {*kind.tables} & {*document, *misspelt(unknown, kind.tables)}
 
-    No other kind is loaded.
-    """
-    if kind is SUSPENSIONS:
-        from opid.studies.suspension_study import build_suspension_study, write_suspension_logs
-        from opid.suspensions.study import Study
 
-        return Study, build_suspension_study, write_suspension_logs
-    if kind is TEST_BENCH:
-        from opid.studies.bench_study import build_bench_study, write_bench_log
-        from opid.suspensions.bench.study import BenchStudy
+def _likeness(document: Document, kind: StudyKind) -> tuple[int, int]:
+    """The numbers of tables in a file that only this kind has, and that this kind needs."""
+    there = _there(document, kind)
+    of_others = {name for other in KINDS if other is not kind for name in other.tables}
+    return len(there - of_others), len(there & {*kind.needs})
 
-        return BenchStudy, build_bench_study, write_bench_log
-    if kind is MODAL_TESTS:
-        from opid.modal.study import ModalStudy
-        from opid.studies.modal_study import build_modal_study, write_modal_logs
 
-        return ModalStudy, build_modal_study, write_modal_logs
-    from opid.studies.updating_study import build_updating_study, write_backbones
-    from opid.updating.study import UpdatingStudy
-
-    return UpdatingStudy, build_updating_study, write_backbones
+def _say_what_lacks(document: Document) -> Iterator[str]:
+    for kind in KINDS:
+        there = _there(document, kind)
+        lacking = [f"lacks {name!r}, give {what}" for name, what in kind.needs.items() if name not in there]
+        yield f"as a study of {kind.subject} it {', and '.join(lacking) or 'lacks nothing'}"

@@ -17,10 +17,18 @@ from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.studies.channels import CHANNEL, ChannelTable, as_table, sources_of
-from opid.studies.kinds import SUSPENSIONS, kind_of
-from opid.studies.loading_file import read_loading
-from opid.studies.run_files import RunFiles, Source, at_one_rate, read_beside, run_from_files
+from opid.studies.run_files import (
+    CHANNEL,
+    ChannelTable,
+    RunFiles,
+    Source,
+    as_table,
+    at_one_rate,
+    read_beside,
+    read_loading,
+    run_from_files,
+    sources_of,
+)
 from opid.studies.schema import (
     NO_KEY,
     Document,
@@ -35,6 +43,7 @@ from opid.studies.schema import (
     stated,
     text_of,
 )
+from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, LEAK_TOLERANCE, SIDES, Leak, SensorFacts, SensorPair, Side
 from opid.suspensions.study import (
     Axis,
@@ -255,7 +264,7 @@ class LogReading:
     runs: tuple[str, ...] = ()
 
 
-def build_suspension_study(document: Document, source: Path, say: Say) -> Study:
+def build_study(document: Document, source: Path, say: Say) -> Study:
     """Read the logs and loading tables that a study file of suspensions names, and return the study."""
     study = _sound_body(document, source)
     with prefixed(f"{source}: "):
@@ -466,7 +475,7 @@ def _real_path(path: str | os.PathLike[str]) -> str:
 # ---- study -> tables -------------------------------------------------------------------------------
 
 
-def write_suspension_logs(study: Study, directory: Path) -> str:
+def write_files(study: Study, directory: Path) -> str:
     """Write the log of each run, and return the text of the study file."""
     for run in study.runs:
         require_plain("run", run.name)

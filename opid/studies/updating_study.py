@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.mechanics.laws.kinds import LAWS
 from opid.provenance import read_file
-from opid.studies.kinds import BACKBONES
 from opid.studies.schema import Document, Say, fields_of, noted, read_tables, text_of
+from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
@@ -137,7 +137,7 @@ class _Study(_settings("form", "harmonics")):  # type: ignore[misc]
         return UpdatingSettings(**{name: value for name, value in named.items() if value is not None})
 
 
-def build_updating_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
+def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     """Read the matrices and the backbones that a study file names, and return the study."""
     study, faults = read_tables(_Study, document)
     # what is sound is read even so, to say its faults with the others
@@ -178,7 +178,7 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
     )
 
 
-def write_backbones(study: UpdatingStudy, directory: Path) -> str:
+def write_files(study: UpdatingStudy, directory: Path) -> str:
     """Write the structure and each backbone, and return the text of the study file."""
     names = [_file_of(curve) for curve in study.backbones]
     for curve, name in zip(study.backbones, names, strict=True):

@@ -10,7 +10,6 @@ from .backbone_tests.wing_engine import (
     WingEngine as WingEngine,
     wing_engine_structure as wing_engine_structure,
 )
-from .files.taxi import taxi_truth as taxi_truth
 from .modal_tests.bolted_structures import (
     case_study_1 as case_study_1,
     case_study_2 as case_study_2,
@@ -50,6 +49,7 @@ from .taxi_tests.sensors import (
     decimate as decimate,
     measure as measure,
 )
+from .taxi_tests.study import taxi_truth as taxi_truth
 from .taxi_tests.taxiing import (
     TaxiTest as TaxiTest,
     taxi_run as taxi_run,

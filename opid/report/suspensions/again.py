@@ -1,49 +1,39 @@
-"""How to come to an identification again: the command, and the lines of Python."""
+"""How to repeat an identification: by a command, and by lines of Python."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator
+from dataclasses import fields, replace
 
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
-from opid.suspensions.result import Identification
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
 
-
-@dataclass(frozen=True)
-class _Asked:
-    """What an identification was asked for that differs from the default, as options and as arguments."""
-
-    options: tuple[str, ...]
-    arguments: tuple[str, ...]
-    imports: tuple[str, ...] = ()
-    has_command: bool = True
+Choice = tuple[tuple[str, ...], str]
+"""A choice of the user as words of the command, of which there are none if no option says it, and as an argument."""
 
 
 def command_of(result: AnyIdentification) -> list[str] | None:
     """Return the words of the command that gives a result; None for a study or settings that were made in Python."""
-    asked, study = _collect_arguments(result), result.study
-    if not asked.has_command:
+    study, choices = result.study, [words for words, _ in _choices(result)]
+    if not all(choices):
         return None
+    options = [word for words in choices for word in words]
     if study.source is not None:
-        return ["opid", "identify", str(study.source), *asked.options]
+        return ["opid", "identify", str(study.source), *options]
     logs = _find_logs(study)
     if not logs:
         return None
     changes = [word for change in _list_mass_changes(study) for word in ("--mass-change", _number(change))]
+    about_logs = [word for words, _ in _choices_about_logs(study) for word in words]
     channels = ["--sprung", study.sprung, "--unsprung", study.unsprung]
-    more = [
-        word
-        for option, _, value in _said_of_logs(study)
-        for word in (option, value if isinstance(value, str) else _number(value))
-    ]
-    return ["opid", "identify", *logs, *channels, *changes, *more, *asked.options]
+    return ["opid", "identify", *logs, *channels, *changes, *about_logs, *options]
 
 
 def python_of(result: AnyIdentification) -> str:
-    """Return the lines of Python that give a result; the study is called so where it was made in Python."""
-    asked, study = _collect_arguments(result), result.study
+    """Return the lines of Python that give a result; a study that was made in Python is called `study` in them."""
+    study = result.study
     if study.source is not None:
         made = f"opid.read_study({_quote(str(study.source))})"
     elif logs := _find_logs(study):
@@ -52,17 +42,65 @@ def python_of(result: AnyIdentification) -> str:
             f"sprung={_quote(study.sprung)}",
             f"unsprung={_quote(study.unsprung)}",
             f"mass_changes_kg={_list_mass_changes(study)!r}",
-            *(f"{name}={_quote(value)}" for _, name, value in _said_of_logs(study)),
+            *(argument for _, argument in _choices_about_logs(study)),
         ]
         made = "\n".join(["opid.study_from_logs(", *(f"        {each}," for each in arguments), "    )"])
     else:
         made = "study"
-    lines = ["import opid", *asked.imports, "", "result = opid.identify("]
-    return "\n".join([*lines, *(f"    {each}," for each in (made, *asked.arguments)), ")"])
+    names = set() if isinstance(result, PaperIdentification) else _changed_settings(result.settings)[1]
+    imports = [f"from opid.suspensions import {', '.join(sorted(names))}"] if names else []
+    arguments = [made, *(argument for _, argument in _choices(result))]
+    lines = ["import opid", *imports, "", "result = opid.identify(", *(f"    {each}," for each in arguments), ")"]
+    return "\n".join(lines)
+
+
+def _choices(result: AnyIdentification) -> Iterator[Choice]:
+    """The band, and every setting that differs from the default."""
+    if isinstance(result, PaperIdentification):
+        known, band_hz = result.settings, result.settings.band_hz
+        yield ("--method", result.method), f"method={_quote(result.method)}"
+        yield _band(band_hz)
+        yield ("--high-pass", _number(known.high_pass_hz)), f"high_pass_hz={known.high_pass_hz!r}"
+        yield from _choices_of_law(known.law, known.ground)
+        return
+    asked = result.options
+    yield _band(result.settings.runs.band_hz)
+    if asked.method_of_law != "pursuit":
+        yield ("--method-of-law", asked.method_of_law), f"method_of_law={_quote(asked.method_of_law)}"
+    if asked.seed:
+        yield (), f"seed={asked.seed!r}"
+    changed, _ = _changed_settings(result.settings)
+    if changed:
+        yield (), f"settings=Settings({changed})"
+    yield from _choices_of_law(asked.law, asked.ground)
+
+
+def _band(band_hz: tuple[float, float]) -> Choice:
+    return ("--band", *map(_number, band_hz)), f"band_hz={band_hz!r}"
+
+
+def _choices_of_law(law: str | None, ground: bool) -> Iterator[Choice]:
+    if law is not None:
+        yield ("--law", law), f"law={_quote(law)}"
+    if not ground:
+        yield ("--no-ground",), "ground=False"
+
+
+def _choices_about_logs(study: Study) -> Iterator[Choice]:
+    """What the user told about the gear of some logs, where it differs from the default."""
+    gear = study.interfaces[0]
+    if gear.axis != "up":
+        yield ("--axis", gear.axis), f"axis={_quote(gear.axis)}"
+    for option, name, value in (
+        ("--piston-area", "piston_area_m2", gear.piston_area_m2),
+        ("--repeatability", "repeatability", study.repeatability),
+    ):
+        if value is not None:
+            yield (option, _number(value)), f"{name}={_quote(value)}"
 
 
 def _find_logs(study: Study) -> list[str]:
-    """The logs that make the study by themselves; none where it was made otherwise."""
+    """The logs if they alone make the study; none otherwise."""
     logs = [str(run.log) for run in study.runs if run.log is not None]
     return logs if study.is_one_gear and len(logs) == len(study.runs) else []
 
@@ -72,75 +110,21 @@ def _list_mass_changes(study: Study) -> list[float]:
     return [run.mass_change_kg - first.mass_change_kg for run in others]
 
 
-def _said_of_logs(study: Study) -> list[tuple[str, str, str | float]]:
-    """What is said of the gear beside its logs and differs from the default: as option, as argument, and the value."""
-    gear = study.interfaces[0]
-    said = (
-        ("--axis", "axis", None if gear.axis == "up" else gear.axis),
-        ("--piston-area", "piston_area_m2", gear.piston_area_m2),
-        ("--repeatability", "repeatability", study.repeatability),
-    )
-    return [(option, name, value) for option, name, value in said if value is not None]
-
-
-def _collect_arguments(result: AnyIdentification) -> _Asked:
-    return _of_paper(result) if isinstance(result, PaperIdentification) else _of_model(result)
-
-
-def _of_paper(result: PaperIdentification) -> _Asked:
-    known = result.settings
-    options = ["--method", result.method, *_band(known.band_hz), "--high-pass", _number(known.high_pass_hz)]
-    arguments = [
-        f"method={_quote(result.method)}",
-        f"band_hz={known.band_hz!r}",
-        f"high_pass_hz={known.high_pass_hz!r}",
-    ]
-    return _with_law(known.law, known.ground, options, arguments)
-
-
-def _of_model(result: Identification) -> _Asked:
-    asked, band_hz = result.options, result.settings.runs.band_hz
-    options, arguments = _band(band_hz), [f"band_hz={band_hz!r}"]
-    if asked.method_of_law != "pursuit":
-        options += ["--method-of-law", asked.method_of_law]
-        arguments.append(f"method_of_law={_quote(asked.method_of_law)}")
-    if asked.seed:
-        arguments.append(f"seed={asked.seed!r}")
-    changed, names = _write_settings(result.settings)
-    if changed:
-        arguments.append(f"settings=Settings({changed})")
-    found = _with_law(asked.law, asked.ground, options, arguments)
-    imports = (f"from opid.suspensions import {', '.join(sorted(names))}",) if changed else ()
-    return replace(found, imports=imports, has_command=not changed and not asked.seed)
-
-
-def _with_law(law: str | None, ground: bool, options: list[str], arguments: list[str]) -> _Asked:
-    if law is not None:
-        options, arguments = [*options, "--law", law], [*arguments, f"law={_quote(law)}"]
-    if not ground:
-        options, arguments = [*options, "--no-ground"], [*arguments, "ground=False"]
-    return _Asked(tuple(options), tuple(arguments))
-
-
-def _band(band_hz: tuple[float, float]) -> list[str]:
-    return ["--band", *map(_number, band_hz)]
-
-
 def _quote(value: str | float) -> str:
-    """A text or number as Python writes it, in the quotes of this house."""
+    """A text or a number as Python writes it, with double quotes."""
     return json.dumps(value, ensure_ascii=False)
 
 
 def _number(value: float) -> str:
-    """The number in few digits that is read back as the same."""
+    """The shortest text of a number that is read back as the same number."""
     return f"{value:g}" if float(f"{value:g}") == value else repr(value)
 
 
-def _write_settings(settings: Settings) -> tuple[str, set[str]]:
-    """The settings other than the default as arguments, and the names that they need; the band stands by itself."""
+def _changed_settings(settings: Settings) -> tuple[str, set[str]]:
+    """The settings that differ from the default, but for the band, as arguments; and the records that they need."""
     standard = Settings()
     settings = replace(settings, runs=replace(settings.runs, band_hz=standard.runs.band_hz))
-    changed, names = [], {"Settings"}
+    changed, names = [], set()
     for part in fields(Settings):
         mine, usual = getattr(settings, part.name), getattr(standard, part.name)
         inside = [
@@ -149,6 +133,6 @@ def _write_settings(settings: Settings) -> tuple[str, set[str]]:
             if getattr(mine, each.name) != getattr(usual, each.name)
         ]
         if inside:
-            names.add(type(mine).__name__)
+            names |= {"Settings", type(mine).__name__}
             changed.append(f"{part.name}={type(mine).__name__}({', '.join(inside)})")
     return ", ".join(changed), names

@@ -105,7 +105,7 @@ class ContinuationSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """What stays the same from level to level; `watched` are the columns of the sensor and the controlled sensor."""
+    """What all levels have in common; `watched` are the columns of the sensor and of the controlled sensor."""
 
     loop: ClosedLoop
     settings: ContinuationSettings
@@ -116,11 +116,11 @@ class _Bench:
 
 @dataclass(frozen=True, eq=False)
 class _Standing:
-    """Where structure and controller stand: target (n_harmonics + 1,) of the drive point, the mean first, m.
+    """The state of structure and controller. `target`, (n_harmonics + 1,) m, has its mean first.
 
-    The frequency moves by `slope_hz` for each unit of the phase error's tangent; `before` is the frequency and target
-    that the structure moves at, `control_n` the last level's control, `held` its amplitude, m, `averaged` the periods
-    of a record, `done` amplitude, frequency and target of the last levels that converged.
+    The frequency moves by `slope_hz` for each unit of the phase error's tangent. `before` is the frequency and the
+    target at which the structure moves, `control_n` the control of the last level, `held` its amplitude in m,
+    `averaged` the periods of a record, `done` amplitude, frequency and target of the last levels that converged.
     """
 
     state: State
@@ -202,7 +202,7 @@ def measured_curve(
 
 
 def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _Standing:
-    """Before the first level: the target that makes the force of the linear mode."""
+    """The state before the first level, with the target that makes the force of the linear mode."""
     column = specimen.system.index(mode)
     frequency = float(specimen.system.frequency_hz[column])
     omega = 2.0 * np.pi * frequency
@@ -216,11 +216,11 @@ def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _S
 
 
 def _renew_loop(bench: _Bench, standing: _Standing, loop: ClosedLoop) -> tuple[_Bench, _Standing]:
-    """Another feedback, under which the structure moves on as it does."""
+    """Change the feedback so that the motion of the structure stays the same."""
     omega = 2.0 * np.pi * standing.frequency_hz
     before, after = (p + 1j * omega * d for p, d in (bench.loop.gains, loop.gains))
     target = standing.target.copy()
-    # beside the fundamental the control has nothing left that could change
+    # only the fundamental of the control is left, so that no other harmonic changes
     target[1] += standing.control_n * (1.0 / after - 1.0 / before)
     still = standing.frequency_hz, target
     return replace(bench, loop=loop), replace(standing, target=target, before=still)
@@ -237,7 +237,7 @@ def _ahead(standing: _Standing, wanted: float) -> _Standing:
     weights = (apart / others).prod(axis=1)
     frequency = float(weights @ np.array([level[1] for level in standing.done]))
     target = wanted * (weights / held) @ np.stack([level[2] for level in standing.done])
-    # the level itself is not to depend on the noise of three
+    # the level itself must not depend on the noise of three levels
     target[1] = standing.target[1] * wanted / standing.held
     return replace(standing, target=target, frequency_hz=frequency)
 
@@ -278,7 +278,7 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
 
 
 def _lost(bench: _Bench, standing: _Standing, wanted: float, text: str) -> ContinuationLevel:
-    """The level at which the simulation ended."""
+    """The level at which the simulation failed."""
     n, sensors = bench.settings.n_harmonics, bench.loop.sensors
     nothing = np.full((len(sensors) + 1, n), complex(np.nan, np.nan))
     reason = f"the feedback lost the structure: {text}; or take a smaller feedback_damping"
@@ -287,7 +287,7 @@ def _lost(bench: _Bench, standing: _Standing, wanted: float, text: str) -> Conti
 
 
 def _noise_floor(bench: _Bench) -> float:
-    """What the feedback's own noise, which is part of the control, may add to its upper harmonics, N."""
+    """The upper harmonics that the noise of the feedback, which is part of the control, may have, N."""
     settings = bench.settings
     fraction = 2.0 * settings.n_harmonics / (settings.record_periods * settings.samples_per_period)
     return 2.0 * bench.noise.control_n * float(np.sqrt(fraction))
@@ -307,7 +307,7 @@ def _judge_record(
     # as many periods as make the noise of the frequency half of what is accepted
     longer = (2.0 * steep * spread / settings.frequency_fraction) ** 2 * record.n_periods
     averaged = int(np.clip(np.ceil(longer), settings.record_periods, settings.longest_periods))
-    # a record that is long enough need not be better than its noise
+    # a record that is long enough may be off by its noise
     explained = 2.0 * spread if record.n_periods >= averaged else 0.0
     return replace(standing, slope_hz=slope, averaged=averaged), steep * max(abs(value) - explained, 0.0)
 
@@ -327,10 +327,10 @@ def _move_frequency(bench: _Bench, standing: _Standing, record: Record, value: f
 
 
 def _run_until_steady(bench: _Bench, standing: _Standing) -> tuple[Record, _Standing, bool]:
-    """Run until the first harmonics stand, then record."""
+    """Run until the first harmonics are steady, then record."""
     settings, periods, steady = bench.settings, 0, False
     last, state = None, standing.state
-    # a step of the target sets the structure ringing, and near a fold it leaves the branch: there in small steps
+    # a large step of the target would set the structure ringing, and it might leave the branch near a fold
     for fraction in np.arange(1, settings.settle_periods) / settings.settle_periods:
         frequency = (1.0 - fraction) * standing.before[0] + fraction * standing.frequency_hz
         target = (1.0 - fraction) * standing.before[1] + fraction * standing.target
@@ -348,7 +348,7 @@ def _run_until_steady(bench: _Bench, standing: _Standing) -> tuple[Record, _Stan
 
 
 def _stands(bench: _Bench, last: Record, record: Record, frequency_hz: float) -> bool:
-    """Whether nothing that is watched has moved by more than the tolerance and the noise of two blocks explain."""
+    """Whether no watched harmonic has moved by more than the tolerance and the noise of two blocks."""
     settings = bench.settings
     of_mean = np.sqrt(4.0 / (settings.settle_periods * settings.samples_per_period)) * _WITHIN_NOISE
     watched = list(bench.watched)

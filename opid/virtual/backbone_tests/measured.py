@@ -18,15 +18,18 @@ from opid.updating.model_class import ModelClass
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
 
 BENDING_MODES = (7, 8)
-"""Of the wing-engine structure, in both of which the pylons bend: six modes on its suspension lie below them."""
+"""The modes of the wing-engine structure in which the pylons bend; six modes on its suspension lie below them."""
+
+CONTROLLED = "10"
+"""The sensor whose amplitude is prescribed."""
 
 AMPLITUDE_M = ((2e-4, 4e-3), (2e-4, 2.5e-3))
-"""Of Song et al. (2021), figures 4 and 5: smallest and largest amplitude at sensor 10 for either mode."""
+"""Smallest and largest amplitude of that sensor in either mode (Song et al. 2021, Figs. 4 and 5)."""
 
 BENCH_NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)
-"""Of each sample, 64 a period: 0.5 mg, 5 mN, and 10 mN that the feedback shakes the structure with."""
+"""Noise of each of 64 samples a period: 0.5 mg, 5 mN, and 10 mN with which the feedback shakes the structure."""
 
-# of the points of the curve that is interpolated; its third derivative is small
+# points of the curve that is interpolated; its third derivative is small
 _N_GRID = 40
 
 
@@ -37,30 +40,25 @@ def virtual_backbones(
     modes: Sequence[int] = BENDING_MODES,
     amplitude_m: Sequence[tuple[float, float]] = AMPLITUDE_M,
     n_points: int = 20,
-    controlled_sensor: str = "10",
     sensors: Sequence[str] | None = None,
     settings: ContinuationSettings | None = None,
     noise: ReadingNoise = BENCH_NOISE,
-    least_fraction: float = 0.9,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[MeasuredBackbone, ...]:
     """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
 
-    A curve that does not reach quadrature at most of its levels is left out, as in the paper, where 14 sensors reach it
-    in the first mode and 5 in the second: `opid.virtual.measured_curve` says
-    why.
+    A curve that does not reach quadrature at nine tenths of its levels is left out, as in the paper, where 14 sensors
+    reach it in the first mode and 5 in the second. `opid.virtual.measured_curve` tells the reason.
 
     Args:
         specimen: the structure with its shaker.
         rng: source of the noise.
         modes: their numbers, from 1.
-        amplitude_m: smallest and largest amplitude of the controlled sensor for each mode, m.
+        amplitude_m: smallest and largest amplitude of sensor "10", which is controlled, for each mode, m.
         n_points: levels of a curve, equally far apart.
-        controlled_sensor: whose amplitude is stepped up.
-        sensors: whose quadrature is held, one after the other; all where left out.
+        sensors: those whose quadrature is held, one after the other; all if left out.
         settings: of the continuation; the usual ones where left out.
-        noise: of the readings; that of a usual bench where left out, `ReadingNoise()` for none.
-        least_fraction: of its levels that a curve must have converged at.
+        noise: of the readings; that of a usual bench if left out, `ReadingNoise()` for none.
         progress: called with the number of curves done and of all.
 
     Raises:
@@ -76,7 +74,7 @@ def virtual_backbones(
                 specimen,
                 mode=mode,
                 sensor=sensor,
-                controlled_sensor=controlled_sensor,
+                controlled_sensor=CONTROLLED,
                 amplitude=np.linspace(least, most, n_points),
                 rng=rng,
                 settings=settings,
@@ -85,7 +83,7 @@ def virtual_backbones(
             curves.append(curve)
             if progress:
                 progress(len(curves), len(modes) * len(held))
-    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, least_fraction * n_points)]
+    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, 0.9 * n_points)]
     if not whole:
         raise NotDeterminedError(
             f"none of {len(curves)} curves reaches quadrature ({curves[0].reason or 'they are too short'}): "
@@ -122,7 +120,7 @@ def synthetic_backbones(
     n_curves: Sequence[int] = (14, 5),
     amplitude_m: Sequence[tuple[float, float]] = AMPLITUDE_M,
     n_points: int = 20,
-    controlled_sensor: str = "10",
+    controlled_sensor: str = CONTROLLED,
     harmonics: Sequence[int] = (1, 3, 5, 7),
     offset_fraction: float | Sequence[float] = (8e-4, 1.5e-3),
     point_noise: float | Sequence[float] = 1e-4,

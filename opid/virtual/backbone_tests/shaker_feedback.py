@@ -1,4 +1,4 @@
-"""A shaker under feedback: what the control reads, its gains, the structure with the loop closed, and its records."""
+"""A shaker under feedback: the signal that it reads, its gains, the closed loop, and records of it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from opid.mechanics.shaker import on_shaker
 from opid.mechanics.structure import ComplexArray, Joint, Structure, linear_matrices
 
 STEP = 2.0
-"""Of the fastest pole of the closed loop, rad: Runge-Kutta 4 stays bounded below 2.8, and what is slow is exact."""
+"""Phase of the fastest pole in a time step, rad: Runge-Kutta 4 stays bounded below 2.8, and exact for slow motion."""
 
-# of a weight on a sensor, against damping of other modes: keeps the weights from growing for nothing
+# cost of a weight on a sensor beside that of damping in other modes; it keeps the weights small
 _WEIGHT_PRICE = 1e-3
 
 

@@ -24,20 +24,20 @@ PLATE_SENSOR_FRACTIONS = (0.07, 0.4, 0.6, 0.93)
 """Of the length, where the sensors 1 to 4 stand on the front edge of the plate and 5 to 8 on the back edge."""
 LEAF_ELEMENTS = 2
 E_ALUMINIUM, E_STEEL = "E_aluminium", "E_steel"
-UPDATED = {E_ALUMINIUM: 0.88, E_STEEL: 0.31}  # what the paper finds (Table 1), as fractions of 68.9 and 200 GPa
+UPDATED = {E_ALUMINIUM: 0.88, E_STEEL: 0.31}  # the paper's result (Table 1), fractions of 68.9 and 200 GPa
 
 
 @dataclass(frozen=True)
 class WingEngine:
     """Dimensions of the wing-engine structure.
 
-    The paper gives the plate and the two moduli. The leaf springs, the tip masses and their link are such as to reach
-    its frequencies. The rest is not told (where the pylons are, the masses of their blocks, the shape of the tip
-    masses, the springs it hangs on): plausible values, calibrated so that modes 7 and 8, the first two that bend, lie
-    at 22.5 and 31.1 Hz for the nominal moduli and at 14.65 and 17.71 Hz for (0.88, 0.31) times them, and that three
-    times 15.2 Hz is the frequency of the modes in which the two leaf springs of a pylon move against each other. They
-    hold for this mesh: a block turns one node, to which a thin plate yields the more the finer the mesh (0.1 % in
-    frequency from 20 x 6 to 30 x 8 elements).
+    The paper gives the plate and the two moduli. The leaf springs, the tip masses and their link are chosen to reach
+    its frequencies. The paper does not give the places of the pylons, the masses of their blocks, the shape of the tip
+    masses, and the springs of the suspension. Their values are plausible and calibrated: modes 7 and 8, the first two
+    that bend, lie at 22.5 and 31.1 Hz for the nominal moduli and at 14.65 and 17.71 Hz for (0.88, 0.31) times them, and
+    three times 15.2 Hz is the frequency of the modes in which the two leaf springs of a pylon move against each other.
+    The calibration holds for this mesh: each block turns one node, and a plate is softer there if the mesh is finer
+    (0.1 % in frequency from 20 x 6 to 30 x 8 elements).
 
     Args:
         length_m: of the plate, along x.
@@ -268,7 +268,7 @@ class _Indices:
 
 
 class _Sum:
-    """A matrix being summed up of entries."""
+    """A sparse matrix that is assembled from small ones."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -283,12 +283,12 @@ class _Sum:
         self.entries.append(found.data)
 
     def add_row(self, factor: float, row: Row) -> None:
-        """Factor times the square of a motion."""
+        """Add a factor times the square of a motion."""
         values = np.array(list(row.values()))
         self.add_matrix(factor * np.outer(values, values), list(row))
 
     def add_element(self, element: FloatArray, rows: list[Row]) -> None:
-        """A small matrix in motions."""
+        """Add a small matrix whose rows and columns are motions."""
         indices = sorted({index for row in rows for index in row})
         motions = np.array([[row.get(index, 0.0) for index in indices] for row in rows])
         self.add_matrix(motions.T @ element @ motions, indices)
@@ -346,18 +346,12 @@ def beam_mass(mass_kg: float, length_m: float) -> FloatArray:
 
 
 def _symmetric(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
-    """Without what rounding leaves of asymmetry."""
+    """The matrix without the asymmetry of rounding."""
     return sparse.csr_matrix((matrix + matrix.T) / 2)
 
 
 def replace_matrices(structure: AffineStructure, directory: Path, kind: Literal["mat", "mtx"]) -> None:
-    """Put matrices of another kind in the place of structure.npz, as another finite-element code would give them.
-
-    Args:
-        structure: of the study that was written.
-        directory: of its study.toml.
-        kind: "mat" for structure.mat of MATLAB, "mtx" for a Matrix Market file of each matrix and dofs.txt.
-    """
+    """Put matrices of another kind in the place of structure.npz, as another finite-element code would give them."""
     from scipy.io import mmwrite, savemat
 
     found = {"mass": structure.mass, "stiffness": structure.stiffness}

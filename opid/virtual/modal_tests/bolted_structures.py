@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,10 +44,10 @@ _SLIPPING_MOUNTS = {
     (3, 0): (0.12, 60.0),
 }
 _CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
-# at this corner, askew, the drive-point FRF passes through phase resonance at all five, damped twice as much, too
+# here the drive-point FRF passes through phase resonance in all five modes, even if they are damped twice as much
 _DRIVE_CORNER, _DRIVE_DIRECTION = (1, 1, 1), (3.0, 3.0, 2.0)
 
-# the plate on its fixture: mode 10 shears the joint, mode 18 opens it
+# the plate on its fixture; mode 10 shears the joint, mode 18 opens it
 _PLATE_M, _PLATE_KG, _FIXTURE_M, _FIXTURE_KG, _FIXTURE_DEPTH_M, _COVER_KG = (0.5, 0.4), 1.5, (0.3, 0.2), 9.0, 0.06, 0.15
 _SHEAR_HZ = 400.0
 _OTHER_HZ = (118, 209, 303, 466, 522, 588, 641, 688, 731, 766, 934, 992, 1062, 1088, 1235, 1302, 1379, 1455)
@@ -64,14 +65,14 @@ PLATE_SHAKER = Shaker(armature_kg=0.15, back_emf_n_s_per_m=100.0, second_harmoni
 
 @dataclass(frozen=True, eq=False)
 class CaseStudy:
-    """A rig, and what a modal test of low level would say of it.
+    """A rig, and what is known of its modes.
 
     Args:
         rig: the structure with its sensors and its shaker.
         modes: its linear modes at the sensors, without the shaker.
         drive_point: the sensor at the drive point.
         nonlinear_modes: modes that shift with the level, counted from 1.
-        text: what it is, in one sentence.
+        text: describes it in one sentence.
     """
 
     rig: Rig
@@ -79,39 +80,6 @@ class CaseStudy:
     drive_point: str
     nonlinear_modes: tuple[int, ...]
     text: str
-
-
-@dataclass(frozen=True, eq=False)
-class BoltedStructure:
-    """A structure for a virtual modal test, with what is known of it.
-
-    Args:
-        structure: masses, springs and joints.
-        sensors: (n_sensors, n_dof), each row the reading of a sensor for unit motion of each degree of freedom.
-        sensor_names: of the sensors.
-        drive_point: the sensor where and in whose direction a force acts.
-        nonlinear_modes: modes that shift with the level, counted from 1.
-        text: what it is, in one sentence.
-    """
-
-    structure: Structure
-    sensors: FloatArray
-    sensor_names: tuple[str, ...]
-    drive_point: str
-    nonlinear_modes: tuple[int, ...]
-    text: str
-
-    @property
-    def condition_number(self) -> float:
-        """Of the mode shapes at the sensors."""
-        return float(np.linalg.cond(self.sensors @ natural_frequencies(self.structure).shapes))
-
-    def on_rig(self, shaker: Shaker | None) -> CaseStudy:
-        """The structure with a shaker at its drive point, or with the force itself given."""
-        row = self.sensors[self.sensor_names.index(self.drive_point)]
-        rig = Rig(self.structure, row, self.sensors, self.sensor_names, shaker)
-        modes = modes_of_structure(self.structure, self.sensors, self.sensor_names)
-        return CaseStudy(rig, modes, self.drive_point, self.nonlinear_modes, self.text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +97,7 @@ class LevelDependence:
     zeta: FloatArray
 
 
-def component_assembly() -> BoltedStructure:
+def component_assembly(*, shaker: Shaker | None = None) -> CaseStudy:
     """Return a rigid case that carries four components on bolted mounts, free in space (Pacini, case study 1).
 
     18 modes: six rigid-body modes and twelve elastic ones from 86 to 690 Hz, each the motion of one component along one
@@ -137,8 +105,10 @@ def component_assembly() -> BoltedStructure:
     lose about 1 % of their frequency and are damped 1.5 to 1.9 times as much. Eight triaxial sensors, and one at the
     drive point, a corner of the case.
 
-    >>> from opid.mechanics.structure import natural_frequencies
-    >>> natural_frequencies(component_assembly().structure).frequency_hz[6:9].round()
+    Args:
+        shaker: at the drive point; None if the force itself is given.
+
+    >>> component_assembly().modes.frequency_hz[6:9].round()
     array([ 86., 118., 146.])
     """
     positions = np.array(_COMPONENT_PLACE_M)
@@ -162,17 +132,22 @@ def component_assembly() -> BoltedStructure:
     bodies = [f"component{k + 1}" for k in range(len(positions))] + [f"case{k + 1}" for k in range(len(corners))]
     zero = np.zeros((n_dof, n_dof))
     names = [*(f"case_{axis}" for axis in (*_AXES, "rx", "ry", "rz")), *_per_axis(bodies[: len(positions)])]
-    return BoltedStructure(
-        structure=Structure(mass, zero, zero, joints, tuple(names)),
-        sensors=np.vstack([*components, *corners, drive]),
-        sensor_names=(*_per_axis(bodies), "drive"),
-        drive_point="drive",
+    return _on_rig(
+        Structure(mass, zero, zero, joints, tuple(names)),
+        np.vstack([*components, *corners, drive]),
+        (*_per_axis(bodies), "drive"),
+        shaker,
         nonlinear_modes=(7, 11, 12, 13, 15),
         text="a free case of 40 kg that carries four components on bolted mounts, five of which slip",
     )
 
 
-def fixture_and_plate(*, ratio: float = 2.02, coupling_n_per_m2: float = _NOMINAL_COUPLING_N_PER_M2) -> BoltedStructure:
+def fixture_and_plate(
+    *,
+    ratio: float = 2.02,
+    coupling_n_per_m2: float = _NOMINAL_COUPLING_N_PER_M2,
+    shaker: Shaker | None = None,
+) -> CaseStudy:
     """Return a plate bolted to a fixture, free in space, in modal coordinates (Pacini, case study 2).
 
     26 modes: six rigid-body modes and twenty elastic ones. Mode 10, 400 Hz, shears the joint, which slips and is held
@@ -184,12 +159,12 @@ def fixture_and_plate(*, ratio: float = 2.02, coupling_n_per_m2: float = _NOMINA
     Args:
         ratio: natural frequency of mode 18 over that of mode 10, from 1.93 to 2.3.
         coupling_n_per_m2: the joint's asymmetry, N/m^2; 0 for modes that do not interact.
+        shaker: at the drive point; None if the force itself is given.
 
     Raises:
         InputError: a ratio at which mode 18 would be another one, or a coupling that is not finite.
 
-    >>> from opid.mechanics.structure import natural_frequencies
-    >>> natural_frequencies(fixture_and_plate(ratio=2.0).structure).frequency_hz[[9, 17]].round(6)
+    >>> fixture_and_plate(ratio=2.0).modes.frequency_hz[[9, 17]].round(6)
     array([400., 800.])
     """
     if not _RATIO_RANGE[0] <= ratio <= _RATIO_RANGE[1] or not np.isfinite(coupling_n_per_m2):
@@ -219,11 +194,11 @@ def fixture_and_plate(*, ratio: float = 2.02, coupling_n_per_m2: float = _NOMINA
         joints.append(Joint("asymmetry of the joint", extension, law=square))
     stiffness = np.diag(omega**2) - tangent * np.outer(slip, slip)
     names = tuple(f"mode {k + 1}" for k in range(omega.size))
-    return BoltedStructure(
-        structure=Structure(np.eye(omega.size), np.diag(2.0 * zeta * omega), stiffness, tuple(joints), names),
-        sensors=shapes,
-        sensor_names=tuple(name for name in rows if name not in ("slip", "gap")),
-        drive_point="drive",
+    return _on_rig(
+        Structure(np.eye(omega.size), np.diag(2.0 * zeta * omega), stiffness, tuple(joints), names),
+        shapes,
+        tuple(name for name in rows if name not in ("slip", "gap")),
+        shaker,
         nonlinear_modes=(_SHEAR_MODE,),
         text=f"a plate on a fixture whose joint slips in mode 10 at 400 Hz; mode 18 at {ratio:g} times that "
         + ("is driven by the joint" if coupling_n_per_m2 else "is not coupled"),
@@ -240,7 +215,7 @@ def case_study_1(*, shaker: Shaker | None = CASE_SHAKER) -> CaseStudy:
     >>> study.modes.n_modes, study.nonlinear_modes
     (18, (7, 11, 12, 13, 15))
     """
-    return component_assembly().on_rig(shaker)
+    return component_assembly(shaker=shaker)
 
 
 def case_study_2(
@@ -261,7 +236,7 @@ def case_study_2(
     [400.0, 880.0]
     """
     coupling = _NOMINAL_COUPLING_N_PER_M2 if coupling_n_per_m2 is None else coupling_n_per_m2
-    return fixture_and_plate(ratio=ratio, coupling_n_per_m2=coupling).on_rig(shaker)
+    return fixture_and_plate(ratio=ratio, coupling_n_per_m2=coupling, shaker=shaker)
 
 
 def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n_phases: int = 256) -> LevelDependence:
@@ -308,8 +283,16 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
     )
 
 
+def _on_rig(
+    structure: Structure, sensors: FloatArray, names: tuple[str, ...], shaker: Shaker | None, **facts: Any
+) -> CaseStudy:
+    """The case study of a structure that is driven at the sensor "drive"."""
+    rig = Rig(structure, sensors[names.index("drive")], sensors, names, shaker)
+    return CaseStudy(rig, modes_of_structure(structure, sensors, names), "drive", **facts)
+
+
 def _squares(structure: Structure, shape: FloatArray, amplitude: float, omega: float, n_phases: int) -> complex:
-    """What the laws and sliders add to omega^2, and j omega times what they add to the damping."""
+    """The part of omega^2 by laws and sliders, and as its imaginary part omega times their damping."""
     phase = 2.0 * np.pi * np.arange(n_phases) / n_phases
     total = 0.0 + 0.0j
     for joint in structure.joints:
@@ -341,7 +324,7 @@ def _mount(component: int, axis: int, direction: FloatArray) -> Joint:
 
 
 def _rigid_motion(position: FloatArray) -> FloatArray:
-    """(3, 6): what a point of a rigid body does for each translation and rotation."""
+    """(3, 6) motion of a point of a rigid body for a unit of each translation and rotation."""
     x, y, z = position
     return np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])
 
@@ -351,7 +334,7 @@ def _per_axis(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Mass-normalised shapes at the sensors, (n_sensors, 26), and by name, with what they do to the joint.
+    """Mass-normalised shapes at the sensors, (n_sensors, 26), and by name with the "slip" and "gap" of the joint.
 
     Point masses on a grid of the plate and one of the fixture; the shapes are the rigid-body motions, bending of the
     plate in products of Legendre polynomials, and motions of the plate against the fixture, made orthogonal one after
@@ -401,7 +384,7 @@ def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
 
 
 def _alike(shapes: FloatArray, first: int, *, mac: float) -> FloatArray:
-    """Make two shapes of three, f, g, a, that are orthogonal and yet alike where a is not seen."""
+    """Make of three shapes f, g, a two that are orthogonal, and yet alike at all points where a does not move."""
     f, g, a = shapes[:, first : first + 3].T
     alike, other = np.sqrt(mac), np.sqrt(1.0 - mac)
     pair = np.column_stack([(f + a) / np.sqrt(2.0), (alike * (f - a) + other * g) / np.sqrt(1.0 + mac)])
@@ -409,7 +392,7 @@ def _alike(shapes: FloatArray, first: int, *, mac: float) -> FloatArray:
 
 
 def _mix_shapes(shapes: FloatArray) -> FloatArray:
-    """Turn the elastic shapes a little into each other; those of the joint and those alike stay as they are."""
+    """Mix the elastic shapes a little; the two modes of the joint and the two that look alike stay as they are."""
     free = np.setdiff1d(np.arange(_N_RIGID, shapes.shape[1]), [_SHEAR_MODE - 1, _OPENING_MODE - 1, 20, 21])
     i, j = np.meshgrid(free, free, indexing="ij")
     angles = np.triu(0.3 * np.sin(i * j), 1) / (1.0 + np.abs(i - j))

@@ -42,40 +42,40 @@ Truth = Literal["sweep", "beat"]
 Rule = Literal["neighbours", "drive point"]
 
 IMPACTS = (0.01, 0.1, 0.6)
-"""Levels of the hammer: largest acceleration of a nonlinear mode over that of its highest sine beat."""
+"""Largest acceleration of a nonlinear mode after each impact, over that of its highest sine beat."""
 
 NEAR_ENOUGH, MOST_TRIES = 0.05, 10
-"""How near the peak of the highest level comes to what is asked for, and how many runs that may take."""
+"""Relative tolerance for the peak of the highest level, and the most runs in which it is approached."""
 
 SMALL = 1e-3
-"""Amplitude of the run from which the others are guessed, V or N."""
+"""Amplitude of the first run, from which those of the others are estimated, V or N."""
 
 CASES = ("cubic", "1", "2")
 
 CUBIC_MODE, CUBIC_STIFFNESS, CUBIC_DAMPING = 3, {3: -1.8e11}, {2: 20.0}
-"""The nonlinear mode of case "cubic": at its top level it loses 3 % of frequency, and damps twice as much."""
+"""The nonlinear mode of case "cubic", its k3 and c2: at its top level it loses 3 % of frequency, and damps double."""
 
 CUBIC_TOP = 5e-4
 """Its largest displacement, m kg^1/2."""
 
 N_AMPLITUDES = 25
-"""At which the truth has frequency and damping of a nonlinear mode, up to 1.5 times its highest level."""
+"""Amplitudes at which the truth states frequency and damping of a mode, up to 1.5 times its highest level."""
 
 LEVELS_2 = (0.1, 0.25, 0.45, 0.65, 0.85, 1.0)
-"""Of case 2, whose highest beat is the truth test: the fit ends at 0.85 of it."""
+"""Levels of case 2. The highest beat is the truth test, so that 0.85 is the highest level of the fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class VirtualSeries:
-    """What a test series is to do.
+    """The plan of a test series.
 
     Args:
         case: the rig with its sensors, its drive point and perhaps a shaker, its linear modes, and those to test.
         top_m_per_s2: peak acceleration of the highest sine beat at `top_sensor`.
-        top_sensor: where; the sensor with the largest shape of each mode where None.
-        fs: sampling rate, Hz; impacts are recorded at twice that.
+        top_sensor: a sensor; None for the one with the largest shape of each mode.
+        fs: sampling rate, Hz; impacts are recorded at twice that rate.
         levels: voltages of the sine beats over that of the highest one, which must be among them.
-        rule: that sets the length of the beats: "neighbours" for first minima on the neighbouring modes, "drive point"
+        rule: sets the length of the beats: "neighbours" for first minima on the neighbouring modes, "drive point"
             for a main lobe as wide as the peak of the mode in the drive-point response.
         truth: "sweep" for a shaped sweep through all elastic modes, "beat" for the highest sine
             beat, which is then not fitted.
@@ -192,13 +192,7 @@ def virtual_study(
 
 
 def stated_modes(modes: LinearModes, *, frequency_error: float = 0.0, damping_error: float = 0.0) -> LinearModes:
-    """Return linear modes as a linear test with errors would state them.
-
-    Args:
-        modes: the true ones.
-        frequency_error: fraction by which each natural frequency is stated too high.
-        damping_error: fraction by which each damping ratio is stated too high.
-    """
+    """Return linear modes as a linear test with errors would state them."""
     return replace(
         modes,
         frequency_hz=modes.frequency_hz * (1 + frequency_error),
@@ -207,17 +201,12 @@ def stated_modes(modes: LinearModes, *, frequency_error: float = 0.0, damping_er
 
 
 def top_displacement(series: VirtualSeries, mode: int) -> float:
-    """Return the modal displacement that the highest sine beat is to reach, m kg^1/2.
-
-    Args:
-        series: what it is to do.
-        mode: number of the mode, from 1.
-    """
+    """Return the modal displacement that the highest sine beat of a mode shall reach, m kg^1/2."""
     return _top(series, mode) / float(series.case.modes.stiffness()[series.case.modes.index(mode)])
 
 
 def _top(series: VirtualSeries, mode: int) -> float:
-    """Modal acceleration that the highest level is to reach."""
+    """The modal acceleration that the highest level shall reach."""
     shape = series.case.modes.shapes[:, series.case.modes.index(mode)]
     if series.top_sensor is not None:
         shape = series.case.modes.row(series.top_sensor)[[series.case.modes.index(mode)]]
@@ -225,7 +214,7 @@ def _top(series: VirtualSeries, mode: int) -> float:
 
 
 def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
-    """The beat of a mode, as strong as its peak asks for or the amplifier can, and what fraction of it is reached."""
+    """The beat of a mode that reaches its peak, or the limit of the amplifier, and the fraction that it reaches."""
     modes, drive_point = series.case.modes, series.case.drive_point
     if series.rule == "neighbours":
         beat = beat_between_neighbours(modes, mode, lead_s=0.05).beat
@@ -240,11 +229,11 @@ def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
 
 
 def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
-    """A sweep through all elastic modes, stronger where a nonlinear mode needs it, no further than the beats went."""
+    """A sweep through all elastic modes that brings the nonlinear modes to the peaks of their beats."""
     modes = series.case.modes
     elastic, frequency = _elastic(modes), modes.frequency_hz[modes.elastic]
     push = np.abs(force_projection(modes, series.case.drive_point))
-    # what a slow sweep needs to bring each mode to its top, all with the damping of their low level
+    # the force that a slow sweep needs to bring each mode to its top, if it damps as at a low level
     needed = {
         mode: 2 * modes.damping_ratio[mode - 1] * most * _top(series, mode) / push[mode - 1]
         for mode, most in reached.items()
@@ -268,7 +257,7 @@ def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
 
 
 def _peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) -> list[float]:
-    """Peak modal accelerations of a run without noise, over those of the top."""
+    """Peak modal accelerations of a run without noise, over those that the highest level shall reach."""
     run = rig_run(series.case.rig, voltage, fs=series.fs, rng=np.random.default_rng(0), noise_share=0.0)
     readings = run.clean.samples[:, [run.clean.index(sensor) for sensor in series.case.modes.sensors]]
     motion = readings @ modal_filter(series.case.modes).T
@@ -276,14 +265,14 @@ def _peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) ->
 
 
 def _amplitude(series: VirtualSeries, peak: Callable[[float], float]) -> tuple[float, float]:
-    """The amplitude whose peak is 1, or the amplifier's limit if that comes first, and the peak that it makes."""
+    """The amplitude whose peak is 1, or the limit of the amplifier if that is smaller, and its peak."""
     shaker = series.case.rig.shaker
     limit = np.inf if shaker is None else shaker.full_voltage_v
     amplitude, found = SMALL, max(peak(SMALL), 1e-300)
     for _ in range(MOST_TRIES):
         if abs(found - 1) < NEAR_ENOUGH or (amplitude == limit and found < 1):
             break
-        # never far at once beyond what is known to be safe: a joint may stiffen
+        # each step is limited, as a joint may stiffen
         longest = 5.0 if amplitude > SMALL else np.inf
         amplitude = min(amplitude * float(np.clip(1 / found, 0.2, longest)), limit)
         found = peak(amplitude)
@@ -337,16 +326,11 @@ def _cubic(shaker: bool) -> CaseStudy:
     )
 
 
-# ---- what is true of it ---------------------------------------------------------------------------
+# ---- the truth --------------------------------------------------------------------------------------
 
 
 def modal_truth(series: VirtualSeries, *, settings: Mapping[str, Any] | None = None) -> ModalTruth:
-    """Return what is true of a virtual series of modal tests.
-
-    Args:
-        series: what was tested.
-        settings: what it was simulated with, kept as they are.
-    """
+    """Return what is true of a virtual series of modal tests."""
     case = series.case
     modes = case.modes
     return ModalTruth(

@@ -303,9 +303,6 @@ def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
 def airframe_mass(airframe: Airframe) -> FloatArray:
     """Return the mass matrix of the airframe about the origin, sum of dm j j^T, (n_body, n_body).
 
-    Args:
-        airframe: the airframe; its gears do not count.
-
     >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
     >>> airframe_mass(default_aircraft())[0]
     array([ 5400.,     0., -3240.])

@@ -30,8 +30,8 @@ from opid.virtual.taxi_tests.road import Road, SpeedProfile, iso8608_tracks
 from opid.virtual.taxi_tests.sensors import DEFAULT_SENSOR, Sensor, decimate, measure
 
 Place = tuple[float, float]
-# most of the start from rest has decayed before the record begins: exp(-8) in the bounce of a gear, exp(-2.5) in the
-# least damped mode of a random aircraft; the tail serves the filter
+# before the record begins the start from rest has decayed to exp(-8) in the bounce of a gear, and to exp(-2.5) in the
+# least damped mode of a random aircraft; the filter needs the tail
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
 _NOISE_BAND_HZ = (0.5, 40.0)
 _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
@@ -274,7 +274,7 @@ def taxi_test(
 
 
 def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departure) -> Airframe:
-    """The airframe as it is in one run, where it rests in it; it is stiff against its struts."""
+    """The airframe of one run, at rest under its weight; its bending by that weight is neglected."""
     struts = [
         departure.of(
             Interface(
@@ -287,7 +287,7 @@ def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departu
         for gear in airframe.gears
     ]
     rigid = slice(0, 3)
-    # springs that are stiffer carry more where they were: the body is lifted
+    # stiffer springs carry more at the same travel, so that the body is lifted
     lifted_kg = departure.spring * airframe_mass(airframe)[0, rigid]
     for each in loadings:
         lifted_kg = lifted_kg - each.mass_kg * place_directions(airframe, [(each.x_m, each.y_m)])[0, rigid]
@@ -300,14 +300,14 @@ def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departu
 
 
 def _prefix(gear: str) -> str:
-    """What the names of the channels of a gear begin with; nothing of a gear alone."""
+    """The prefix of the channels of a gear; a gear alone has none."""
     return f"{gear}_" if gear else ""
 
 
 def _places(
     airframe: Airframe, sprung_sensors: Mapping[str, Place], further_sensors: Mapping[str, Place]
 ) -> tuple[dict[str, Place], dict[str, Place]]:
-    """Return where the sensor of each channel is, on the wheels and on the airframe."""
+    """The places of the sensors on the wheels, and of those on the airframe, by channel."""
     gears = {gear.name: (gear.x_m, gear.y_m) for gear in airframe.gears}
     for name in sprung_sensors:
         if name not in gears:
@@ -323,9 +323,9 @@ def _places(
 def _streams(
     rng: np.random.Generator, n_channels: int, *, is_one_gear: bool
 ) -> tuple[np.random.Generator, list[Sequence[np.random.Generator]]]:
-    """Return the generator of the runway; and of each channel those of its noise, its fore-aft noise and motion.
+    """The generator of the runway; and those of each channel for its noise, its fore-aft noise and its motion.
 
-    Where they stand in the tree of generators is what makes a seed the same run in every version.
+    The order in which they are spawned must not change: it makes a seed the same run in every version.
     """
     if is_one_gear:
         runway, *others = rng.spawn(1 + 2 * n_channels)
@@ -365,7 +365,7 @@ def _roll(
     motion = respond(road, loads=wheels)
     if push is None:
         return motion
-    # now it is known how much the road moves the airframe; a force of M a gives the free one the acceleration a
+    # the force M a gives the free airframe the acceleration a, which is a fraction of that by the road
     rigid = slice(0, min(len(airframe.body_motions), 3))
     fraction, push_rng = push
     each = [

@@ -1,4 +1,4 @@
-"""A simulated test on disk: the study with its logs, and its truth.json; the one place where truths are JSON."""
+"""A simulated test on disk: its study with the logs, and truth.json, which only this file writes and reads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ T = TypeVar("T", GearTruth, BodyTruth, ModalTruth, UpdatingTruth)
 
 @dataclass(frozen=True)
 class _Kind:
-    """A kind of truth.json: its schema, what was simulated by which command, and how it is read and written."""
+    """A kind of truth.json: its schema, what was simulated, by which command, and how it is read and written."""
 
     schema: str
     what: str
@@ -46,11 +46,6 @@ class _Kind:
 
 def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike[str]) -> Path:
     """Write the logs or other files of a study, study.toml and truth.json, and return the path of the study.
-
-    Args:
-        study: what was measured.
-        truth: what is true of it.
-        directory: made if it is not there.
 
     Raises:
         InputError: a place that cannot be written to, or what `write_study` refuses.
@@ -63,17 +58,13 @@ def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike
 
 
 def truth_table(truth: Truth) -> dict[str, Any]:
-    """Return the content of truth.json: `schema`, what is true under the names of the record, `settings`."""
+    """Return the content of truth.json: `schema`, the fields of the record, and `settings`."""
     kind = _KINDS[type(truth)]
     return plain({"schema": kind.schema, **kind.tables(truth), "settings": dict(truth.settings)})
 
 
 def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
     """Read a truth.json.
-
-    Args:
-        path: the file.
-        record: what it must hold.
 
     Raises:
         InputError: no such file, another schema, or a content that is not of that command's making.
@@ -106,7 +97,7 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
 
 
 def _numbers(record: Any, table: Mapping[str, Any], **others: Any) -> Any:
-    """The record of the numbers that a table holds, and of others that are given."""
+    """The record with the numbers of a table and some other fields."""
     names = [each.name for each in fields(record) if each.name not in others]
     return record(**{name: float(table[name]) for name in names}, **others)
 

@@ -1,4 +1,4 @@
-"""What is true of a simulated taxi test of a gear or an aircraft, and the study that its owner would make of it."""
+"""The truth of a simulated taxi test of a gear or an aircraft, and the study that its owner would write."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def taxi_study(
         test: the field test; its first run is the reference.
         title: of the study.
         shared: names of gears that are to share stiffness, damping and law.
-        position_tolerance_m: how well the coordinates of an aircraft are said to be known.
-        noise_m_per_s2: what the rms noise of the sensors of an aircraft is said to be; None where it is not known.
+        position_tolerance_m: tolerance that is stated for the coordinates of an aircraft.
+        noise_m_per_s2: rms noise that is stated for the sensors of an aircraft; None if it is not known.
         day: of the runs.
     """
     first = test.runs[0]
@@ -89,11 +89,7 @@ def taxi_study(
 
 
 def run_names(test: TaxiTest) -> list[str]:
-    """Return what the runs are called: the reference, and those with loadings.
-
-    Args:
-        test: the field test.
-    """
+    """Return the names of the runs: the reference, and those with loadings."""
     first, further = ("heavy", "light") if test.runs[0].airframe.is_one_gear else ("reference", "loaded")
     if len(test.runs) == 2:
         return [first, further]

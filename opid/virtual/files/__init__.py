@@ -1,1 +1,0 @@
-"""A virtual test on disk: its logs, the study that names them, and its truth.json, written and read."""
