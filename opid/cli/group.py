@@ -165,7 +165,7 @@ class Output:
     figures: bool
     option: str = "--force"
 
-    def reserved(self, names: tuple[str, ...] = REPORT, *, default: str = "") -> Output:
+    def reserve(self, names: tuple[str, ...] = REPORT, *, default: str = "") -> Output:
         """Return the output with a folder for these files, as `free_directory`; without one where none is named."""
         if self.out is None and not default:
             return self

@@ -80,7 +80,6 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
 
 
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
-    """How the log is to be read, and which of its channels are shown."""
     from opid.signals.log_settings import AS_WRITTEN
     from opid.studies.suspension_study import LogReading, log_readings
 
@@ -120,14 +119,14 @@ def _choice(runs: tuple[str, ...]) -> str:
 def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> list[str]:
     """Draw the channels of each log on one or more pictures, and return the names of the files."""
     from opid.report.health import health_figures
-    from opid.report.writing import pictured
+    from opid.report.writing import draw_pictures
     from opid.signals.files import write_together
 
     images: dict[str, bytes] = {}
     for stem, health in zip(_distinct(stems), found, strict=True):
         with progress() as say:
             say(stem)
-            pictures = pictured(health_figures(health))
+            pictures = draw_pictures(health_figures(health))
         images |= {f"{stem}{name.removeprefix('health')}.png": image for name, image in pictures.items()}
     write_together(out, images)
     return list(images)

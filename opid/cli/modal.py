@@ -75,7 +75,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     from opid.studies.study_file import read_study
     from opid.virtual.truth_file import read_truth
 
-    output = output.reserved(default=f"{result_name(study)}_result")
+    output = output.reserve(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, ModalTruth)
     given = {name: value for name, value in settings.items() if value is not None}
     with output.progress() as say:
@@ -102,7 +102,7 @@ def decay(log: Path, output: Output, **settings: Any) -> None:
 
     From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
     """
-    output = output.reserved()
+    output = output.reserve()
     with output.progress() as say:
         try:
             found = _decay(log, settings, say)

@@ -136,7 +136,7 @@ def identify(
     from opid.suspensions.identification import identify as identify_study
     from opid.virtual.truth_file import read_truth
 
-    output = output.reserved(default=f"{result_name(paths[0])}_result")
+    output = output.reserve(default=f"{result_name(paths[0])}_result")
     known: TaxiTruth | None = None
     if truth is not None:
         known = read_truth(truth, GearTruth) if is_one_gear else read_truth(truth, BodyTruth)
@@ -223,7 +223,7 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
 )
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @out_option("For result.json, report and figures.")
-@partial(with_output, option="--overwrite")  # --force is a column here
+@partial(with_output, option="--overwrite")  # --force names a column here
 def law(bench: Path, output: Output, **of_log: Any) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
@@ -248,7 +248,7 @@ def law(bench: Path, output: Output, **of_log: Any) -> None:
         raise click.UsageError(
             "name the columns of the log: --force COL --travel COL (`opid inspect LOG` lists them), or give a study"
         )
-    output = output.reserved()
+    output = output.reserve()
     with output.progress() as say:
         say("the record")
         study = (
@@ -285,7 +285,7 @@ def compare(results: tuple[Path, ...], false_alarm: float | None, output: Output
     from opid.suspensions.flights.comparison import compare as compare_flights
     from opid.suspensions.flights.results import read_flights
 
-    output = output.reserved(("comparison.json", "report.html"))
+    output = output.reserve(("comparison.json", "report.html"))
     with output.progress() as say:
         say("the results")
         found = compare_flights(read_flights(results), false_alarm=false_alarm)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from opid.updating.study import UpdatingStudy
 
 N_COMPARED = 20
-"""Modes of the reduced structure that are compared with those of the whole one."""
+"""Number of modes in which the reduced structure is compared with the whole one."""
 
 
 @main.command(epilog=example("opid update wing/study.toml --truth wing/truth.json --out wing_result"))
@@ -52,7 +52,7 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
     from opid.updating.study import UpdatingStudy
     from opid.virtual.truth_file import read_truth
 
-    output = output.reserved(default=f"{result_name(study)}_result")
+    output = output.reserve(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, UpdatingTruth)
     if chains:
         require_arviz()

@@ -58,7 +58,7 @@ def demo(seed: int, output: Output) -> None:
     from opid.virtual.taxi_tests.taxiing import taxi_test
     from opid.virtual.truth_file import write_field_test
 
-    output = output.reserved((*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
+    output = output.reserve((*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
     assert output.out is not None  # the option has a default
     out = output.out
     with output.progress() as say:
@@ -203,7 +203,6 @@ def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: d
 
 
 def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
-    """Simulate the taxi test that the options of `simulate taxi` describe."""
     import numpy as np
 
     from opid.virtual.taxi_tests.sensors import Sensor
@@ -270,7 +269,6 @@ def _with_friction(law: Law, friction_n: float | None) -> Law:
 
 
 def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
-    """Simulate the taxi test that the options of `simulate aircraft` describe."""
     import numpy as np
 
     from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import force_along
-from opid.plots.laws import color_of_step, name_steps, shown_steps
+from opid.plots.laws import choose_steps, color_of_step, name_steps
 from opid.plots.style import (
     GREY,
     INK,
@@ -23,7 +23,7 @@ from opid.plots.style import (
     law_title,
     note,
     panels,
-    thick,
+    thicken,
 )
 from opid.suspensions.bench.law import BenchLaw
 from opid.suspensions.bench.loop import sine_of
@@ -60,7 +60,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
             grid[0, 0].set_title(f"{name}: {explained}")
         else:
             grid[0, 1].set_title(explained, fontweight="normal")
-        thick(grid[0, 0].legend(loc="upper left"))
+        thicken(grid[0, 0].legend(loc="upper left"))
     return grid
 
 
@@ -101,9 +101,9 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
             ax.set_title("Over velocity, z = 0" if along == "velocity" else "Over travel, z′ = 0")
             low, high = (float(scale * each) for each in (min(dots.min(), curve.min()), max(dots.max(), curve.max())))
             room = 0.06 * (high - low)
-            # a straight part far steeper than the whole law would flatten everything else
+            # the limits do not depend on the straight part, which may be far steeper than the whole law
             ax.set_ylim(low - room, high + 5 * room)
-            thick(ax.legend(loc="upper left"))
+            thicken(ax.legend(loc="upper left"))
         grid[0, 0].set_ylabel(f"part of the force [{unit}]")
     return grid
 
@@ -115,7 +115,7 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         result: the law of a bench.
         ax: one Axes, or None for a new figure.
     """
-    steps, answer = shown_steps(result.ladder), chosen(result.ladder)
+    steps, answer = choose_steps(result.ladder), chosen(result.ladder)
     least = 1e-12
     with house_style():
         ax = panels(ax, 1, height_in=1.5 + 0.26 * len(steps))[0, 0]
@@ -171,7 +171,7 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
             ax.locator_params(axis="x", nbins=5)
         grid[0, 0].set_ylabel(f"force [{unit}]")
         grid[0, 0].set_title(f"{scale * result.residual_rms:.3g} {unit} rms left over")
-        thick(grid[0, 1].legend(loc="upper left"))
+        thicken(grid[0, 1].legend(loc="upper left"))
     return grid
 
 

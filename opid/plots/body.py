@@ -37,8 +37,8 @@ from opid.plots.style import (
     pretty,
     require_answer,
     run_colors,
-    smoothed,
-    thick,
+    smooth_lines,
+    thicken,
 )
 from opid.suspensions.result import BodyRatios, Candidate, Identification, InterfaceEstimate, RunResidual
 
@@ -171,7 +171,7 @@ def suspension_forces(result: Identification, axes: Any = None, *, truth: BodyTr
         grid[-1, 0].set_xlabel(VELOCITY)
         grid[-1, 1].set_xlabel(TRAVEL)
         for ax in grid[0]:
-            thick(ax.legend(loc="upper left", fontsize=7, handlelength=1.4, labelspacing=0.3))
+            thicken(ax.legend(loc="upper left", fontsize=7, handlelength=1.4, labelspacing=0.3))
     return grid
 
 
@@ -210,7 +210,7 @@ def predicted_accelerations(
             ax.set_title(name)
             ax.set_ylabel("acceleration [m/s²]")
             ax.margins(x=0)
-            thick(ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1))
+            thicken(ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1))
         grid[-1, 0].set_xlabel(f"time [s], run {shown.name!r}")
     return grid
 
@@ -236,7 +236,7 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
         grid = panels_in_rows(axes, len(names), columns, height_in=0.7 + 1.75 * rows, sharex=True, sharey=True)
         for index, (ax, name) in enumerate(zip(grid.ravel(), names, strict=False)):
             for run, color in zip(result.runs, run_colors(len(result.runs)), strict=True):
-                lines = smoothed(run.frequency_hz, run.residual[index], SMOOTHING_HZ)
+                lines = smooth_lines(run.frequency_hz, run.residual[index], SMOOTHING_HZ)
                 ax.plot(*lines, color=color, linewidth=1.2, label=f"run {run.name!r}")
             ax.axhline(1.0, color=INK, linestyle="--", linewidth=1, label="noise")
             ax.set_title(name)
@@ -251,7 +251,7 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
         for ax in grid[-1]:
             ax.set_xlabel("frequency [Hz]")
         handles, labels = grid[0, 0].get_legend_handles_labels()
-        thick(figure_of(grid).legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5)))
+        thicken(figure_of(grid).legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5)))
     return grid
 
 

@@ -27,7 +27,7 @@ from opid.plots.style import (
     panels,
     require_answer,
     run_title,
-    thick,
+    thicken,
 )
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.nonlinearity import LawFit
@@ -152,7 +152,7 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     above.plot(scale * line, straight + arctangent, color=RUN_COLORS[1], label="slope + arctangent")
     above.set_title("Stiffness curve" if along_travel else "Damping curve")
     above.text(0.97, 0.05, _verdict(curve, fit), ha="right", va="bottom", fontsize=8.5, transform=above.transAxes)
-    thick(above.legend(loc="upper left"))
+    thicken(above.legend(loc="upper left"))
     below.plot(position, fit.residual[shown], color=GREY, **dots)
     below.axhline(0, color=INK, linewidth=0.8)
     below.set_title(f"{fit.residual_rms:.2g} m/s² rms", fontweight="normal", fontsize=8.5)

@@ -111,7 +111,7 @@ def _chosen(health: Health, names: Sequence[str] | None) -> list[ChannelHealth]:
 
 
 def _stretches(health: Health, channel: ChannelHealth) -> dict[str, list[Stretch]]:
-    """What is wrong with a channel, its clock's gaps among it, by kind."""
+    """The faulty stretches of a channel by kind, the gaps of its clock included."""
     gaps = [gap for clock in health.clocks if channel.name in clock.channels for gap in clock.gaps]
     every = list(dict.fromkeys((*gaps, *channel.stretches)))
     return {kind: own for kind in KINDS if (own := [each for each in every if each.kind == kind])}
@@ -129,7 +129,7 @@ def _history(
 ) -> None:
     unit = "" if channel.unit == "?" else f" {pretty(channel.unit)}"
     title = ax.set_title(f"{_brief(channel.name)}, {'mute' if channel.mute else f'{channel.rms:.4g}{unit} rms'}")
-    title.set_parse_math(False)  # a name may hold dollars
+    title.set_parse_math(False)  # a name may hold dollar signs
     ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{pretty(channel.unit)}]")
     overview = channel.overview
     if overview is None or not np.isfinite(overview.lowest).any():
@@ -143,7 +143,7 @@ def _history(
     for kind, own in wrong.items():
         color = KINDS[kind][1]
         spans = [(each.start_s, each.stop_s - each.start_s) for each in own]
-        # the edge keeps what is shorter than a dot visible
+        # the edge makes even the shortest stretches visible
         ax.broken_barh(spans, (0, 1), transform=top, color=color, alpha=0.3, linewidth=0.7, zorder=0.5)
         ax.broken_barh(spans, (0.94, 0.06), transform=top, color=color, linewidth=0.7, zorder=3)
         if kind == "spike":
@@ -152,7 +152,7 @@ def _history(
 
 
 def _scale(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
-    """Scale the history to what is no spike, and say how far the spikes reach."""
+    """Scale the history to its values without spikes, and write how far the spikes reach."""
     half_s = 0.5 * float(np.median(np.diff(overview.time_s))) if overview.time_s.size > 1 else 0.0
     calm = np.isfinite(overview.lowest)
     for each in spikes:
@@ -205,7 +205,7 @@ def _spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
 
 
 def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: str, *, named: bool = False) -> None:
-    """Mark every line; if `named`, write the frequencies of the strongest that leave each other room."""
+    """Mark every line; if `named`, write the frequencies of the strongest lines that have room."""
     labelled: list[float] = []
     frequency_hz = overview.frequency_hz
     decades = float(np.log10(frequency_hz[-1] / frequency_hz[frequency_hz > 0][0]))
@@ -221,7 +221,7 @@ def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: st
 
 
 def _mains_words(lines: Sequence[SpectralLine]) -> str:
-    """Say which lines are those of the mains: "mains, 50 Hz, and harmonics 2, 3"."""
+    """The lines of the mains in words: "mains, 50 Hz, and harmonics 2, 3"."""
     harmonics = sorted(int(line.name.split()[1]) for line in lines if line.name.startswith("harmonic "))
     listed = ", ".join(map(str, harmonics))
     first = [line.name for line in lines if not line.name.startswith("harmonic ")]
@@ -270,7 +270,7 @@ def _depth_db(channels: Sequence[ChannelHealth]) -> float:
 
 
 def _edges(middles: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Edges of cells from their middles; `low` and `high` those of a single one."""
+    """Edges of cells from their middles; `low` and `high` are those of a single cell."""
     if middles.size < 2:
         return np.array([low, max(high, np.nextafter(low, np.inf))])
     between = 0.5 * (middles[1:] + middles[:-1])
@@ -281,7 +281,7 @@ def _edges(middles: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _limits(grid: np.ndarray, channels: Sequence[ChannelHealth]) -> None:
-    """The same times and the same frequencies in every row."""
+    """Give all rows the same times and the same frequencies."""
     seen = [channel.overview for channel in channels if channel.overview is not None]
     times = np.concatenate([each.time_s for each in seen]) if seen else np.empty(0)
     lines = np.concatenate([each.frequency_hz[each.frequency_hz > 0] for each in seen]) if seen else np.empty(0)
@@ -299,7 +299,7 @@ def _key(
     *,
     on_figure: bool,
 ) -> None:
-    """One legend for all rows, of what there is."""
+    """One legend for all rows."""
     handles: list[Any] = [Patch(color=BLUE, label="least to largest value")]
     if segment_s is not None:
         handles.append(Patch(color=SKY, alpha=0.35, label="segment that is used"))
@@ -316,7 +316,7 @@ def _key(
 
 
 def _write(ax: Axes, text: str, height: float, *, color: str) -> None:
-    """Write at the left edge: a noise floor above its line, all else near the bottom."""
+    """Write at the left edge: a noise floor above its line, other text near the bottom."""
     floor = color == GREY
     at: Any = ax.get_yaxis_transform() if floor else ax.transAxes
     box = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.3}

@@ -31,7 +31,7 @@ from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 Ladder = Sequence[LawStep[Any]]
 
-# laws shown that the search did not go on from
+# laws that are shown though the search rejected them
 N_OTHERS = 8
 
 
@@ -55,7 +55,7 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
         ax: one Axes, or None for a new figure.
         noise_floor_m_per_s2: of the sensors.
     """
-    steps, best = shown_steps(ladder), chosen(ladder)
+    steps, best = choose_steps(ladder), chosen(ladder)
     with house_style():
         ax = panels(ax, 1, height_in=1.3 + 0.32 * len(steps))[0, 0]
         for row, step in enumerate(steps):
@@ -74,7 +74,7 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
             ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
             note(ax, f"noise floor {floor:.2g}", (floor, 1), (4, 3), xycoords=("data", "axes fraction"), fontsize=8)
         low, high = ax.get_xlim()
-        # room for the words at the right
+        # the text at the right needs room
         if (low > 0 and high / low > 3) or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
             ax.set_xscale("log")
             low, high = ax.get_xlim()
@@ -152,7 +152,7 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def shown_steps(ladder: Sequence[LawStep[F]]) -> list[LawStep[F]]:
+def choose_steps(ladder: Sequence[LawStep[F]]) -> list[LawStep[F]]:
     """Return the steps of a search that were kept, and the most likely ones of the others."""
     others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
     return [step for step in ladder if step.kept or step in others]

@@ -26,12 +26,12 @@ from opid.plots.style import (
     note,
     panels,
     plain_numbers,
-    thick,
+    thicken,
 )
 
-# decades of a mode indicator function below its highest value
+# decades that are shown below the highest value of a mode indicator function
 DECADES_SHOWN = 5
-# curves of modal harmonics at most
+# the most curves of modal harmonics
 N_SHOWN = 6
 
 
@@ -103,7 +103,7 @@ def mode_indicators(
         whole.set_ylabel("CMIF [m/s²/N]")
         whole.set_xlabel("frequency [Hz]")
         whole.set_title("Nonlinear modes by number" if marked else "Mode indicator", pad=14)
-        thick(whole.legend(loc="lower right", ncols=2))
+        thicken(whole.legend(loc="lower right", ncols=2))
         for ax, number in zip(flat[1:], zoomed, strict=True):
             _zoom(ax, marked[number], measured, resynthesised)
             ax.set_title(f"mode {number}", fontsize=9)
@@ -177,7 +177,7 @@ def _zoom(ax: Axes, centre_hz: float, measured: Mapping[str, ModeIndicator], mad
 
 
 def _panels(n_zoomed: int) -> list[Any]:
-    """Axes of a new figure: one wide panel, and small ones below."""
+    """Axes of a new figure: one wide panel, and small ones below it."""
     columns = max(n_zoomed, 1)
     figure = Figure(figsize=(7.4, 3.4 + 2.0 * (n_zoomed > 0)), layout="constrained")
     grid = figure.add_gridspec(1 + (n_zoomed > 0), columns, height_ratios=[1.6, 1][: 1 + (n_zoomed > 0)])
@@ -217,7 +217,7 @@ def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
             ax.set_xlabel("amplitude of q [µm √kg]")
             ax.set_ylabel(label)
         grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
-        thick(grid[0, 0].legend(loc="best"))
+        thicken(grid[0, 0].legend(loc="best"))
     return grid
 
 
@@ -244,7 +244,7 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
         _over_levels(ax)
         ax.set_ylabel("acceleration [m/s²]")
         ax.set_title(f"Harmonics at {sensor}")
-        thick(ax.legend(loc="best", fontsize=7.5, ncols=2))
+        thicken(ax.legend(loc="best", fontsize=7.5, ncols=2))
     return ax
 
 
@@ -273,7 +273,7 @@ def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
         _over_levels(ax)
         ax.set_ylabel("fraction of the fundamental")
         ax.set_title("Interaction" if interaction.flagged else "No interaction")
-        thick(ax.legend(loc="best", fontsize=7.5))
+        thicken(ax.legend(loc="best", fontsize=7.5))
     return ax
 
 
@@ -294,7 +294,7 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
         _over_levels(ax)
         ax.set_ylabel("MAC")
         ax.set_title(f"Shape of harmonic {interaction.harmonic}")
-        thick(ax.legend(loc="best", fontsize=7.5))
+        thicken(ax.legend(loc="best", fontsize=7.5))
     return ax
 
 
@@ -319,6 +319,6 @@ def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float
 
 
 def _over_levels(ax: Axes) -> None:
-    """Levels are counted: no ticks between them."""
+    """Label the axis of levels, which are whole numbers."""
     ax.set_xlabel("excitation index")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

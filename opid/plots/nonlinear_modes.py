@@ -28,7 +28,7 @@ from opid.plots.style import (
     name_rows,
     panels,
     plain_numbers,
-    thick,
+    thicken,
 )
 
 # a value is well known if half of its interval is below this fraction of the range of the better half of the values
@@ -39,11 +39,11 @@ ROOM_OF_DECAY = 0.08
 N_PERIODS = 5
 # samples to either side of the peak in which its period is looked for
 AROUND = 256
-# height of the panel at the peak, in peaks of measurement and nonlinear model
+# height of the panel at the peak over the peaks of measurement and nonlinear model
 ROOM = 2.0
 # the spectrum is shown down to this fraction of its peak
 LEAST_SHOWN = 1e-4
-# points of a curve that stand for many samples or lines, and the fewest that still show its shape
+# points of a curve that stand for many samples or lines, and the fewest that show its shape
 N_CRESTS = 400
 LEAST_CRESTS = 40
 _AMPLITUDE = "\N{SQUARE ROOT}kg"
@@ -88,7 +88,7 @@ def sine_beats(result: ModalIdentification, mode: int, axes: Any = None) -> np.n
         over_frequency.set_ylabel(f"Fourier amplitude [m/s² {_AMPLITUDE}/Hz]")
         over_frequency.set_title("modes by number", fontweight="normal", pad=14)
         handles, labels = over_frequency.get_legend_handles_labels()
-        thick(over_time.legend(handles, labels, loc="upper right", fontsize=7.5, ncols=1 + len(tests) // 6))
+        thicken(over_time.legend(handles, labels, loc="upper right", fontsize=7.5, ncols=1 + len(tests) // 6))
     return grid
 
 
@@ -123,7 +123,7 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
                 ax.plot(factor * at[shown], known[shown], **dots, label="truth, other modes at rest")
             ax.set_xlabel(f"amplitude of q [{prefix}m {_AMPLITUDE}]")
             ax.set_ylabel(label)
-            thick(ax.legend(loc="best", fontsize=7.5))
+            thicken(ax.legend(loc="best", fontsize=7.5))
         grid[1, 2].set_ylim(bottom=0)
         grid[0, 0].set_title(f"Mode {fit.mode}: N_s = {fit.stiffness_order}, N_d = {fit.damping_order}")
         grid[0, 1].set_title("nonlinear part, 95 %", fontweight="normal")
@@ -177,11 +177,11 @@ def _force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol
         ax.plot(x, base + curve.force, color=VERMILION, linewidth=1.8, label="with nonlinear part")
         ax.set_xlabel(along.format(prefix))
     whole.set_ylabel(f"{name} [N/{_AMPLITUDE}]")
-    thick(whole.legend(loc="upper left", fontsize=7.5))
+    thicken(whole.legend(loc="upper left", fontsize=7.5))
 
 
 def _levels(n: int) -> list[Any]:
-    """One colour a level, the highest first: pale below, dark above."""
+    """One colour a level, the highest first."""
     if n <= 3:
         return [SKY, BLUE, INK][:n]
     return [colormaps["viridis"](0.85 * (1 - level / (n - 1))) for level in range(n)]
@@ -236,7 +236,7 @@ def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = 
             _over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
             ax.set_xlabel(f"amplitude [{unit}]")
             ax.set_ylabel(label)
-        thick(grid[0, 1].legend(loc="best", fontsize=7.5))
+        thicken(grid[0, 1].legend(loc="best", fontsize=7.5))
     return grid
 
 
@@ -248,7 +248,7 @@ def _record(ax: Axes, decay: Decay) -> None:
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"[{_print_unit(decay.signal_unit)}]")
     ax.set_title(decay.name if decay.mode is None else f"{decay.name}, mode {decay.mode}")
-    thick(ax.legend(loc="upper right", fontsize=7.5))
+    thicken(ax.legend(loc="upper right", fontsize=7.5))
 
 
 def _over_amplitude(
@@ -321,7 +321,7 @@ def truth_test(
             error = f"error {100 * figures.nrmse_nonlinear:.3g} %, linear {100 * figures.nrmse_linear:.3g} %"
             for ax, title in ((row[1], peak), (row[2], error)):
                 ax.set_title(title, fontweight="normal", fontsize=9)
-        thick(grid[0, 0].legend(loc="upper right", fontsize=7.5))
+        thicken(grid[0, 0].legend(loc="upper right", fontsize=7.5))
         for ax, label in zip(grid[-1], ("time [s]", "time [s], at the peak", "frequency [Hz]"), strict=True):
             ax.set_xlabel(label)
     return grid
@@ -349,7 +349,7 @@ def truth_test_figures(test: TruthTest, ax: Any = None) -> Axes:
         ax.set_ylabel("rms error [% of measured rms]")
         ax.set_title(f"Truth test {test.name!r}")
         ax.grid(False, axis="x")
-        thick(ax.legend(loc="best"))
+        thicken(ax.legend(loc="best"))
     return ax
 
 

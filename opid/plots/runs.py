@@ -23,8 +23,8 @@ from opid.plots.style import (
     require_answer,
     run_colors,
     run_title,
-    smoothed,
-    thick,
+    smooth_lines,
+    thicken,
 )
 from opid.signals.recording import Recording
 from opid.signals.spectra import cross_spectra
@@ -64,7 +64,7 @@ def accelerations(result: AnyIdentification, axes: Any = None) -> np.ndarray:
             ax.set_title(run_title(run))
             ax.set_ylabel("acceleration − mean [m/s²]")
             ax.margins(x=0)
-            thick(ax.legend(loc="upper right", ncols=2))
+            thicken(ax.legend(loc="upper right", ncols=2))
         grid[-1, 0].set_xlabel("time [s]")
     return grid
 
@@ -97,7 +97,7 @@ def integration(run: RunEvidence, axes: Any = None) -> np.ndarray:
             ax.set_ylabel(TRAVEL)
             ax.margins(x=0.01)
         above.set_title(f"Relative displacement z = x₂ − x₁ of run {run.name!r}, integrated twice")
-        thick(above.legend(loc="best"))
+        thicken(above.legend(loc="best"))
         below.set_title("The same, the sound integration alone")
         below.set_xlabel("time [s]")
     return grid
@@ -290,7 +290,7 @@ def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
         ax.set_xlabel("frequency [Hz]")
         ax.set_ylabel("unexplained [mm/s² rms]")
         ax.set_title("What the model of the sprung mass leaves over")
-        thick(ax.legend(loc="best", ncols=2))
+        thicken(ax.legend(loc="best", ncols=2))
     return ax
 
 
@@ -308,5 +308,5 @@ def _noise_lines(fit: Fit | JointFit, index: int) -> tuple[np.ndarray, np.ndarra
     else:
         frequency_hz = fit.model.runs[index].omega / (2 * np.pi)
         residual = fit.model.level * fit.errors.lines[index].ravel() / np.sqrt(2)
-    middle, rms = smoothed(frequency_hz, residual, SMOOTHING_HZ)
+    middle, rms = smooth_lines(frequency_hz, residual, SMOOTHING_HZ)
     return middle, 1e3 * rms

@@ -167,7 +167,7 @@ def name_rows(ax: Axes, names: Sequence[str], colors: Sequence[str], *, chosen: 
     ax.grid(False, axis="y")
 
 
-def smoothed(frequency_hz: np.ndarray, residual: np.ndarray, width_hz: float) -> tuple[np.ndarray, np.ndarray]:
+def smooth_lines(frequency_hz: np.ndarray, residual: np.ndarray, width_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the rms of complex lines over a width in Hz, and the frequency in the middle of each, Hz."""
     n = max(1, min(frequency_hz.size, round(width_hz / float(frequency_hz[1] - frequency_hz[0]))))
     power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
@@ -210,7 +210,7 @@ def run_title(run: RunEvidence | Run) -> str:
     return f"run {run.name!r}, {change}"
 
 
-def thick(legend: Legend) -> None:
+def thicken(legend: Legend) -> None:
     """Show the colours of thin lines and small dots in a legend."""
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):

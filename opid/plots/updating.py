@@ -26,7 +26,7 @@ from opid.plots.style import (
     note,
     panels,
     panels_in_rows,
-    thick,
+    thicken,
 )
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone
@@ -36,33 +36,33 @@ from opid.updating.structure.reduction import ReductionErrors
 _COLUMNS = 3
 
 _METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
-# from here on the axis of the evidences is logarithmic
+# differences of evidences beyond this are on a logarithmic axis
 _LINEAR_TO = 10.0
 
-# of the largest force: curves that are nearer to each other than this hide each other
+# curves that are closer than this fraction of the largest force would hide each other
 _SAME_FORCE = 0.02
 # length of a dash, in widths of its line; width of the line of the best class
 _DASH, _WIDE = 4.0, 2.4
-# marks of the truth, which other lines are seen between
+# marks of the truth; other lines can be seen between them
 _N_TRUTH = 16
-# classes in one column of a legend
+# the most classes in one column of a legend
 _IN_ONE_COLUMN = 6
 
 LEAST_STD = 0.005  # of a log evidence: what is less is drawn without a bar
 
-# a frequency that agrees to the last digit has a place on a logarithmic axis, too
+# the error of an exact frequency, which needs a place on a logarithmic axis
 _LEAST_PERCENT = 1e-12
 _HELD: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4, "label": "sensors and joints held"}
-# hollow, so that the other one is seen within it
+# hollow, so that the other mark can be seen within it
 _FREE: dict[str, Any] = {
     "color": VERMILION, "marker": "s", "markersize": 6, "markerfacecolor": "none", "label": "free modes",
 }  # fmt: skip
 
-# of the Gaussian: fractions of the samples within its contours
+# fractions of the samples within the contours of the Gaussian
 _WITHIN = (0.5, 0.9, 0.99)
 # points of the running moments
 _N_RUNNING = 400
-# parameters with panels of their own at most: more are no figure
+# the most parameters that are drawn
 _N_SHOWN = 5
 
 
@@ -146,7 +146,7 @@ def predicted_backbones(
             _label_axes(ax, band.sensor, unit)
             if np.isfinite(band.coverage):
                 ax.set_title(f"sensor {band.sensor}: {100 * band.coverage:.0f} % within")
-        thick(grid[0, 0].legend(loc="upper left", fontsize=7.5, title=f"mode {mode}", title_fontsize=8))
+        thicken(grid[0, 0].legend(loc="upper left", fontsize=7.5, title=f"mode {mode}", title_fontsize=8))
     return grid
 
 
@@ -168,7 +168,7 @@ def _largest(curves: Sequence[MeasuredBackbone], sensor: str) -> float:
 
 
 def _length_unit(largest: float) -> tuple[float, str]:
-    """What metres are multiplied by to be numbers that one reads, and the unit then."""
+    """A factor from metres and its unit that make amplitudes easy to read."""
     if largest >= 1:
         return 1.0, "m"
     return (1e3, "mm") if largest >= 2e-5 else (1e6, "µm")
@@ -282,25 +282,25 @@ def joint_forces(
             ax.axvline(1e3 * extended, color=GREY, linestyle=":", linewidth=1.0)
             look: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "rotation": 90, "ha": "right", "va": "top"}
             note(ax, f"mode {mode}", (1e3 * extended, 1), (-3, -3), fontsize=8, color=INK, **look)
-        # joints that are not extended at all leave nothing to zoom in on
+        # joints that are not extended leave no range to show
         if x[-1] > x[0]:
             ax.set_xlim(float(x[0]), float(x[-1]))
         ax.set_xlabel("extension of a joint [mm]")
         ax.set_ylabel("nonlinear force [N]")
         legend = ax.legend(loc="upper left", fontsize=8, ncols=1 if len(bands) <= _IN_ONE_COLUMN else 2)
-        thick(legend)
+        thicken(legend)
         for handle in legend.legend_handles:
-            # the turns of a class are too far apart for a legend
+            # the dashes of a class are too far apart for a legend
             if isinstance(handle, Line2D) and handle.is_dashed():
                 handle.set_linestyle("--")
     return ax
 
 
 def _dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str, Any]:
-    """The line of a class that is not the best; classes whose curves lie on each other take turns along the curve."""
+    """The style of a class that is not the best; classes with the same curve get alternating dashes."""
     largest = max(float(np.abs(each.force).max()) for each in bands)
     together = [each.name for each in bands if np.abs(each.force - band.force).max() <= _SAME_FORCE * largest]
-    # the best is drawn whole beneath and shows where it is its turn
+    # the best class is a whole line below, so that it needs no dashes
     turn = sum(name != best for name in together[: together.index(band.name)])
     dashes = (turn * _DASH, (_DASH, max(1, len(together) - 1) * _DASH))
     return {"linestyle": dashes, "linewidth": _WIDE if best in together else 1.5}
@@ -312,7 +312,7 @@ def _class_label(each: ClassPosterior) -> str:
 
 
 def _as_differences(ax: Axes, lowest: float) -> None:
-    """Linear near the best class and logarithmic beyond, with plain numbers."""
+    """Make the axis linear near the best class and logarithmic beyond, with plain numbers."""
     if lowest > -3 * _LINEAR_TO:
         ax.set_xlim(min(1.15 * lowest, -1.0), max(-0.06 * lowest, 0.3))
         return
@@ -357,7 +357,7 @@ def linear_updating(linear: LinearPosterior, axes: Any = None) -> np.ndarray:
         grid[0, 0].axhline(0, color=INK, linewidth=0.9)
         grid[0, 0].set_ylabel("frequency error [%]")
         grid[0, 1].set_ylabel("MAC with the tests")
-        thick(grid[0, 0].legend(loc="best"))
+        thicken(grid[0, 0].legend(loc="best"))
     return grid
 
 
@@ -401,7 +401,7 @@ def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: Reducti
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         # above the axes: an error may lie anywhere within
         above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0, 1), "fontsize": 8}
-        thick(left.legend(ncols=2, **above))
+        thicken(left.legend(ncols=2, **above))
         if crosses:
             right.legend(handles=crosses[:1], **above)
     return grid
@@ -451,7 +451,7 @@ def parameter_samples(
             if row == n - 1:
                 ax.set_xlabel(labels[column])
         grid[0, 0].set_ylabel("density")
-        thick(grid[0, 0].legend(loc="best", fontsize=7.5))
+        thicken(grid[0, 0].legend(loc="best", fontsize=7.5))
     return grid
 
 
@@ -469,7 +469,7 @@ def running_moments(samples: FloatArray, labels: Sequence[str], axes: Any = None
     """
     shown = np.asarray(samples, dtype=np.float64)[:, :_N_SHOWN]
     count = np.arange(1, len(shown) + 1)
-    # about the mean of all, so that no digits are lost
+    # moments about the mean of all samples lose no digits
     centre = shown.mean(axis=0)
     mean = np.cumsum(shown - centre, axis=0) / count[:, None]
     square = np.cumsum((shown - centre) ** 2, axis=0) / count[:, None]
@@ -510,13 +510,13 @@ def _pair(ax: Axes, pair: np.ndarray, truth: tuple[float | None, float | None]) 
     circle = np.vstack([np.cos(angle), np.sin(angle)])
     ellipse = directions @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
     for within in _WITHIN:
-        # of a Gaussian in the plane, exp(-r^2/2) lies beyond r
+        # the fraction exp(-r^2/2) of a Gaussian in the plane lies beyond r
         ax.plot(*(mean[:, None] + np.sqrt(-2 * np.log(1 - within)) * ellipse), color=VERMILION, linewidth=1.0)
     if truth[0] is not None and truth[1] is not None:
         ax.plot(truth[0], truth[1], marker="+", markersize=11, markeredgewidth=2, color=GREEN, linestyle="none")
 
 
 def _span(values: np.ndarray) -> tuple[float, float]:
-    """The range of the values without the last 0.1 % at either side, which would make the bins wide."""
+    """The range of the values without 0.1 % at either end, which would make the bins too wide."""
     low, high = (float(each) for each in np.quantile(values, [0.001, 0.999]))
     return (low, high) if high > low else (low - 0.5, low + 0.5)

@@ -15,7 +15,7 @@ from opid.updating.sampling.chains import Chain, to_inference_data
 
 
 def require_arviz() -> None:
-    """Refuse before long work, by an InputError, what ArviZ could not write after it."""
+    """Refuse by an InputError, before long work, what ArviZ could not write after it."""
     require("arviz", "writing chains", "arviz", "bayes")
 
 
@@ -57,7 +57,7 @@ def _posteriors(result: Updating) -> Iterator[tuple[str, ClassPosterior | Linear
 
 
 def _chain(posterior: ClassPosterior | LinearPosterior) -> Chain:
-    """The chains of a posterior; all samples as one chain of unknown density where it did not keep them."""
+    """The chains of a posterior; if it did not keep them, its samples as one chain of unknown density."""
     if posterior.chain is not None:
         return posterior.chain
     samples, known = posterior.samples[None], posterior.diagnostics

@@ -56,7 +56,6 @@ def _figure(decay: Decay) -> Figure:
 
 
 def _law(decay: Decay) -> DecayLaw | None:
-    """The law over the amplitude, for the figure."""
     orders = {name: decay.settings.get(name) for name in ("stiffness_order", "damping_order")}
     return None if decay.law is None else law_of_decays([decay], **orders)
 
@@ -69,7 +68,7 @@ def _basis(decay: Decay) -> str:
 
 
 def _ends(decay: Decay) -> Table:
-    """Frequency and damping at the largest and the smallest amplitude, and in the limit that the law gives."""
+    """Frequency and damping at the largest and the smallest amplitude, and the limit at zero by the law."""
     half = Column("± (95 %)")
     columns = (
         Column("", align="left"),
@@ -102,13 +101,12 @@ def _law_rows(decay: Decay) -> Iterator[Row]:
 
 
 def _value(value: float, std: float) -> tuple[str, str]:
-    """A value with the digits that its standard deviation leaves, and half of its interval with as many decimals."""
+    """A value, and half of its 95 % interval, with as many decimals as its standard deviation leaves."""
     shown = rounded(float(value), float(std))
     return shown, f"{1.96 * float(std):.{len(shown.partition('.')[2])}f}"
 
 
 def _command(settings: Mapping[str, Any]) -> list[str]:
-    """The command that gives this result."""
     given = {name: value for name, value in settings.items() if name != "log" and value is not None}
     options = [word for name, value in given.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     return ["opid", "decay", str(settings.get("log", "LOG")), *options]

@@ -12,7 +12,7 @@ from opid.mechanics.truth import Truth
 from opid.report.document import Row, Table, columns
 
 ROUNDING = 1e-12
-"""A standard deviation that is a smaller part of its value is the rounding of numbers: the value is a constant."""
+"""A value whose relative standard deviation is smaller is a constant: such a deviation comes from rounding."""
 
 # what the LaTeX of the laws is in plain text
 _PLAIN = (
@@ -38,7 +38,7 @@ def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None =
     """Return an estimate as a row of `estimate_table`; a constant has neither standard deviation nor interval."""
     std, interval = estimate.std, estimate.interval95
     if std is not None and estimate.value is not None and std <= ROUNDING * abs(estimate.value):
-        std, interval = None, None  # a constant: it stayed at a bound, or was given
+        std, interval = None, None  # the constant was given, or the fit left it at a bound
     between = f"{rounded(interval[0], std)} .. {rounded(interval[1], std)}" if interval else "-"
     error = is_inside = "-"
     if true is not None and estimate.value is not None:
@@ -49,7 +49,7 @@ def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None =
 
 
 def estimate_table(rows: Iterable[Row], truth: Truth | None = None, title: str = "", legend: str = "") -> Table:
-    """Return the table of some rows of `estimate_row` and of headings; one with a truth shows it, and no std. dev.
+    """Return a table of rows by `estimate_row` and of headings; with a truth it shows that, and no std. dev.
 
     >>> [column.head for column in estimate_table([]).columns]
     ['', 'value', 'std. dev.', '95 % interval', 'unit']
@@ -103,7 +103,7 @@ def parameter_label(parameter: Parameter) -> str:
     """
     name = parameter.name
     if parameter.role == "amplitude":
-        # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
+        # the word before the unit in amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3
         name = name.split("_n")[0]
     return name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
 

@@ -11,23 +11,23 @@ from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Heal
 
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
 MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
-"""What a page has room for, of a channel's lines, of pairs, of notes, of clocks, of channels in a table and with lines,
-and of findings that differ but in their numbers: `Health.to_dict` tells them all."""
+"""The most lines of a channel, pairs, notes, clocks, channels in a table, channels with lines, and findings with the
+same words that a page shows; `Health.to_dict` has them all."""
 
 CHANNELS_A_FIGURE, MOST_FIGURES = 12, 2
-"""A figure takes seconds: of a log with more channels than these hold the most telling are drawn."""
+"""Channels on a figure and the number of figures; each figure takes seconds, so that no more are drawn."""
 
 FEW_CLOCKS = 6
-"""Clocks that get a sentence each; of more, a line each."""
+"""Up to so many clocks get a sentence each; more get a row of a table each."""
 
 NO_LAG = "A lag needs a broad coherent band in which the phase is that of a delay; that of a suspension is not."
 
 LEAST_JITTER = 1e-6
-"""Of the period; what is less is the rounding of numbers, not of stamps."""
+"""Fraction of the period; less is the rounding of numbers, not of stamps."""
 
 
 def document_of(health: Health) -> Document:
-    """Return the report of a log: clocks, channels and pairs, then what is wrong, the worst first, and what to do."""
+    """Return the report of a log: clocks, channels and pairs, then the findings, the most serious first."""
     blocks: list[Block] = [*_clocks(health.clocks), *_channels(health.channels)]
     blocks += [*_spectra(_telling(health.channels)), *_pairs(health.pairs)]
     if health.looks_unsprung:
@@ -53,7 +53,7 @@ def _details(health: Health) -> Iterator[Block]:
 
 
 def health_figures(health: Health) -> tuple[Figure, ...]:
-    """Return the figures of a log, some channels on every one; of very many channels the most telling are drawn."""
+    """Return the figures of a log, several channels on each; of very many channels some are drawn."""
     from opid import plots
 
     def figure(number: int, names: Sequence[str]) -> Figure:
@@ -71,14 +71,14 @@ def health_figures(health: Health) -> tuple[Figure, ...]:
 
 
 def channels_left_out(health: Health) -> str:
-    """Return the sentence that says that not all channels are drawn; empty if they are."""
+    """Return a sentence that tells that some channels are not drawn; empty if all are."""
     n, every = len(_choose_drawn(health)), len(health.channels)
     words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
     return words if n < every else ""
 
 
 def _choose_drawn(health: Health) -> list[str]:
-    """The names of the channels to draw: all, or of many the first that are not mute, accelerations before others."""
+    """The names of the channels to draw: all, or the first that are not mute, accelerations before others."""
     most = CHANNELS_A_FIGURE * MOST_FIGURES
     telling = sorted(health.channels, key=lambda channel: (channel.mute, channel.unit != "m/s^2"))
     return [channel.name for channel in (health.channels if len(telling) <= most else telling[:most])]
@@ -88,7 +88,6 @@ def _choose_drawn(health: Health) -> list[str]:
 
 
 def _answer(health: Health) -> str:
-    """The only clock in words, or how many there are."""
     if not health.clocks:
         return f"{health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples"
     if len(health.clocks) == 1:
@@ -97,7 +96,7 @@ def _answer(health: Health) -> str:
 
 
 def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
-    """A sentence for each of several clocks; of many a line for each of those with most samples."""
+    """A sentence for each of a few clocks, or a row for each of many."""
     if len(clocks) > FEW_CLOCKS:
         shown = sorted(clocks, key=lambda clock: -clock.n_samples)[:MOST_CLOCKS]
         rows = tuple(
@@ -125,13 +124,12 @@ def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
 
 
 def _clock_words(clock: ClockHealth) -> str:
-    """One sentence: rate, length, jitter, gaps, stamps that stand twice."""
     if clock.stated:
         rate = f"{clock.fs:.9g} Hz as stated, no time stamps to check it by"
     else:
         jitter = f"jitter {_figure(100 * clock.jitter)} % of the period" if clock.jitter > LEAST_JITTER else "no jitter"
         rate = f"{clock.fs:.9g} Hz from time stamps, {jitter}"
-        # what is finer than a nanosecond is the arithmetic's, and stamps exact in a binary number are not rounded
+        # less than a nanosecond comes from arithmetic, and stamps that are exact binary numbers are not rounded
         exact = abs(clock.resolution_s * clock.fs - 1) < 1e-6 and clock.jitter <= LEAST_JITTER
         rounded = clock.resolution_s > 1e-9 and not exact
         rate += f" (they are rounded to {_seconds(clock.resolution_s)})" if rounded else ""
@@ -147,9 +145,9 @@ def _clock_words(clock: ClockHealth) -> str:
 
 
 def _seconds(value: float) -> str:
-    """A time in the unit that needs no zeros: "3.5 s", "10 ms", "1 us"."""
+    """A time in a unit in which it needs no zeros: "3.5 s", "10 ms", "1 us"."""
     for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
-        if value * factor >= 0.9995:  # 999.9 ms would be 1e+03 ms
+        if value * factor >= 0.9995:  # otherwise 999.9 ms would become 1e+03 ms
             return f"{value * factor:.3g} {unit}"
     return f"{1e9 * value:.3g} ns"
 
@@ -158,7 +156,7 @@ def _seconds(value: float) -> str:
 
 
 def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
-    """A table of figures, and one of faults for the channels that have any; of very many the most telling."""
+    """A table of all channels, and one of the faults of some; of very many channels some are shown."""
     shown = _telling(channels)
     # a study may name a channel by its number in the log
     has_numbers = any(channel.number for channel in shown)
@@ -193,19 +191,18 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
 
 
 def _telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth]:
-    """All channels, or of very many those that a page has room for."""
+    """All channels, or of very many those that a page has room for, accelerations before others."""
     if len(channels) <= MOST_CHANNELS:
         return channels
     return sorted(channels, key=lambda c: (c.mute, c.unit != "m/s^2", c.unit == "?"))[:MOST_CHANNELS]
 
 
 def _make_printable(name: str) -> str:
-    """A name that no terminal stumbles over."""
     return name if name.isprintable() else ascii(name)[1:-1]
 
 
 def _figure(value: float | None, digits: int = 2) -> str:
-    """A number of so many digits: "4000", not "4e+03"."""
+    """A number with so many digits: "4000", not "4e+03"."""
     return "-" if value is None or not math.isfinite(value) else f"{float(f'{value:.{digits}g}'):.6g}"
 
 
@@ -247,7 +244,6 @@ def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
 
 
 def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
-    """A table of the pairs that move together."""
     together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
     more, apart = len(together) - MOST_PAIRS, len(pairs) - len(together)
     notes = [f"and {counted(more, 'pair')} more (--json tells all)."] * (more > 0)
@@ -265,7 +261,6 @@ def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
 
 
 def _pair_cells(pair: PairHealth) -> tuple[str, ...]:
-    """The lag of the second channel, its standard deviation, and the band in which the two move together."""
     lag = ("-", "-")
     if math.isfinite(pair.lag_s):
         decimals = 3
@@ -278,7 +273,7 @@ def _pair_cells(pair: PairHealth) -> tuple[str, ...]:
 
 
 def _findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
-    """The findings, those that say the same, or the same of too many channels with other numbers, together."""
+    """The findings by severity; those with the same message, or with one that differs in its numbers, together."""
     for severity in dict.fromkeys(finding.severity for finding in findings):
         sentences = list(_sentences([finding for finding in findings if finding.severity == severity]))
         more = len(sentences) - MOST_NOTES if severity == "note" else 0
@@ -297,7 +292,7 @@ def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
         alike.setdefault(_without_numbers(message), []).append((message, channels))
     for messages in alike.values():
         concerned = list(dict.fromkeys(channel for _, channels in messages for channel in channels))
-        # what is wrong with one clock or channel at several times is said one by one
+        # the findings of a single clock or channel are told one by one
         many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
         for message, channels in messages[:1] if many else messages:
             where = _list_names(channels)
@@ -312,7 +307,6 @@ def _without_numbers(message: str) -> str:
 
 
 def _list_names(channels: Sequence[str]) -> str:
-    """Names of channels, of many the first."""
     names = list(dict.fromkeys(_make_printable(channel) for channel in channels if channel))
     more = len(names) - MOST_CHANNELS // 5
     return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")

@@ -22,16 +22,16 @@ from opid.report.document import Block, Column, Document, Figure, Paragraph, Row
 from opid.report.estimates import estimate_row, estimate_table
 
 N_SENSORS_SHOWN = 3
-"""Sensors of a truth test with a row of their own."""
+"""The most sensors that are drawn of a truth test."""
 
 N_LINES = 4000
-"""Of the mode indicator of the linear modes."""
+"""Lines of the mode indicator of the linear modes."""
 
 ABOVE_MODES = 1.15
-"""Times the highest natural frequency: so far the mode indicators are shown."""
+"""Highest frequency of the mode indicators over the highest natural frequency."""
 
 MOST_SENSORS = 8
-"""Sensors of a truth test in the text, the worst first; all stand on the page."""
+"""The most sensors of a truth test in the text; the page shows all."""
 
 PACINI = "B. R. Pacini, Industrial applications of nonlinear modal modeling: two case studies."
 
@@ -76,7 +76,7 @@ def _amplitude() -> Column:
 
 
 def _mode_table(result: ModalIdentification) -> Table:
-    """Frequency and damping of each nonlinear mode at zero and at top amplitude, and how well it is fitted."""
+    """Frequency and damping of each nonlinear mode at zero and at top amplitude, and its misfit."""
     rows = []
     for fit in result.fits:
         of_fit = (
@@ -98,7 +98,7 @@ def _mode_table(result: ModalIdentification) -> Table:
 
 
 def _shift_table(result: ModalIdentification) -> Table:
-    """How frequency and damping of each mode move from the lowest level to the highest."""
+    """The shifts of frequency and damping of each mode from the lowest level to the highest."""
     rows = []
     for shift in result.shifts:
         frequency, damping = _lowest(shift.frequency_hz), _lowest(shift.damping_ratio)
@@ -121,7 +121,6 @@ def _shift_table(result: ModalIdentification) -> Table:
 
 
 def _thresholds(result: ModalIdentification) -> str:
-    """From which shift on a mode counts as nonlinear."""
     frequency, damping = (result.settings.get(name) for name in ("frequency_threshold", "damping_threshold"))
     if frequency is None or damping is None:
         return ""
@@ -132,7 +131,7 @@ def _thresholds(result: ModalIdentification) -> str:
 
 
 def _decay_table(result: ModalIdentification) -> Table:
-    """Frequency and damping of each free decay at zero amplitude, by its law, and at its largest."""
+    """Frequency and damping of each free decay at its largest amplitude, and at zero by its law."""
     rows: list[Row] = []
     for decay in result.decays:
         low, damping = decay.frequency_low_hz.value, decay.damping_low.value
@@ -150,7 +149,7 @@ def _decay_table(result: ModalIdentification) -> Table:
 
 
 def _coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Block]:
-    """The coefficients with their intervals, mode by mode; nothing where there are none."""
+    """A table of the coefficients with their intervals, if there are any."""
     rows = [row for fit in result.fits for row in _rows_of(fit, truth)]
     rows += [row for mode in sorted(result.decay_laws) for row in _rows_of_decays(result, mode, truth)]
     decays = " Free decays give k₀ and c₀ themselves: there these are k1 and c1." if result.decay_laws else ""
@@ -168,7 +167,7 @@ def _coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iter
 
 
 def _with_coefficients(truth: ModalTruth | None) -> ModalTruth | None:
-    """The truth if it has coefficients to compare with; joints that are no power laws have none."""
+    """The truth if it has coefficients to compare with, as only joints with power laws have."""
     return truth if truth and any(law.k or law.c for law in truth.nonlinear.values()) else None
 
 
@@ -179,7 +178,7 @@ def _rows_of(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
 
 
 def _rows_of_decays(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:
-    """What the free decays of a mode give together; k1 and c1 are k0 and c0 themselves, of which no truth is known."""
+    """The coefficients of a mode by its free decays; k1 and c1 are k0 and c0 themselves, whose truth is unknown."""
     law = result.decay_laws[mode]
     names = [decay.name for decay in result.decays if decay.mode == mode]
     many = f"{len(names)} free decays together" if len(names) > 1 else f"free decay {names[0]!r}" if names else "decays"
@@ -195,17 +194,17 @@ def _powers(
     *,
     lowest: int,
 ) -> Iterator[Row]:
-    """A row for each power; the truth is known from the lowest on."""
+    """A row for each power; from the power `lowest` on the truth is known."""
     true = truth.nonlinear.get(mode) if truth else None
     for letter, estimates, known in (("k", stiffness, true and true.k), ("c", damping, true and true.c)):
-        # what the truth's law lacks is zero; a joint that is no power law has no coefficients
+        # a power that the true law lacks is zero; only a joint with a power law has coefficients
         for power, estimate in sorted(estimates.items()):
             value = known.get(power, 0.0) if known and power >= lowest else None
             yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value)
 
 
 def _truth_table(test: TruthTest, *, first: str | None) -> Table:
-    """The figures of a truth test: the drive point, then the sensor with the largest error of the nonlinear model."""
+    """The errors of a truth test: at the drive point first, then from the worst sensor to the best."""
     band = "" if test.band_hz is None else f", {test.band_hz[0]:.4g} to {test.band_hz[1]:.4g} Hz"
     rows = [
         (
@@ -239,19 +238,18 @@ def command_of(result: ModalIdentification, options: Mapping[str, Any] | None = 
 
 
 def _beside_defaults(result: ModalIdentification) -> dict[str, Any]:
-    """The settings of a result that are not the defaults, whether its study file or the command has them."""
+    """The settings of a result that differ from the defaults."""
     names = ("stiffness_order", "damping_order", "free_linear", *THRESHOLDS)
     given = {name: result.settings[name] for name in names if result.settings.get(name) is not None}
     return {name: value for name, value in given.items() if value != getattr(ModalStudy, name)}
 
 
 def _lowest(estimates: tuple[Estimate, ...]) -> float | None:
-    """The value of the lowest level that has one."""
     return next((each.value for each in estimates if each.value is not None), None)
 
 
 def _percent(shift: Estimate, *, digits: int) -> str:
-    # no -0
+    # adding 0 turns -0 into 0
     return "-" if shift.value is None else f"{round(100 * shift.value, digits) + 0.0:+.{digits}f} %"
 
 
@@ -259,7 +257,7 @@ def _percent(shift: Estimate, *, digits: int) -> str:
 
 
 def figures_of(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Figure]:
-    """Yield the figures in the order in which the model is made, those that have something to show."""
+    """Yield the figures, in the order of the work, for which the result has data."""
     yield Figure(
         "auto_mac",
         "Are the shapes independent?",
@@ -373,7 +371,7 @@ def _draw_indicators(result: ModalIdentification) -> Any:
 
 
 def _measured_indicators(result: ModalIdentification) -> dict[str, ModeIndicator]:
-    """Those of the tests that levels are compared by, from the lowest to the highest."""
+    """The mode indicators of the level tests, from the lowest level to the highest."""
     names = {name for shift in result.shifts for name in shift.levels}
     tests = sorted((test for test in result.tests if test.name in names), key=_largest_force)
     return {test.name: cmif([measured_response([test])]) for test in tests}
@@ -384,7 +382,7 @@ def _largest_force(test: ModalTest) -> float:
 
 
 def _choose_sensors(result: ModalIdentification, test: TruthTest) -> list[str]:
-    """The drive point, the sensor that the model moves most, and the one with the largest error; each once."""
+    """The drive point, the sensor that moves most in the model, and the one with the largest error."""
     names = list(test.sensors)
     moves_most = max(names, key=lambda name: float(np.abs(test.nonlinear.channel(name)).max()))
     drive = [result.drive_point] if result.drive_point in names else []
@@ -392,6 +390,5 @@ def _choose_sensors(result: ModalIdentification, test: TruthTest) -> list[str]:
 
 
 def _true_mode(fit: ModeFit, truth: ModalTruth | None) -> ModeTruth | None:
-    """Frequency and damping of a mode over its amplitude, as a simulation knows them."""
     known = truth.nonlinear.get(fit.mode) if truth else None
     return known if known and known.amplitude else None

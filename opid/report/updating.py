@@ -24,7 +24,7 @@ FORMS = {
     "recommended": "an offset for each curve beside the scatter of its points, noise levels inferred",
     "independent": "every point by itself: intervals far too narrow",
 }
-"""What the forms of the likelihood are."""
+"""The forms of the likelihood in words."""
 
 SONG = (
     "M. Song, L. Renson, B. Moaveni and G. Kerschen, Bayesian model updating and class selection of a wing-engine "
@@ -32,11 +32,11 @@ SONG = (
     "(2022)."
 )
 
-N_SENSORS_SHOWN = 6  # sensors of a figure of backbones, those that move most
-N_DRAWS = 200  # of the samples, for the band of a force
-N_EXTENSIONS = 200  # at which a force is drawn
-KEPT = 0.01  # relative error of a frequency below which a mode counts as kept
-MOST_NAMED = 4  # modes whose number has changed that are named one by one
+N_SENSORS_SHOWN = 6  # the most sensors in a figure of backbones
+N_DRAWS = 200  # samples that make the band of a force
+N_EXTENSIONS = 200  # extensions at which a force is computed
+KEPT = 0.01  # a mode counts as kept if the relative error of its frequency is smaller
+MOST_NAMED = 4  # up to so many modes are named one by one
 
 _BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
 
@@ -47,7 +47,7 @@ _SIMULATED = (
 
 
 def document_of(result: Updating, truth: UpdatingTruth | None = None) -> Document:
-    """Return what is said of an updating."""
+    """Return the report of an updating."""
     tables = (
         _class_table(result),
         _coefficient_table(result, truth),
@@ -100,7 +100,6 @@ def _basis(result: Updating) -> str:
 
 
 def _best(result: Updating) -> str:
-    """Which class is the best and how far it is ahead."""
     best = next((each for each in result.classes if each.model_class.name == result.best_class), None)
     if best is None:
         return "No class of laws is the best."
@@ -117,7 +116,7 @@ def _best(result: Updating) -> str:
 
 
 def _class_table(result: Updating) -> Table:
-    """The classes with their log evidence and its difference to the best (Song Table 3)."""
+    """The log evidence of each class, and its difference to the best (Song Table 3)."""
     named = [each.log_evidence for each in result.classes if each.model_class.name == result.best_class]
     best = named[0] if named else max((each.log_evidence for each in result.classes), default=0.0)
     rows = []
@@ -131,7 +130,7 @@ def _class_table(result: Updating) -> Table:
 
 
 def _coefficient_table(result: Updating, truth: UpdatingTruth | None) -> Table:
-    """The parameters of every class, and the coefficients that they are in SI units (Song Table 4)."""
+    """The parameters of each class, and its coefficients in SI units (Song Table 4)."""
     return estimate_table(
         (row for each in result.classes for row in _rows_of(each, truth)),
         truth,
@@ -160,7 +159,7 @@ def _rows_of(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator
 
 
 def _linear_table(result: Updating, truth: UpdatingTruth | None) -> Table:
-    """The linear parameters, factors of the nominal values (Song Table 1)."""
+    """The linear parameters as factors of their nominal values (Song Table 1)."""
     true = truth.linear if truth else {}
     rows = (
         estimate_row(name, "of nominal", estimate, true.get(name))
@@ -179,7 +178,7 @@ def _mode_table(result: Updating) -> Table:
 
 
 def _evidence_table(result: Updating) -> Table:
-    """The log evidence of each class by every method; empty where there is one method."""
+    """The log evidence of each class by each method, if there are several methods."""
     methods = list(dict.fromkeys(one.method for each in result.classes for one in each.evidences))
     rows = []
     for each in result.classes if len(methods) > 1 else ():
@@ -198,7 +197,6 @@ def _evidence_table(result: Updating) -> Table:
 
 
 def _sensitivity_table(result: Updating) -> Table:
-    """What wider priors do to the log evidence of each class."""
     names = list(dict.fromkeys(name for each in result.classes for name in each.prior_sensitivity))
     rows = []
     for each in result.classes if names else ():
@@ -212,7 +210,6 @@ def _sensitivity_table(result: Updating) -> Table:
 
 
 def _sampling_table(result: Updating) -> Table:
-    """How well each posterior was sampled."""
     linear = [] if result.linear is None else [("linear", result.linear.diagnostics)]
     each = [*linear, *((each.model_class.name, each.diagnostics) for each in result.classes)]
     heads = columns("sampling", "by", "samples", "evaluations", "accepted", "effective", "R-hat")
@@ -220,12 +217,12 @@ def _sampling_table(result: Updating) -> Table:
 
 
 def _coverage_table(result: Updating) -> Table:
-    """The fraction of measured points within the predicted band, one row a sensor and one column a mode."""
+    """The fraction of measured points within the predicted band, with a row a sensor and a column a mode."""
     modes = sorted({band.mode for band in result.prediction})
     rows = []
     for sensor in dict.fromkeys(band.sensor for band in result.prediction):
         own = [band for band in result.prediction if band.sensor == sensor]
-        # of several bands of one mode and sensor all stand in one cell
+        # a cell shows all bands of a mode and a sensor
         cells = [", ".join(_percent(band.coverage) for band in own if band.mode == mode) or "-" for mode in modes]
         rows.append((f"sensor {sensor}", *cells))
     gaps = "".join(
@@ -243,7 +240,7 @@ def _coverage_table(result: Updating) -> Table:
 
 
 def _spread(std: float) -> str:
-    """The standard deviation of a log evidence, "" where it is too small to count."""
+    """The standard deviation of a log evidence; "" if it is negligible."""
     return f"{std:.2f}" if std >= 0.005 else ""
 
 
@@ -266,13 +263,13 @@ def _sampling_cells(each: Diagnostics) -> tuple[str, ...]:
 
 
 def reduction_sentences(result: Updating) -> tuple[str, ...]:
-    """Return how much of the whole structure each reduced one keeps (Song Fig. 7)."""
+    """Return how well each reduced structure keeps the modes of the whole one (Song Fig. 7)."""
     tested = sorted({curve.mode for curve in result.measured})
     return tuple(_kept(each, tested) for each in result.reductions)
 
 
 def order_sentences(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
-    """Return why the modal assurance criterion is small where it is: what is true of these reductions."""
+    """Return the reasons for small values of the modal assurance criterion (MAC) of these reductions."""
     return tuple(reason for each in reductions for reason in _reasons(each))
 
 
@@ -292,7 +289,6 @@ def _kept(errors: ReductionErrors, tested: Sequence[int]) -> str:
 
 
 def _reasons(errors: ReductionErrors) -> Iterator[str]:
-    """Why a modal assurance criterion is small: the order of the modes has changed, or a mode is like no single one."""
     number = np.arange(1, errors.nearest.size + 1)
     moved = np.flatnonzero((errors.nearest > 0) & (errors.nearest != number))
     lost = [int(mode) for mode in number[errors.nearest == 0]]
@@ -321,7 +317,7 @@ def _modes(numbers: Sequence[int]) -> str:
 
 
 def figures_of(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
-    """Yield the figures in the order of the work, those that have something to show."""
+    """Yield the figures, in the order of the work, for which the result has data."""
     for mode in sorted({curve.mode for curve in result.measured}):
         yield _measured_figure(result, mode)
     if result.linear is not None:
@@ -448,7 +444,7 @@ def true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[f
 
 def _draw_forces(result: Updating, truth: UpdatingTruth | None) -> Any:
     reached = result.reached_extension
-    # joints that the tests do not extend have laws all the same
+    # the laws of joints that no test extends are drawn, too
     extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
     return plots.joint_forces(
         extension,

@@ -1,4 +1,4 @@
-"""Text and page of any result, by its type: one table says which module knows which kind."""
+"""Text and page of any result. A table tells which module reports which kind of result."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class KindOfResult:
     """One kind of result.
 
     Args:
-        result: its class in `opid`, by its full name: nothing of a wing is loaded to know whose a result is.
+        result: its class in `opid`, by the full name, so that no wing is loaded to know the kind of a result.
         module: in `opid.report`, with `document_of`.
-        truths: that it takes, of a simulation.
+        truths: the records of a simulation with which it is compared.
     """
 
     result: str
@@ -108,16 +108,16 @@ def write_report(
     document = document_of(result, truth)
     every = tuple(document.details())
     pictures = [block for block in every if isinstance(block, Figure)]
-    images = pictured(pictures if figures else [], progress=progress)
+    images = draw_pictures(pictures if figures else [], progress=progress)
     shown = [block for block in every if figures or not isinstance(block, Figure)]
     words = document.command if command is None else command
     html = as_page(document, (*document.blocks, *shown), images, None if words is None else shlex.join(words))
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = html.encode("utf-8", "backslashreplace")
-    # last, so that a result.json is never there without its report
+    # result.json is the last file, so that it never exists without its report
     contents[document.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
     write_together(directory, contents)
-    # a figure of an older report would show another result
+    # the figures of an older report would show another result
     for figure in () if figures else pictures:
         Path(directory, f"{figure.name}.png").unlink(missing_ok=True)
     return Path(directory) / "report.html"
@@ -132,7 +132,7 @@ def _kind_of(result: Result) -> KindOfResult:
     raise InputError(f"a {type(result).__name__} is no result of opid: give one of {kinds}")
 
 
-def pictured(figures: Sequence[Figure], *, progress: Callable[[str], None] | None = None) -> dict[str, bytes]:
+def draw_pictures(figures: Sequence[Figure], *, progress: Callable[[str], None] | None = None) -> dict[str, bytes]:
     """Return figures as PNG, by their names."""
     from opid.plots.style import figure_of, png
 
@@ -158,7 +158,7 @@ def as_page(document: Document, blocks: Sequence[Block], images: Mapping[str, by
     page = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     page.filters |= {"printed": printed, "ended": ended, "kind": lambda block: type(block).__name__}
     source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
-    # letters of all figures are of one size: a PNG says in its head how many dots it is wide
+    # figures get a width in proportion to their dots, which a PNG has in its head: so all letters have one size
     parts = {name: int.from_bytes(image[16:20], "big") / (DPI * WIDTH_IN) for name, image in images.items()}
     return page.get_template("document.html.jinja").render(
         document=document, blocks=blocks, source=source, parts=parts, command=command, version=version("opid")

@@ -11,7 +11,7 @@ from opid.errors import InputError, nearest, refuse
 from opid.signals.log_settings import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
 from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, as_table, read_beside, run_from_files, sources_of
-from opid.studies.schema import Document, Say, fields_of, prefixed, read_tables, recast, text_of
+from opid.studies.schema import Document, Say, fields_of, prefix_errors, read_tables, recast, text_of
 from opid.studies.study_file import TEST_BENCH
 from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.study import Run
@@ -48,13 +48,13 @@ def build_study(document: Document, source: Path, say: Say) -> BenchStudy:
     """Read the log that a study file of a test bench names, and return the study."""
     study, faults = bench_tables(document)
     refuse(faults, source)
-    with prefixed(f"{source}: "):
+    with prefix_errors(f"{source}: "):
         read = _read(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
         return replace(read, recording=read_beside(read.recording, source))
 
 
 def bench_tables(document: Document) -> tuple[_Study, list[str]]:
-    """Return what a study file of a test bench says, and what is wrong with it."""
+    """Return the content of a study file of a test bench, and its faults."""
     study, faults = read_tables(_Study, document)
     if study.bench:
         faults += [
@@ -103,7 +103,7 @@ def _read(study: _Study, directory: Path, say: Say, *, title: str, **origin: Any
 
 
 def _with_time(files: RunFiles, say: Say) -> Run:
-    """Read a test with its time; where only that is at fault, say how to do without."""
+    """Read a test with its time; if only the time is at fault, say how to do without it."""
     try:
         return run_from_files(files, is_bench=True, progress=say)
     except InputError as error:
@@ -124,6 +124,6 @@ def _is_readable(files: RunFiles) -> bool:
 
 
 def _without_time(files: RunFiles) -> RunFiles:
-    """The same logs, each row of which is a second later than the one before."""
+    """The same logs with one second from each row to the next."""
     sources = {name: replace(each, settings=replace(each.settings, fs_hz=1.0)) for name, each in files.sources.items()}
     return replace(files, sources=sources)

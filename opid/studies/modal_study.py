@@ -23,8 +23,8 @@ from opid.studies.schema import (
     NO_KEY,
     Document,
     Say,
+    collect_faults,
     fields_of,
-    noted,
     read_tables,
     recast,
     require_plain,
@@ -34,10 +34,10 @@ from opid.studies.schema import (
 from opid.studies.study_file import MODAL_TESTS
 
 LARGEST_CSV = 3_000_000
-"""Values in all logs of a study beyond which they are written as HDF5, where that can be: some 60 MB of text."""
+"""Logs with more values than this, some 60 MB of text, are written as HDF5 if h5py is installed."""
 
 _Settings: Any = fields_of(ModalStudy, "title", "modes", "tests", "source", nonlinear=())
-"""What is said of the model, in [modes] or beside it."""
+"""The settings of the model, which stand in [modes] or beside it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class _Modes(_Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel(ChannelTable):
-    # the channels of a test come from one recorder
+    # all channels of a test come from one recorder
     file: Annotated[None, NO_KEY] = None
     log: Annotated[None, NO_KEY] = None
     shift_s: Annotated[float, NO_KEY] = 0.0
@@ -89,13 +89,13 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     faults += [f"{name!r} stands in [modes] and beside it, give it once" for name in inside if name in beside]
     modes: dict[str | None, LinearModes] = {}
     for name in dict.fromkeys([study.modes.file, *(each.modes for each in study.tests if each.modes is not None)]):
-        with noted(faults):
+        with collect_faults(faults):
             modes[name] = read_modes(source.parent / name)
     settings: dict[str, Any] = {"nonlinear": (), "drive_point": None} | beside | inside
     linear = modes.get(study.modes.file)
     if linear is not None:
         faults += _drive_point_faults(study, settings["drive_point"], linear)
-        # a slip in the name of a sensor would leave the sensor out without a word
+        # without this a sensor whose name is misspelt would be left out silently
         known = [*linear.sensors, *dict.fromkeys(each.force for each in study.tests if each.force is not None)]
         faults += [
             f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
@@ -103,14 +103,14 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
             if name not in known
         ]
     refuse(faults, source)
-    assert linear is not None  # or it would have been refused
+    assert linear is not None  # otherwise the study has been refused
     channels = {
         name: recast(ChannelSettings, as_table(_Channel, name, entry)) for name, entry in study.channels.items()
     }
     tests = []
     for each in study.tests:
         say(each.log)
-        with noted(faults, f"test {each.called!r}: "):
+        with collect_faults(faults, f"test {each.called!r}: "):
             file = each.modes or study.modes.file
             test = _test(each, source.parent, modes[file], settings["drive_point"], study.log, channels)
             test = replace(test, recording=read_beside(test.recording, source, source.parent / file))
@@ -149,7 +149,7 @@ def _drive_point_faults(study: _Study, drive_point: str | None, modes: LinearMod
     if drive_point is None:
         return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"] * bool(forced)
     faults: list[str] = []
-    with noted(faults, "'drive_point': "):
+    with collect_faults(faults, "'drive_point': "):
         modes.row(drive_point)
     return faults
 
@@ -178,7 +178,7 @@ def _test(
 def _choose_channels(
     log: Log, modes: LinearModes, force: str | None, channels: Mapping[str, ChannelSettings]
 ) -> dict[str, ChannelSettings]:
-    """The channels of a test: the sensors of the shapes that the log has, and the force."""
+    """The channels of a test: the force, and the sensors of the shapes that the log has."""
     names = [name for name in modes.sensors if name in channels or name in log.names]
     if not names:
         raise InputError(
@@ -192,7 +192,7 @@ def _choose_channels(
 
 
 def _force_seen(log: Log) -> str:
-    """Name of a channel that is stated in a unit of force, "" if there is none."""
+    """The name of a channel in a unit of force; "" if there is none."""
     for track in log.tracks:
         for channel in track.channels:
             try:
@@ -204,7 +204,7 @@ def _force_seen(log: Log) -> str:
 
 
 def _require_alive(recording: Recording, modes: LinearModes) -> None:
-    """Refuse a dead sensor, of which the modal filter would make motion of every mode."""
+    """Refuse a mute sensor, which the modal filter would turn into motion of every mode."""
     for name in recording.names:
         samples = recording.channel(name)
         if name in modes.sensors and samples.min() == samples.max():
@@ -214,7 +214,7 @@ def _require_alive(recording: Recording, modes: LinearModes) -> None:
 
 
 def _force_channel(test: ModalTest) -> str | None:
-    """The channel of a test that holds its force, if it has one."""
+    """The channel of a test that holds its force; None if there is no force."""
     if test.force is None:
         return None
     recording = test.recording

@@ -35,7 +35,7 @@ COLUMNS = ("mass_kg", "x_m", "y_m")
 
 @dataclass(frozen=True)
 class Source:
-    """Where a channel is found.
+    """The place of a channel.
 
     Args:
         file: the log.
@@ -50,7 +50,7 @@ class Source:
 
 @dataclass(frozen=True)
 class RunFiles:
-    """What a run is made of.
+    """The files of a run.
 
     Args:
         name: of the run.
@@ -104,7 +104,7 @@ def run_from_files(
     for recorder in recorders:
         serious = [finding for finding in recorder.health.findings if finding.severity != "note"]
         if is_bench or files.start_s is not None or files.stop_s is not None:
-            # what is wrong with the channels in the stretch that the user chose is found with the recording
+            # the channels are judged later, in the stretch that the user chose
             findings += [finding for finding in serious if not finding.channel]
             continue
         segment = taxi_segment(recorder.health, tuple(recorder.channels))
@@ -155,7 +155,7 @@ def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 
 def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recorder], list[Finding]]:
-    """Open and inspect each file once, and put their times on one axis."""
+    """Open and inspect each file once, and put the times of all on one axis."""
     groups: dict[tuple[Path, LogSettings, float], dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
         key = (source.file, source.settings, source.channel.shift_s)
@@ -194,7 +194,7 @@ def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Pa
 
 
 def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:
-    """The stretch of one file, its times on the axis of the run."""
+    """The stretch of one file with its times on the axis of the run."""
     shift_s = recorder.shift_s
     try:
         part = recording_of(
@@ -245,7 +245,7 @@ def _reduce_rate(fs: float, settings: RunSettings) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelTable(ChannelSettings):
-    """What a table of a channel says.
+    """A table [channels.NAME].
 
     Args:
         channel: as in `ChannelSettings`; the name of the table where left out.
@@ -263,7 +263,7 @@ C = TypeVar("C", bound=ChannelTable)
 
 
 def as_table(kind: type[C], name: str, entry: str | int | C) -> C:
-    """Return the table that an entry of [channels] stands for: a name, a number or a table that may leave both out."""
+    """Return an entry of [channels] as a table; the entry may be a name, a number or a table without either."""
     if isinstance(entry, str | int):
         return kind(channel=entry, given=frozenset({"channel"}))
     return replace(entry, channel=name if entry.channel is None else entry.channel)
@@ -272,7 +272,7 @@ def as_table(kind: type[C], name: str, entry: str | int | C) -> C:
 def sources_of(
     channels: Mapping[str, ChannelTable], *, run: str, log: str | None, settings: LogSettings, directory: Path
 ) -> dict[str, Source]:
-    """Return where the channels of a run are found.
+    """Return the places of the channels of a run.
 
     Args:
         channels: by the names that they will have.
@@ -312,7 +312,7 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except OSError as error:
         raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
-    except ValueError as error:  # no UTF-8, or a zero byte in the name
+    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
         raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
     delimiter = ";" if lines and ";" in lines[0] else ","
     head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]

@@ -1,15 +1,14 @@
-"""Tables of a study file -> frozen records, and back: a key stands in a field of a record alone, with type and default.
+"""Tables of a study file -> frozen records, and back. Each key is a field of a record, with its type and default.
 
-The records are the wings' own, or private ones of this folder where a file says it otherwise. A type says what is
-needed in words, too; `Annotated[type, "words"]` says it better. Everything that is wrong with a file is found in one
-walk, and what is sound is built even so, that files it names can be looked at in the same breath.
+The records are those of the wings, or private ones of this folder if a file has other keys. An error tells what the
+type of a field needs; `Annotated[type, "words"]` gives better words. One walk finds all faults of a file, and builds
+its sound parts even so, so that the files that they name can be checked at the same time.
 
-Why no library: pydantic 2 was tried for a part of the tables, and the rest was estimated from that. Some 55 lines
-would make its models of these records (in strict mode it takes no table for a dataclass and no array for a tuple, and
-a number 2 comes back as 2.0), some 75 would turn its error codes into sentences with the nearest key, and what is
-sound would need a second validation. The walk below does all of it in about 150 lines and loads nothing, where
-pydantic adds 11 MB and 0.2 s. By their documentation msgspec stops at the first fault, and cattrs wants a hook for
-each plain type.
+No library does this in fewer lines. With pydantic 2, of which a part was tried, some 55 lines would turn these records
+into models (in strict mode it takes no table for a dataclass and no array for a tuple, and returns 2 as 2.0), some 75
+its error codes into sentences with the nearest key, and the sound parts would need a second validation. The walk below
+has about 150 lines and loads nothing; pydantic adds 11 MB and 0.2 s. According to their documentation, msgspec stops
+at the first fault, and cattrs needs a hook for each plain type.
 """
 
 from __future__ import annotations
@@ -35,10 +34,7 @@ Say = Callable[[str], None]
 T = TypeVar("T")
 
 NO_KEY = object()
-"""`Annotated[type, NO_KEY]` is the type of a field that is no key; one called `given` has the names of the keys."""
-
-LONGEST_SHOWN = 80
-"""Characters of a refused value that are repeated."""
+"""`Annotated[type, NO_KEY]` marks a field that is no key; a field `given` gets the names of the keys in the table."""
 
 _UNIONS = (Union, types.UnionType)
 _WORDS = {
@@ -53,11 +49,11 @@ _UNSOUND = object()
 
 
 class _UnfitError(Exception):
-    """A value is not of its type: what it is or holds, as the end of a sentence."""
+    """A value is not of its type; the message tells the value as the end of a sentence."""
 
 
 def load(source: Path) -> Document:
-    """Return what a study file holds.
+    """Return the content of a study file.
 
     Args:
         source: the file.
@@ -81,7 +77,7 @@ def load(source: Path) -> Document:
 
 
 def read_tables(kind: Callable[..., T], document: Document) -> tuple[T, list[str]]:
-    """Return the record that a study file describes, and what is wrong with the file.
+    """Return the record that a study file describes, and the faults of the file.
 
     Args:
         kind: of the record. Where a required field is at fault it has None in its place, where another is its default,
@@ -96,7 +92,7 @@ def read_tables(kind: Callable[..., T], document: Document) -> tuple[T, list[str
 
 
 def fields_of(record: Any, *others: str, **defaults: Any) -> Any:
-    """Return a record with the fields of another one but for some, and with some defaults, to derive a table from."""
+    """Return a record class with the fields of another one but for some, and with some other defaults."""
     hints, usual = get_type_hints(record), {each.name: each.default for each in fields(record)} | defaults
     given = [(name, hints[name], field_of(default=usual[name])) for name in usual if name not in others]
     return make_dataclass(record.__name__, given, frozen=True, kw_only=True)
@@ -104,7 +100,7 @@ def fields_of(record: Any, *others: str, **defaults: Any) -> Any:
 
 @cache
 def _keys(kind: Any) -> dict[str, tuple[Any, Any]]:
-    """The keys of the table that gives the fields of a record, with type and default (MISSING: it must be there)."""
+    """The keys of the table for a record, each with its type and its default; MISSING if it is required."""
     hints, found = get_type_hints(kind, include_extras=True), {}
     for field in fields(kind):
         if NO_KEY not in getattr(hints[field.name], "__metadata__", ()):
@@ -123,7 +119,7 @@ def _arguments(kind: Any, table: Document, where: str, path: str, faults: list[s
             faults.append(f"{where} has {name!r}, {elsewhere.get(name) or elsewhere['']}")
         else:
             faults.append(f"{where} has an unknown key {name!r} ({nearest(name, keys)})")
-    meant = misspelt(table, keys)
+    meant = find_misspelt(table, keys)
     for name, (hint, default) in keys.items():
         if default is MISSING and name not in table and name not in meant:
             faults.append(f"{where} lacks {name!r}, give {_say_what_is_needed(hint, path + name)}")
@@ -139,7 +135,7 @@ def _record(kind: Any, table: object, where: str, path: str, faults: list[str]) 
     if any(field.name == "given" for field in fields(kind)):
         given["given"] = frozenset(table)
     if len(faults) == n_before:
-        with noted(faults, f"{where}: "):
+        with collect_faults(faults, f"{where}: "):
             return kind(**given)
     return _UNSOUND
 
@@ -153,7 +149,7 @@ def _entry(hint: Any, value: object, name: str, where: str, path: str, faults: l
 
 
 def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
-    """A value as its type wants it: arrays as tuples, tables as records, numbers as they are written."""
+    """A value converted to its type: arrays to tuples, tables to records."""
     kind = _bare(hint)
     origin, within = get_origin(kind), get_args(kind)
     unfit = f"is {_show(value)}"
@@ -163,7 +159,7 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
                 return _convert(member, value, path, faults)
             except _UnfitError as error:
                 unfit = max(unfit, str(error), key=lambda words: words.startswith("holds"))
-    is_whole = type(value) is int and -(2**63) <= value < 2**63  # as TOML has them
+    is_whole = type(value) is int and -(2**63) <= value < 2**63  # the integers of TOML
     if kind in (int, float):
         is_fit = is_whole or (kind is float and type(value) is float)
     else:
@@ -206,7 +202,7 @@ def _bare(hint: Any) -> Any:
 
 def _show(value: object) -> str:
     text = repr(value) if isinstance(value, str) else str(value)
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+    return text if len(text) <= 80 else f"{text[:80]}..."
 
 
 def _say_what_is_needed(hint: Any, path: str) -> str:
@@ -230,10 +226,10 @@ def _say_what_is_needed(hint: Any, path: str) -> str:
     return _WORDS.get(hint, f"a table [{path}]")
 
 
-def misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
-    """Return the keys that are missing because another one was written in their place: one fault, told once.
+def find_misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
+    """Return the keys that are missing because they are misspelt, so that each fault is told once.
 
-    >>> misspelt({"mas": 1.0, "x": 2.0}, ["mass", "length"])
+    >>> find_misspelt({"mas": 1.0, "x": 2.0}, ["mass", "length"])
     {'mass'}
     """
     known = list(keys)
@@ -241,7 +237,7 @@ def misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
 
 
 @contextmanager
-def prefixed(words: str) -> Iterator[None]:
+def prefix_errors(words: str) -> Iterator[None]:
     """Put words before the message of an error that is raised in the block."""
     try:
         yield
@@ -250,8 +246,8 @@ def prefixed(words: str) -> Iterator[None]:
 
 
 @contextmanager
-def noted(faults: list[str], words: str = "") -> Iterator[None]:
-    """Add an error that is raised in the block to the faults, behind some words, and go on after the block."""
+def collect_faults(faults: list[str], words: str = "") -> Iterator[None]:
+    """Add an error that is raised in the block to the faults, with some words before it; the work then goes on."""
     try:
         yield
     except InputError as error:
@@ -262,7 +258,7 @@ def noted(faults: list[str], words: str = "") -> Iterator[None]:
 
 
 def stated(record: Any) -> dict[str, Any]:
-    """Return the fields of a record that are not what they are where nothing is said.
+    """Return the fields of a record that differ from their defaults.
 
     >>> from opid.signals.log_settings import LogSettings
     >>> stated(LogSettings(unit="g", skip_lines=2))
@@ -278,13 +274,13 @@ def stated(record: Any) -> dict[str, Any]:
 
 
 def recast(kind: Callable[..., T], record: Any, **others: Any) -> T:
-    """Return a record with the fields that another one has, too, and with some given otherwise."""
+    """Return a record of another class with the fields that both have, and with some other values."""
     shared = {field.name for field in fields(kind)} & {field.name for field in fields(record)}  # type: ignore[arg-type]
     return kind(**{name: getattr(record, name) for name in shared} | others)
 
 
 def text_of(record: Any) -> str:
-    """Return the text of a study file from which `read_tables` reads a record: no defaults, plain lists on one line."""
+    """Return a record as the text of a study file: defaults are left out, plain lists stand on one line."""
     plain, tables = {}, []
     for name, value in _plain(record).items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
@@ -310,7 +306,7 @@ def _on_one_line(found: re.Match[str]) -> str:
 
 
 def require_plain(what: str, name: str) -> None:
-    """Refuse a name that cannot be that of a file beside the study.
+    """Refuse a name that cannot be the name of a file beside the study.
 
     Raises:
         InputError: it is empty, or has parts.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
 from opid.signals.files import write_whole
-from opid.studies.schema import Document, Say, load, misspelt
+from opid.studies.schema import Document, Say, find_misspelt, load
 
 if TYPE_CHECKING:
     from opid.modal.study import ModalStudy
@@ -233,7 +233,7 @@ def _there(document: Document, kind: StudyKind) -> set[str]:
     """The tables of a kind that a file has; a misspelt name counts, too, unless another kind has it."""
     known = {name for each in KINDS for name in each.tables}
     unknown = {name: value for name, value in document.items() if name not in known}
-    return {*kind.tables} & {*document, *misspelt(unknown, kind.tables)}
+    return {*kind.tables} & {*document, *find_misspelt(unknown, kind.tables)}
 
 
 def _likeness(document: Document, kind: StudyKind) -> tuple[int, int]:

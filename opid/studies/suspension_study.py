@@ -33,10 +33,10 @@ from opid.studies.schema import (
     NO_KEY,
     Document,
     Say,
+    collect_faults,
+    find_misspelt,
     load,
-    misspelt,
-    noted,
-    prefixed,
+    prefix_errors,
     read_tables,
     recast,
     require_plain,
@@ -181,7 +181,7 @@ class _Gear(_Study):
     runs: Annotated[tuple[_Run, ...], SUSPENSIONS.needs["runs"]]
 
     def as_body(self) -> _Body:
-        """Return the body with one interface that it is; its channels are called as in the recordings."""
+        """Return the gear as a body with one interface; its channels have the names of the recordings."""
         names = {key: entry if isinstance(entry, str) else key for key, entry in self.channels.items()}
         channels: dict[str, str | int | _Channel] = {}
         for key, entry in self.channels.items():
@@ -213,12 +213,12 @@ class _Gear(_Study):
 
 
 def suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]]:
-    """Return what a study file of suspensions says, and what is wrong with it: about a body if it has [[interfaces]].
+    """Return the content of a study file of suspensions and its faults; one with [[interfaces]] is that of a body.
 
     >>> suspension_tables({"interfacs": [], "runs": []})[1]
     ["the study has an unknown key 'interfacs' (did you mean 'interfaces'?)"]
     """
-    is_body = "interfaces" in {*document, *misspelt(document, [each.name for each in fields(_Body)])}
+    is_body = "interfaces" in {*document, *find_misspelt(document, [each.name for each in fields(_Body)])}
     study, faults = read_tables(_Body, document) if is_body else read_tables(_Gear, document)
     if study.fs_hz is not None and not (math.isfinite(study.fs_hz) and study.fs_hz > 0):
         faults.append(f"'fs_hz' in the study is {study.fs_hz}, give a positive rate in Hz")
@@ -267,7 +267,7 @@ class LogReading:
 def build_study(document: Document, source: Path, say: Say) -> Study:
     """Read the logs and loading tables that a study file of suspensions names, and return the study."""
     study = _sound_body(document, source)
-    with prefixed(f"{source}: "):
+    with prefix_errors(f"{source}: "):
         interfaces, further = _with_facts(study)
         all_files = [_run_files(study, run, source.parent) for run in study.runs]
     runs: list[Run] = []
@@ -275,13 +275,13 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
     for each, files in zip(study.runs, all_files, strict=True):
         rows, loading = each.loading, tuple[PointMass, ...]()
         beside = [source]
-        with noted(faults, f"run {files.name!r}: "):
+        with collect_faults(faults, f"run {files.name!r}: "):
             if isinstance(rows, str):
                 loading = read_loading(source.parent / rows)
                 beside.append(source.parent / rows)
             else:
                 loading = tuple(PointMass(*row) for row in rows)
-        with noted(faults, f"run {files.name!r}: "):
+        with collect_faults(faults, f"run {files.name!r}: "):
             run = run_from_files(files, fs_hz=study.fs_hz, progress=say)
             runs.append(replace(run, loading=loading, recording=read_beside(run.recording, *beside)))
     refuse(faults, source)
@@ -299,12 +299,11 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
 def _sound_body(document: Document, source: Path) -> _Body:
     study, faults = suspension_tables(document)
     refuse(faults, source)
-    with prefixed(f"{source}: "):
+    with prefix_errors(f"{source}: "):
         return study.as_body() if isinstance(study, _Gear) else study
 
 
 def _run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
-    """Where each channel of a run is found, and how it is read."""
     named = [*study.sensor_channels, *study.channels, *(leak.channel for leak in study.sensors.leak)]
     channels = {name: as_table(_Channel, name, study.channels.get(name, name)) for name in named}
     for name, own in run.channels.items():
@@ -317,7 +316,7 @@ def _run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
 
 
 def _with_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
-    """Interfaces and further sensors on the body, with what is known of each sensor."""
+    """The interfaces and the further sensors on the body, with the facts that are known of each sensor."""
     for leak in study.sensors.leak:
         if leak.into not in study.sensor_channels:
             raise InputError(
@@ -343,7 +342,7 @@ def _with_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Body
 
 
 def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
-    """Say of runs that they are one flight: what differs from flight to flight is not seen between them."""
+    """Warn of runs from one log: they do not show how much flights differ."""
     found: list[Run] = []
     for index, (run, own) in enumerate(zip(runs, files, strict=True)):
         logs = {each.file for each in own.sources.values()}
@@ -373,7 +372,7 @@ def study_from_logs(
     repeatability: float | None = None,
     progress: Say | None = None,
 ) -> Study:
-    """Return the study of some logs of one gear, the first of which is the reference.
+    """Return the study of some logs of one gear; the first log is the reference.
 
     Args:
         paths: the logs.
@@ -428,7 +427,7 @@ def study_from_logs(
 
 
 def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> tuple[LogReading, ...]:
-    """Return how a study reads one log: as the first run does that takes channels from it.
+    """Return how a study reads one log: like the first run that takes channels from it.
 
     Args:
         path: the study file; none of its logs need be there.
@@ -446,7 +445,7 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
         raise InputError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
     study = _sound_body(document, source)
-    with prefixed(f"{source}: "):
+    with prefix_errors(f"{source}: "):
         all_files = [_run_files(study, run, source.parent) for run in study.runs]
     users = [(files.name, taken) for files in all_files if (taken := _taken(files, _real_path(log)))]
     if not users:
@@ -456,7 +455,7 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
 
 
 def _taken(files: RunFiles, path: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
-    """The channels that a run takes from the file with this path, those that are read alike together."""
+    """The channels that a run takes from a file, grouped by the settings of the log."""
     taken: dict[LogSettings, dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
         if _real_path(source.file) == path:
@@ -465,10 +464,10 @@ def _taken(files: RunFiles, path: str) -> dict[LogSettings, dict[str, ChannelSet
 
 
 def _real_path(path: str | os.PathLike[str]) -> str:
-    """The one path of a file, which need not be there."""
+    """The real path of a file, which need not exist."""
     try:
         return os.path.realpath(path)
-    except ValueError:  # no file has such a name (a zero byte)
+    except ValueError:  # a zero byte, which no name of a file holds
         return os.fspath(path)
 
 
@@ -485,7 +484,7 @@ def write_files(study: Study, directory: Path) -> str:
 
 
 def _is_told_by_channels(study: Study) -> bool:
-    """Whether a study file with [channels] says all that is known."""
+    """Whether a study file with [channels], which is that of one gear, can hold the whole study."""
     first = study.interfaces[0]
     plain = MeasuredInterface(
         "gear", first.sprung, first.unsprung, facts=first.facts, axis=first.axis, piston_area_m2=first.piston_area_m2
@@ -510,12 +509,12 @@ def _gear_of(study: Study) -> _Gear:
 
 
 def _further_channels(study: Study, used: Collection[str]) -> dict[str, str]:
-    """Every further channel of the runs by its own name, so that it is read back."""
+    """The other channels of the runs, each by its own name, so that they are read back."""
     return {name: name for run in study.runs for name in run.recording.names if name not in used}
 
 
 def _run_of(run: Run) -> dict[str, Any]:
-    # all of it: without a start the stretch in motion would be looked for
+    # with a start the whole log is read back; without one a stretch would be searched
     return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s}
 
 

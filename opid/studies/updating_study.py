@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.mechanics.laws.kinds import LAWS
 from opid.provenance import read_file
-from opid.studies.schema import Document, Say, fields_of, noted, read_tables, text_of
+from opid.studies.schema import Document, Say, collect_faults, fields_of, read_tables, text_of
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
@@ -22,7 +22,7 @@ from opid.updating.structure.matrices_file import checked_structure, write_struc
 from opid.updating.study import UpdatingSettings, UpdatingStudy
 
 FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
-"""Of a factor of the linear structure where the study names none: from a twentieth of nominal to five times."""
+"""Prior of a factor of the linear structure if the study names none: from a twentieth to five times nominal."""
 
 PRIOR = 'a list like ["uniform", 0, 10], ["normal", 1, 0.3] or ["lognormal", 1, 0.3]'
 PriorRow = Annotated[tuple[Family, float, float], PRIOR]
@@ -37,7 +37,7 @@ _Ends = Annotated[tuple[_Dof, _Dof], "the two degrees of freedom that the joint 
 
 
 def _settings(*names: str) -> Any:
-    """The fields of the settings with these names, None where a study says nothing."""
+    """The fields of the settings with these names; each is None if a study file does not have it."""
     others = [each.name for each in fields(UpdatingSettings) if each.name not in names]
     return fields_of(UpdatingSettings, *others, **dict.fromkeys(names))
 
@@ -92,7 +92,7 @@ class ClassTable:
     prior: Annotated[PriorRow | tuple[PriorRow, ...] | None, f"{PRIOR}, or one such list for each term"] = None
 
     def __post_init__(self) -> None:
-        _ = self.model  # so that what is wrong with it is said where it is read
+        _ = self.model  # so that its faults are told when it is read
 
     @property
     def model(self) -> ModelClass:
@@ -140,7 +140,7 @@ class _Study(_settings("form", "harmonics")):  # type: ignore[misc]
 def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     """Read the matrices and the backbones that a study file names, and return the study."""
     study, faults = read_tables(_Study, document)
-    # what is sound is read even so, to say its faults with the others
+    # the sound keys are read even so, and the faults of their files are told with the others
     parameters, wrong = _parameters(document.get("structure"))
     faults += wrong
     structure, files = None, [source]
@@ -164,7 +164,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     if faults:
         faults += study.settings.setting_faults
     refuse(faults, source)
-    assert structure is not None  # or it would have been refused
+    assert structure is not None  # otherwise the study has been refused
     beside = tuple(map(read_file, files))
     return UpdatingStudy(
         title=source.stem if study.title is None else study.title,
@@ -196,14 +196,14 @@ def write_files(study: UpdatingStudy, directory: Path) -> str:
 
 
 def _of_files(fault: str, files: Sequence[str]) -> str:
-    """A fault with the files that have it; those that are not read at all are named in it."""
+    """A fault with the files that have it, unless it names its file itself."""
     if len(files) == 1:
         return f"[[backbones]] {fault}" if files[0] in fault else f"[[backbones]] {files[0]}: {fault}"
     return f"[[backbones]] {len(files)} files ({shortened([Path(file).name for file in files])}): {fault}"
 
 
 def _parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
-    """The prior of each factor to update, and what is wrong with them, whatever else is wrong with their table."""
+    """The prior of each factor to update, and the faults of these keys, even if other keys of their table are wrong."""
     given = table if isinstance(table, dict) else {}
     factors, _ = read_tables(_Structure, {name: given[name] for name in ("parameters", "priors") if name in given})
     found: dict[str, Prior] = dict.fromkeys(map(str, factors.parameters), FACTOR_PRIOR)
@@ -214,13 +214,12 @@ def _parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
         if name not in found:
             hint = nearest(name, found) if found else "'parameters' names none"
             faults.append(f"[structure.priors] has {name!r}, which is no parameter to update: {hint}")
-        with noted(faults, f"[structure.priors] {name!r}: "):
+        with collect_faults(faults, f"[structure.priors] {name!r}: "):
             found[name] = Prior(*row)
     return found, faults
 
 
 def _files_of(table: _Structure, directory: Path) -> list[Path]:
-    """The files of the matrices, and that of the names of their degrees of freedom if there is one."""
     matrices = [table.matrices] if isinstance(table.matrices, str) else [*table.matrices.values()]
     return [directory / name for name in (*matrices, *([table.dofs] if isinstance(table.dofs, str) else []))]
 
@@ -288,7 +287,7 @@ def _scale(given: float | str, kind: str) -> float:
 
 
 def _file_of(curve: MeasuredBackbone) -> str:
-    """The name of a backbone as that of a file."""
+    """The name of the file of a backbone."""
     return "_".join(re.findall(r"[\w.+-]+", curve.name)).lstrip(".") + ".csv"
 
 

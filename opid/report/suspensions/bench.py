@@ -17,9 +17,9 @@ LABELS = {
 
 
 def document_of(result: BenchLaw) -> Document:
-    """Return the report of the law of a test bench: the numbers, how good it is, and what to doubt."""
+    """Return the report of the law of a test bench: the numbers, their quality, and the warnings."""
     memory = result.memory
-    # a memory that is seen, or that cannot be told, is a warning
+    # a memory that is seen, or that cannot be tested, is told by a warning
     is_warned = memory.seen or not memory.testable
     return Document(
         result.title or "Test bench",
@@ -43,7 +43,6 @@ def document_of(result: BenchLaw) -> Document:
 
 
 def _equation(result: BenchLaw) -> str:
-    """Return the law as an equation, with what stands beside f."""
     if result.bench.is_quasi_static:
         return "F = F0 + K z + f(z)"
     mass = "" if result.bench.acceleration is None else "m z'' + "
@@ -100,7 +99,6 @@ def _rows(result: BenchLaw) -> Iterator[Row]:
 
 
 def _quality(result: BenchLaw) -> str:
-    """Return the sentences that say how good the law is and what it rests on."""
     bench = result.bench
     rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
     return (

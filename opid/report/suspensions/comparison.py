@@ -22,7 +22,7 @@ from opid.suspensions.flights.departures import Point, Series
 
 
 def document_of(result: Comparison) -> Document:
-    """Return the report of a comparison: what changed, the last flight against those before, and what to doubt."""
+    """Return the report of a comparison: the changes, the last flight against those before, and the warnings."""
     changes = tuple(sentence(change.statement) for change in result.changes)
     heads = columns(
         "", "unit", "expected", "latest", "std. dev.", "departure", "limit", "", left=(0, 1, 7), optional=(6,)
@@ -84,7 +84,7 @@ def _basis(result: Comparison) -> str:
 
 
 def _rows(result: Comparison) -> Iterator[tuple[str, ...]]:
-    """The last judged flight of each series against those before, gear by gear in the order of the flights."""
+    """The last judged flight of each series against those before, gear by gear."""
     gears = list(dict.fromkeys(series.quantity.gear for series in result.series))
     for gear in sorted(gears, key=lambda gear: not gear):
         yield (gear or "whole body",)
@@ -93,7 +93,7 @@ def _rows(result: Comparison) -> Iterator[tuple[str, ...]]:
 
 def _row(series: Series) -> tuple[str, ...]:
     quantity = series.quantity
-    # which kind of friction it is stands elsewhere, for a line has 80 characters
+    # a line has only 80 characters, so that the kind of friction stands elsewhere
     label = quantity.label.split(" (")[0]
     if not series.judged:
         return (label, quantity.unit, "-", "-", "-", "-", "-", "not judged")

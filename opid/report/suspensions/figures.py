@@ -13,9 +13,9 @@ from opid.suspensions.result import Identification
 
 
 def figures_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Iterator[Figure]:
-    """Yield the figures in the order of the page, those that have something to show.
+    """Yield the figures, in the order of the page, for which the result has data.
 
-    Nothing is drawn of a fit that is refused, and no step of the paper where they cannot be taken on all runs.
+    A refused fit is not drawn, and the steps of the paper are drawn only if they can be taken on all runs.
     """
     if result.study.is_one_gear:
         yield from _of_gear(result, truth if isinstance(truth, GearTruth) else None)
@@ -114,7 +114,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             "line the model explains all that the sensors can show; a hump names the band in which it does not.",
             lambda: plots.equation_residual(result),
         )
-    # the paper's chain takes its law from the joint fit; beside a driven model that is refused it takes none
+    # the paper's chain takes its law from the joint fit, and takes none beside a refused driven model
     if chain is not None and (isinstance(result, Identification) or not result.is_refused):
         yield Figure(
             "estimates",

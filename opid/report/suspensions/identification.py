@@ -53,7 +53,7 @@ FREQUENCY_OF = {
     "tangent at rest": "On the tangent stiffness at rest in the reference run, with the damping C2",
     "all but what the law remembers": "Without what the law remembers: stiffer in small or quick motion",
 }
-"""What natural frequency and damping ratio belong to, where that is not K2 with C2 alone."""
+"""What natural frequency and damping ratio refer to, unless it is K2 with C2 alone."""
 
 REFERENCE = (
     "“The paper” above is J. Iwaniec and T. Uhl, Identification of nonlinear parameters of the Skytruck airplane "
@@ -62,11 +62,11 @@ REFERENCE = (
 )
 
 MOST_NAMED = 6
-"""Kinds of law that are named one by one."""
+"""Up to so many kinds of law are named one by one."""
 
 
 def document_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Document:
-    """Return the report of an identification: the numbers, what they rest on, and what to doubt."""
+    """Return the report of an identification: the numbers, their basis, and the warnings."""
     day = f", runs of {result.date}" if result.date else ""
     return Document(
         result.title or "Identification",
@@ -145,7 +145,7 @@ def _details(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Blo
 
 
 def _rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
-    """Parameters, suspensions, and what needs no known mass, which may be all that a body is known by."""
+    """Parameters, suspensions, and the ratios that need no known mass, which may be all that a body is known by."""
     yield from _parameter_rows(result, truth)
     if result.study.is_one_gear:
         yield from _law_of_gear(result, truth)
@@ -163,7 +163,7 @@ def _rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
 def _parameter_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     true = truth.parameters if truth else None
     ratios = dict(result.ratios.items())
-    # gears alone have no inertia, and what one loading alone gives stands among the ratios
+    # gears alone have no inertia, and the numbers that one loading gives are among the ratios
     is_told = isinstance(result.parameters, GearParameters) or _is_rigid(result)
     for name, estimate in result.parameters.items():
         if estimate.value is not None or name == "sprung_mass_kg" or (is_told and name not in ratios):
@@ -196,7 +196,7 @@ def _ratio_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[
 
 
 def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
-    """What is true of the ratios of a gear or a body; its frequency is that on the tangent stiffness `at_rest`."""
+    """The true ratios of a gear or a body; its frequency is that of the tangent stiffness if `at_rest`."""
     mass = truth.parameters.sprung_mass_kg
     if isinstance(truth, BodyTruth):
         body = truth.parameters
@@ -216,7 +216,7 @@ def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
 
 
 def _equivalent_rows(result: AnyIdentification) -> Iterator[Row]:
-    """What a linear analysis would find in each run, where no number of the law is believed, or the law remembers."""
+    """The straight suspension of each run, if the numbers of the law are not valid, or if the law remembers."""
     if not isinstance(result, Identification) or not (result.limited_by == "model" or result.law.has_memory):
         return
     for each in result.equivalents:
@@ -226,7 +226,7 @@ def _equivalent_rows(result: AnyIdentification) -> Iterator[Row]:
 
 
 def _coordinate(name: str) -> str:
-    """A coordinate in words: "sensor_x_m[left]" is "left, sensor x"."""
+    """A coordinate in words: "sensor_x_m[left]" becomes "left, sensor x"."""
     what, _, whose = name.rstrip("]").partition("[")
     return f"{whose}, {what.removesuffix('_m').replace('_', ' ')}" if whose else name
 
@@ -300,7 +300,7 @@ def _residual_row(interface: InterfaceEstimate) -> Row:
 
 
 def _rest_rows(result: Identification, interface: InterfaceEstimate) -> Iterator[Row]:
-    """Where a suspension rests in each run, and how stiff it is there; nothing where its law knows no travel."""
+    """The rest of a suspension in each run, and its stiffness there, if its law depends on travel."""
     if interface.stiffness.value is None or not depends_on_travel(interface.law):
         return
     stiffness, damping = result.units
@@ -366,7 +366,7 @@ def _recommendation(result: Identification) -> str:
 
 
 def _sensors(result: Identification) -> Iterator[Table]:
-    """What the fits found out about the sensors, beside what was known of them before."""
+    """The faults of sensors that the fits found, beside what was known before."""
     rows = tuple(
         (
             fault.name,
@@ -383,7 +383,7 @@ def _sensors(result: Identification) -> Iterator[Table]:
 
 
 def _runs(result: AnyIdentification) -> Table:
-    """The runs; what the steps of the paper found of each where they can be taken."""
+    """The runs, and what the steps of the paper found of each."""
     chain = chain_of(result) if result.study.is_one_gear else None
     steps = chain.runs if chain is not None else ()
 
@@ -463,7 +463,7 @@ def _limits_of_body(result: Identification) -> str:
     n_sensors = max((len(run.measured) for run in result.runs), default=n_gears)
     n_loadings = len({run.loading for run in result.runs})
     scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
-    # of gears that were fitted one by one, each has a part of the mass
+    # gears that were fitted one by one share the mass, so that it belongs to no single fit
     mass = result.parameters.sprung_mass_kg if len(result.evidence) == 1 else Estimate()
     is_pushed = result.limited_by == "unmeasured forces"
     alike = (limits_of_mass(each.repeatability, each.fit, mass, is_pushed=is_pushed) for each in result.evidence[:1])
@@ -492,5 +492,4 @@ def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
 
 
 def _mm_per_s2(value: float) -> str:
-    """An acceleration with two digits."""
     return f"{float(f'{1e3 * value:.2g}'):g} mm/s^2"

@@ -12,7 +12,7 @@ from opid.suspensions.result import SpringEstimate, units_of_suspensions
 
 
 def document_of(result: StructureIdentification) -> Document:
-    """Return the report of a structure: masses, suspensions with their laws, joints, and what they rest on."""
+    """Return the report of a structure: masses, suspensions with their laws, joints, and their basis."""
     springs = [f"the law of {name} is {each.law.name}" for name, each in result.interfaces.items()]
     return Document(
         "Own structure",

@@ -27,7 +27,7 @@ from opid.virtual.backbone_tests.shaker_feedback import (
     Record,
     closed_loop,
     phase_noise,
-    recorded,
+    record_periods,
 )
 
 _WITHIN_NOISE = 5.0
@@ -35,7 +35,7 @@ _MOST_FAILURES = 2
 _STEEPER = 4.0
 # levels that tell whether a mode hardens
 _N_TO_TELL = 2
-# rad: phases that lie closer tell no slope, as the response still moves a little
+# phases that are closer than this, rad, give no slope, as the response still moves a little
 _CLOSE_PHASES = 2e-3
 
 
@@ -263,7 +263,7 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
             break
         if n_records < settings.most_records:
             standing = _move_frequency(bench, standing, record, points[-1][1], 1.0 if near else wanted / held)
-        # a phase at another amplitude is a point of another curve
+        # phases at different amplitudes belong to different curves
         points = points if near else []
     converged = bool(quadrature and kept and near and steady)
     reason = "" if converged else _reason(bench, sensor, begun, error, off, invasion, held / wanted, away)
@@ -272,7 +272,7 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
     if converged:
         done = (*standing.done[-2:], (held, frequency, standing.target))
         return level, replace(standing, periods=0, held=held, done=done, control_n=complex(record.control[1]))
-    # the next level starts from what this one did
+    # the next level starts like this one
     again = replace(standing, frequency_hz=begun, target=before.target, slope_hz=before.slope_hz)
     return level, replace(again, periods=0, held=wanted)
 
@@ -296,12 +296,12 @@ def _noise_floor(bench: _Bench) -> float:
 def _judge_record(
     bench: _Bench, standing: _Standing, record: Record, points: list[tuple[float, float]], usual_hz: float
 ) -> tuple[_Standing, float]:
-    """The slope by the last two points, periods for the next record, and the fraction by which the frequency is off."""
+    """The slope by the last two points and the periods for the next record; and the relative error of the frequency."""
     settings, slope, (frequency, value) = bench.settings, standing.slope_hz, points[-1]
     spread = phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
     if len(points) > 1 and abs(value - points[-2][1]) > max(_CLOSE_PHASES, _WITHIN_NOISE * spread):
         found = (frequency - points[-2][0]) / (value - points[-2][1])
-        # while harmonics still change, two points tell a wrong one: it stays near the last level's
+        # two points give a wrong slope while harmonics still change, so that it is kept near that of the last level
         slope = usual_hz * float(np.clip(found / usual_hz, 1.0 / _STEEPER, _STEEPER))
     steep = abs(slope) / frequency
     # as many periods as make the noise of the frequency half of what is accepted
@@ -360,7 +360,7 @@ def _stands(bench: _Bench, last: Record, record: Record, frequency_hz: float) ->
 
 
 def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -> tuple[Record, State]:
-    return recorded(
+    return record_periods(
         bench.loop,
         state,
         standing.target,
@@ -375,7 +375,6 @@ def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -
 def _reason(
     bench: _Bench, sensor: str, begun_hz: float, error: float, off: float, invasion: float, ratio: float, away: bool
 ) -> str:
-    """Why a level has not converged."""
     settings = bench.settings
     if away:
         return f"no quadrature at {sensor!r} within {settings.widest_fraction:.0%} of {begun_hz:.3f} Hz"

@@ -144,7 +144,7 @@ def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
     return (plus - minus) @ shapes
 
 
-def recorded(
+def record_periods(
     loop: ClosedLoop,
     state: State,
     target: ComplexArray,

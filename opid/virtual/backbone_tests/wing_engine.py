@@ -21,7 +21,7 @@ SENSORS = (*PLATE_SENSORS, *PYLONS[0], *PYLONS[1])
 JOINTS = {f"{block}-{tip}": (block, tip) for block, *tips in PYLONS for tip in tips}
 PLATE_DOFS = ("w", "w_x", "w_y", "w_xy")
 PLATE_SENSOR_FRACTIONS = (0.07, 0.4, 0.6, 0.93)
-"""Of the length, where the sensors 1 to 4 stand on the front edge of the plate and 5 to 8 on the back edge."""
+"""Places of sensors 1 to 4 on the front edge of the plate, and of 5 to 8 on the back edge, over its length."""
 LEAF_ELEMENTS = 2
 E_ALUMINIUM, E_STEEL = "E_aluminium", "E_steel"
 UPDATED = {E_ALUMINIUM: 0.88, E_STEEL: 0.31}  # the paper's result (Table 1), fractions of 68.9 and 200 GPa
@@ -194,7 +194,7 @@ def _plate(given: WingEngine, along: FloatArray, across: FloatArray) -> tuple[An
     def inertia(u: Any, v: Any, _: Any) -> Any:
         return per_area * (u * v + given.thickness_m**2 / 12 * dot(grad(u), grad(v)))
 
-    # our order: x slow, y fast; the mesh numbers its nodes otherwise
+    # nodes are ordered by x, then by y; the mesh has another order
     node = np.lexsort((mesh.p[1].round(9), mesh.p[0].round(9)))
     order = basis.nodal_dofs[:, node].T.ravel()
     return inertia.assemble(basis)[order][:, order], bending.assemble(basis)[order][:, order]

@@ -181,7 +181,7 @@ def fixture_and_plate(
     omega = np.concatenate([np.zeros(_N_RIGID), 2.0 * np.pi * elastic])
     zeta = np.concatenate([np.zeros(_N_RIGID), zeta])
 
-    # only modes 10 and 18 are taken to work the joint
+    # only modes 10 and 18 move the joint
     extension = np.zeros(omega.size)
     extension[shear], extension[opening] = rows["slip"][shear], rows["gap"][opening]
     slip = np.where(np.arange(omega.size) == shear, extension, 0.0)
@@ -268,7 +268,7 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
         raise InputError(f"the amplitudes are {amplitude!r}: give positive numbers")
     omega = 2.0 * np.pi * modes.frequency_hz[mode - 1]
     shape = modes.shapes[:, mode - 1]
-    # of the joints; the rest is linear
+    # only the joints are nonlinear
     stiffness = omega**2 + np.array([_squares(structure, shape, a, omega, n_phases).real for a in amplitudes])
     if stiffness.min() <= 0.0:
         gone = amplitudes[np.argmin(stiffness)]
@@ -302,7 +302,7 @@ def _squares(structure: Structure, shape: FloatArray, amplitude: float, omega: f
         z, v = pull * amplitude * np.cos(phase), -pull * amplitude * omega * np.sin(phase)
         force = joint.law.force(z, v)
         if joint.sliders:
-            # from its turning point on the loop repeats itself
+            # the loop repeats itself after its first turning point
             _, start = force_of(joint.sliders, z[:1])
             force = force + force_of(joint.sliders, z, start)[0] - joint.sliders.tangent_n_per_m * z
         total += pull * complex(2.0 * np.mean(force * np.exp(-1j * phase))) / amplitude

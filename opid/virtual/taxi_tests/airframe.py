@@ -19,7 +19,7 @@ from opid.mechanics.laws.law import LINEAR, FloatArray, Law, law
 from opid.mechanics.structure import Joint, Structure
 
 BODY_MOTIONS = ("heave", "roll", "pitch", "bending")
-"""Degrees of freedom of an airframe: m, rad, rad, and m for a unit of the bending shape."""
+"""The degrees of freedom of an airframe, in m, rad, rad, and m for a unit of the bending shape."""
 
 DEFAULT_LAW = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
 
@@ -67,7 +67,7 @@ class Gear:
             if field in ("name", "law", "sliders"):
                 continue
             may_be_zero = "damping" in field or field == "ground_stiffness_n_per_m"
-            # gas may carry all of the weight
+            # gas alone may carry the weight
             may_be_zero |= field == "suspension_stiffness_n_per_m" and float(self.law.gradient(0.0, 0.0)[0]) > 0.0
             if field in ("x_m", "y_m"):
                 is_sound, needed = np.isfinite(value), "a finite number"
@@ -422,6 +422,6 @@ def _loaded_bending(bending: BendingMode, mass: FloatArray) -> BendingMode:
 
 
 def _is_positive(mass: FloatArray) -> bool:
-    """Whether a mass matrix is positive definite, the same in any units of its motions."""
+    """Whether a mass matrix is positive definite, whatever the units of its motions."""
     scale = np.sqrt(np.abs(np.diag(mass)))
     return bool((np.diag(mass) > 0.0).all() and np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] > 1e-12)

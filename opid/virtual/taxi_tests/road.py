@@ -17,7 +17,7 @@ ROAD_CLASSES = {name: 16e-6 * 4.0**k for k, name in enumerate("ABCDEFGH")}
 
 REFERENCE_CYCLES_PER_M = 0.1
 _GRID_POINTS_PER_CYCLE = 16
-_POINTS_PER_M = 64  # sixteen to the shortest wave of a road
+_POINTS_PER_M = 64  # the shortest wave of a road has sixteen
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +234,7 @@ def _mix_roads(roads: tuple[Road, ...], distance_m: FloatArray) -> tuple[Road, .
     n_grid = int(np.ceil(_POINTS_PER_M * length_m))
     position_m = np.linspace(0.0, length_m, n_grid + 1)
     spectra = np.fft.rfft([road.elevation(position_m[:-1]) for road in roads], axis=1)
-    # without the mean, which a road has none of
+    # a road has no mean
     waves = np.flatnonzero(np.abs(spectra).max(axis=0) > 1e-9 * np.abs(spectra).max())
     correlation = track_correlation((waves / length_m)[:, None, None], distance_m)
     values, vectors = np.linalg.eigh(correlation)

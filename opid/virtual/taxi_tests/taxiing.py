@@ -378,7 +378,7 @@ def _roll(
 
 
 def _band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
-    """Band-limited noise with so many times the rms of a motion."""
+    """Band-limited noise whose rms is `ratio` times that of a motion."""
     low, high = _NOISE_BAND_HZ
     band = signal.butter(2, (low, min(high, 0.4 * fs)), "bandpass", fs=fs, output="sos")
     noise = signal.sosfilt(band, rng.standard_normal(motion.size))
