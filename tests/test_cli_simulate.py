@@ -31,7 +31,7 @@ def test_demo_shows_truth_beside_estimate(tmp_path, monkeypatch):
 
 
 def test_the_defaults_of_simulate_are_those_of_the_library():
-    options = cli.taxi.make_context("taxi", ["out"]).params
+    options = cli.virtual_tests.taxi.make_context("taxi", ["out"]).params
     gear, sensor = LandingGear(), Sensor()
     assert options["sprung_mass"] == gear.sprung_mass_kg
     assert options["stiffness"] == gear.suspension_stiffness_n_per_m
