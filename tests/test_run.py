@@ -251,8 +251,8 @@ def test_pieces_of_a_run_are_its_samples_with_its_lines():
 def test_the_strongest_piece_is_the_one_in_which_the_body_moves_most():
     quiet_then_strong = np.where(np.arange(len(SIGNALS)) < 0.6 * len(SIGNALS), 1.0, 3.0)[:, np.newaxis] * SIGNALS
     run = driven_run(quiet_then_strong[:, :1], quiet_then_strong[:, 1:2], fs=100.0, band_hz=(1.0, 20.0))
-    length_s = len(run.sprung) / 100.0
-    piece = run.strongest_piece(length_s / 4)
+    length_s = run.n_samples / run.fs
+    piece = run.strongest_piece(0.24 * length_s)
     assert piece.n_samples / piece.fs == pytest.approx(length_s / 4, rel=0.1)
     assert piece.sprung.std() == max(each.sprung.std() for each in run.split(4))
     assert run.strongest_piece(0.6 * length_s) is run
