@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import opid
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LogSettings
 from opid.signals.logs import read_log
 from opid.signals.resampling import on_common_clock
 from opid.suspensions.bench.law import BenchLaw, law_of_bench

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from opid.signals.health.inspection import inspect
-from opid.signals.log_settings import ChannelSettings
+from opid.signals.log import ChannelSettings
 from opid.signals.logs import open_log, read_log
 
 N = 400
@@ -41,7 +41,7 @@ def test_what_runs_with_the_time_is_no_signal(log, name, values):
     run = read_log(path)
     assert run.names == ("az",)
     shown = name.split(" [")[0]
-    told = f"{shown!r} runs with the time and is taken for no signal: name it if it is one"
+    told = f"{shown!r} runs with the time and is not read as a signal: name it if it is one"
     assert told in run.history
     health = inspect(open_log(path))
     assert [channel.name for channel in health.channels] == ["az"]

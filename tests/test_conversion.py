@@ -7,8 +7,17 @@ import pytest
 
 from opid.errors import InputError
 from opid.signals.conversion import recording_of
-from opid.signals.log import Block, Log, LoggedChannel, Track, log_of_recording, rows_from_start, rows_of_array
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import (
+    Block,
+    ChannelSettings,
+    Log,
+    LoggedChannel,
+    LogSettings,
+    Track,
+    log_of_recording,
+    rows_from_start,
+    rows_of_array,
+)
 from opid.signals.recording import recording_from_arrays
 
 G = 9.80665

@@ -8,7 +8,9 @@ import pytest
 from scipy import signal
 
 from opid.errors import InputError
-from opid.signals.health.inspection import check_magnitudes, check_pair, inspect, remove_spikes
+from opid.signals.health.across_channels import check_magnitudes, check_pair
+from opid.signals.health.inspection import inspect
+from opid.signals.health.spikes import remove_spikes
 from opid.signals.log import Log, LoggedChannel, Track, rows_of_array
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.virtual.taxi_tests.airframe import LandingGear

@@ -11,8 +11,7 @@ from measured_data import DATA, needs_data
 
 from opid.signals.clock import reconstructed_clock, uniform_clock
 from opid.signals.health.inspection import inspect
-from opid.signals.log import Log, LoggedChannel, Track, rows_of_array
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, Log, LoggedChannel, LogSettings, Track, rows_of_array
 
 FS, N = 500.0, 20_000
 TRUE = 3.0 + np.arange(N) / FS

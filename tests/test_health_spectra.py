@@ -11,9 +11,8 @@ from scipy import signal, stats
 from opid.signals import spectra
 from opid.signals.health.chunks import rows_of_a_bin
 from opid.signals.health.inspection import inspect
-from opid.signals.health.lines import names_of_lines
 from opid.signals.health.settings import HEALTH
-from opid.signals.health.spectrum import OVERLAPPED_BINS
+from opid.signals.health.spectrum import OVERLAPPED_BINS, names_of_lines
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_test
 

@@ -9,11 +9,10 @@ from made_logs import log_of, messages, noise, track_of
 
 from opid.errors import InputError
 from opid.signals.health.channel import MomentCheck
-from opid.signals.health.chunks import CHUNK_VALUES, rows_of_a_bin
+from opid.signals.health.chunks import CHUNK_VALUES, RowStretches, Thinning, rows_of_a_bin
 from opid.signals.health.inspection import inspect
 from opid.signals.health.spikes import remove_spikes
-from opid.signals.health.thinning import RowStretches, Thinning
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.recording import recording_from_arrays
 from opid.signals.segments import taxi_segment
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from opid.errors import InputError
 from opid.signals.column_names import time_name
 from opid.signals.health.inspection import inspect
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LogSettings
 from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 

@@ -5,7 +5,7 @@ import pytest
 from small_logs import FS, NAMES, UNIT, VALUES, T, xlsx
 
 from opid.errors import InputError
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LogSettings
 from opid.signals.logs import open_log, read_log
 
 HEADER = ["time [s]", *(f"{name} [{UNIT}]" for name in NAMES)]

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.signals.log import BLOCK_VALUES
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import BLOCK_VALUES, LogSettings
 from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording
 

@@ -9,7 +9,7 @@ from scipy import signal
 from small_logs import ide_blocks, ide_file
 
 from opid.errors import InputError
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, read_log
 
 idelib = pytest.importorskip("idelib", reason="idelib is not installed")

@@ -8,9 +8,9 @@ import pytest
 from measured_data import measured
 
 from opid.errors import InputError
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LogSettings
 from opid.signals.logs import open_log, read_log
-from opid.signals.logs.text import lines as text_lines
+from opid.signals.logs.text import table as text_table
 
 SAMPLE = "reader_samples/raw_ambient_testVI.lvm"
 SEPARATORS = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}
@@ -273,7 +273,7 @@ def test_a_refused_file_is_closed_while_the_error_is_still_held(lvm, monkeypatch
         opened.append(path.open("rb"))
         return opened[-1]
 
-    monkeypatch.setattr(text_lines, "_open", remember)
+    monkeypatch.setattr(text_table, "_open", remember)
     with pytest.raises(InputError) as caught:
         open_log(lvm(text))
     assert opened, caught.value

@@ -10,8 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from opid.errors import InputError
-from opid.signals.log import BLOCK_VALUES
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import BLOCK_VALUES, LogSettings
 from opid.signals.logs import open_log, read_log
 
 N, FS = 600, 512.0

@@ -9,7 +9,7 @@ import pytest
 from measured_data import measured
 
 from opid.errors import InputError
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings
+from opid.signals.log import AS_WRITTEN, ChannelSettings
 from opid.signals.logs import open_log, read_log
 from opid.signals.logs.mdf import open_mdf
 

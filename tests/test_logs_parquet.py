@@ -10,8 +10,7 @@ import pyarrow.parquet
 import pytest
 
 from opid.errors import InputError
-from opid.signals.log import BLOCK_VALUES
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import BLOCK_VALUES, LogSettings
 from opid.signals.logs import open_log, read_log
 
 N, FS = 600, 500.0

@@ -7,8 +7,7 @@ import pytest
 from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
-from opid.signals.log import LoggedChannel
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, LoggedChannel, LogSettings
 from opid.signals.logs import open_log, read_log
 
 nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")

@@ -12,12 +12,11 @@ from hypothesis import given, settings as hypothesis_settings, strategies as st
 from measured_data import measured
 
 from opid.errors import InputError
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, read_log
 from opid.signals.logs.text.header import name_and_unit
-from opid.signals.logs.text.lines import lines_of
 from opid.signals.logs.text.stamps import nanoseconds
-from opid.signals.logs.text.table import TextTable, numbers_of
+from opid.signals.logs.text.table import TextTable, lines_of, numbers_of
 
 LOWER = [0.5, -1.25, 3.0, 2.0, 1e-3]
 UPPER = [1.0, 2.0, -3.5, 0.0, 4.0]
@@ -183,7 +182,7 @@ def test_what_the_user_says_is_done(wrote, content, given):
         (ROWS, {"names": ("p", "q", "r")}, "no time column .*'p', without a unit.*`fs_hz`"),
         (HEADER + ROWS, {"time": 4}, "time is column 4 in .*: give a number from 1 to 3"),
         (HEADER + ROWS, {"time": "tim"}, "no column 'tim' .*did you mean 'time'"),
-        (HEADER + ROWS, {"time": "upper_z"}, "'upper_z' is in g, not in a unit of time"),
+        (HEADER + ROWS, {"time": "upper_z"}, "'upper_z': the time is in 'g', which is no unit of time"),
         (HEADER + ROWS, {"encoding": "klingon"}, "encoding 'klingon' is not known"),
         (HEADER + ROWS, {"encoding": "hex"}, "encoding 'hex' is not known"),
         (HEADER + ROWS, {"encoding": "utf-16"}, "is not utf-16 text .*give another `encoding`"),

@@ -6,7 +6,7 @@ import pyuff
 from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LogSettings
 from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording
 

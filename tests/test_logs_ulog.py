@@ -8,7 +8,7 @@ import pytest
 from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
-from opid.signals.log_settings import ChannelSettings
+from opid.signals.log import ChannelSettings
 from opid.signals.logs import apart, open_log, read_log
 
 pytest.importorskip("pyulog", reason="pyulog is not installed")

@@ -8,8 +8,7 @@ import pytest
 from scipy.io import wavfile
 
 from opid.errors import InputError
-from opid.signals.log import BLOCK_VALUES
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import BLOCK_VALUES, ChannelSettings, LogSettings
 from opid.signals.logs import open_log, read_log
 
 N, FS = 700, 4000
@@ -109,7 +108,7 @@ def test_24_bits_big_endian(path):
 
 def test_a_unit_without_a_full_scale_is_refused(path):
     path.write_bytes(GOOD)
-    with pytest.raises(InputError, match=r"run\.wav holds parts of its full scale: give full_scale in \[log\]"):
+    with pytest.raises(InputError, match=r"run\.wav holds fractions of its full scale: give full_scale in \[log\]"):
         open_log(path, LogSettings(unit="g"))
     with pytest.raises(InputError, match="states no unit"):
         read_log(path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from measured_data import DATA, measured
 
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.logs import read_log
 from opid.studies.study_file import read_study
 

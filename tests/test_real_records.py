@@ -11,7 +11,7 @@ import pytest
 from measured_data import DATA, measured
 from scripts import script
 
-from opid.signals.health.inspection import check_pair
+from opid.signals.health.across_channels import check_pair
 from opid.studies.bench_study import bench_tables
 from opid.studies.study_file import read_study
 from opid.studies.suspension_study import suspension_tables

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
 from opid.studies.study_file import read_study, write_study

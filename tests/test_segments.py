@@ -1,7 +1,5 @@
 """The stretch to identify from: all of a tidy log, and no more of another than is sound and in motion."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -207,12 +205,3 @@ def test_channels_of_two_clocks_are_sound_where_both_are():
     found = sound_segments(health, ["a", "b"], least_s=5.0)
     assert [(s.start_s, s.stop_s) for s in found] == [(None, 15.0), (16.0, 40.0), (41.0, None)]
     assert taxi_segment(health, ["a", "b"]).start_s in (16.0, 41.0)
-
-
-def test_health_of_before_completeness_was_known_can_be_used():
-    health = health_of(np.ones(60), fault=nan_at(20.5))
-    old = dataclasses.replace(
-        health, rms_history=tuple(dataclasses.replace(each, complete=None) for each in health.rms_history)
-    )
-    assert taxi_segment(old, NAMES) == taxi_segment(health, NAMES)
-    assert SEGMENTS.least_s > SEGMENTS.still_s

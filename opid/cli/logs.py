@@ -80,7 +80,8 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
 
 
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
-    from opid.signals.log_settings import AS_WRITTEN
+    """How the log is to be read, and which of its channels."""
+    from opid.signals.log import AS_WRITTEN
     from opid.studies.suspension_study import LogReading, log_readings
 
     return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)

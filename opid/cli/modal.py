@@ -145,7 +145,7 @@ def _in_options(text: str) -> str:
 def _record(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]) -> Recording:
     """The channel of a log in SI units, which must be those of a motion."""
     from opid.signals.conversion import recording_of
-    from opid.signals.log_settings import ChannelSettings, LogSettings
+    from opid.signals.log import ChannelSettings, LogSettings
     from opid.signals.logs import open_log
 
     channel, unit = settings["channel"], settings["unit"]

@@ -8,9 +8,9 @@ from .exchange import (
     xarray_of as xarray_of,
 )
 from .health.result import Health as Health
-from .log import Log as Log
-from .log_settings import (
+from .log import (
     ChannelSettings as ChannelSettings,
+    Log as Log,
     LogSettings as LogSettings,
 )
 from .logs import formats as formats

@@ -1,6 +1,6 @@
-"""From time stamps to a uniform rate: what rounding explains is accepted, what it does not is refused.
+"""From time stamps to a uniform rate: steps that rounding explains are accepted, others are refused.
 
-Columns of a log that are clocks beside its time (counters, a second time) are found here as well.
+Columns of a log that run with its time (counters, a second time) are found here as well.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from opid.errors import InputError
 from opid.signals.column_names import time_name
 from opid.signals.log import Log, LoggedChannel, Track
 from opid.signals.recording import FloatArray
-from opid.signals.units import to_si
+from opid.signals.units import si_unit
 
 JITTER_LIMIT = 0.02
-"""Largest accepted error of one step between stamps, as a part of the period, beyond the rounding.
+"""Largest accepted error of one step between stamps beyond the rounding, over the period.
 
 Two stamps 1 % early and late make a step 2 % wrong. A sample at a tenth of the rate is then off by less than
 2 pi 0.1 0.01 = 0.6 % of its amplitude, below the gain error of an ordinary accelerometer."""
@@ -30,24 +30,24 @@ Rounded to q, the steps of a uniform clock of period p lie between p - q and p +
 at least 2 p - q. Three decimals at 512 Hz (q = 0.51 p) still distinguish them, at 1024 Hz they do not."""
 
 GAP = 1.5
-"""A step longer than this many periods is a gap: half-way between a usual step and one lost sample."""
+"""A step longer than this many periods is a gap: halfway between a usual step and one lost sample."""
 
 LONGEST_OF_STEPS = 3.0
-"""Over that step which one in a hundred of a host's stamps exceeds: it stalled, or samples were lost."""
+"""A step this many times longer than the one that 1 % of the steps exceed: the host stalled, or samples were lost."""
 
 LEAST_BINS = 8
-"""Bins of rows of which a few may be left out."""
+"""With at least this many bins of rows, a few may be left out of the line through the stamps."""
 
 _ROWS_TO_TELL = 1000
 _LEAST_ROWS = 10
 _OFF_THE_LINE = 0.6
-"""Part of a step by which a clock may lie off a straight line: half a step is rounding."""
+"""How far a clock may lie off a straight line, over its step: half a step is rounding."""
 
 _RESOLUTIONS = sorted([10.0**-k for k in range(10)] + [2.0**-k for k in range(1, 25)], reverse=True)
 
 
 class ClockError(InputError):
-    """The time stamps are not those of a uniform clock; `sample` is the first one at fault."""
+    """The time stamps are not those of a uniform clock; `sample` is the first that is wrong."""
 
     def __init__(self, message: str, sample: int) -> None:
         super().__init__(message)
@@ -59,22 +59,20 @@ class Clock:
     """A uniform sampling clock recovered from time stamps.
 
     Args:
-        fs: sampling rate, Hz, rounded to a plain number where the stamps allow it.
+        fs: sampling rate, Hz, rounded to few decimals where the stamps allow it.
         start_s: the first stamp, s.
         fs_as_written: the rate before that rounding, Hz.
-        resolution_s: step to which the stamps were rounded, s.
-        stray_s: how far the stamps lie off this clock at the most, s; 0 where that was not computed.
+        stray_s: largest distance of the stamps from this clock, s; 0 where it was not computed.
     """
 
     fs: float
     start_s: float
     fs_as_written: float
-    resolution_s: float
     stray_s: float = 0.0
 
 
 def uniform_clock(stamps: ArrayLike) -> Clock:
-    """Return the uniform clock behind time stamps that were written with few or many digits.
+    """Return the uniform clock behind time stamps, whatever the number of their digits.
 
     The period p is the slope of the least-squares line through the stamps. Each step between stamps may
     differ from p by the resolution of the stamps or by 2 % of p, and no stamp may stray from the line by half
@@ -103,7 +101,7 @@ def uniform_clock(stamps: ArrayLike) -> Clock:
     longest_s = period + resolution_s / (time_s.size - 1)
     rounding = resolution_s if resolution_s < COARSE_STAMPS * longest_s else 0.0
     if worst_step > max(rounding * (1 + 1e-6), JITTER_LIMIT * period) + float_noise:
-        raise _irregular(time_s, steps, resolution_s)
+        raise _describe_irregular(time_s, steps, resolution_s)
     stray = elapsed - elapsed.mean() - period * count
     if np.ptp(stray) >= period:
         sample = int(np.abs(stray).argmax())
@@ -116,21 +114,21 @@ def uniform_clock(stamps: ArrayLike) -> Clock:
 
     uncertainty = float_noise if worst_step <= 1e-6 * period + float_noise else resolution_s
     relative = 1e-10 + uncertainty / float(elapsed[-1])
-    return Clock(plain_number(1 / period, relative / period), float(time_s[0]), 1 / period, resolution_s)
+    return Clock(plain_number(1 / period, relative / period), float(time_s[0]), 1 / period)
 
 
 def reconstructed_clock(stamps: ArrayLike) -> Clock:
-    """Return the uniform clock through stamps that crowd, like those of a host that empties a buffer now and then.
+    """Return the uniform clock through stamps that come in bursts, as from a host that empties a buffer.
 
-    The rows are taken to be equally spaced; the rate is the slope of the least-squares line through the stamps, those
-    left out that came late because the host stalled. A sample that was lost goes unnoticed: `stray_s` says how far the
-    stamps lie off.
+    The rows are assumed to be equally spaced. The rate is the slope of the least-squares line through the stamps
+    without those that came late because the host stalled. A lost sample goes unnoticed; `stray_s` shows how far the
+    stamps lie off the line.
 
     Args:
-        stamps: (n_samples,) times that do not go back, s, two or more.
+        stamps: (n_samples,) times that never decrease, s, two or more.
 
     Raises:
-        ClockError: a stamp that goes back, or all of them equal.
+        ClockError: a decreasing stamp, or stamps that are all equal.
 
     >>> true = np.arange(2000) / 117.0
     >>> clock = reconstructed_clock(np.floor(true / 0.03) * 0.03)  # about four rows share a stamp
@@ -149,18 +147,19 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
     period, first_s, _ = line_without_stalls(bins, usual, longest_s)
     start_s = float(time_s[0]) + first_s
     stray = time_s - (start_s + period * np.arange(time_s.size))
-    return Clock(1 / period, start_s, 1 / period, 0.0, float(np.abs(stray).max()))
+    return Clock(1 / period, start_s, 1 / period, float(np.abs(stray).max()))
 
 
 def longest_usual_step(steps: FloatArray, period_s: float) -> float:
-    """Return the longest step between a host's stamps, s, that is neither a stall nor lost samples."""
+    """Return the longest step between a host's stamps that shows neither a stall nor lost samples, s."""
     return max(GAP * period_s, LONGEST_OF_STEPS * float(np.quantile(steps[steps > 0], 0.99)))
 
 
 def sum_bins(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int) -> FloatArray:
-    """Return what a line through stamps needs of each bin of rows, (n_bins, 7).
+    """Return the sums over bins of rows from which a line through their stamps follows, (n_bins, 7).
 
-    That is: how many rows, the sums of row, stamp, row^2 and row stamp, least and greatest stamp - row `period_s`.
+    The columns are the number of rows, the sums of row, stamp, row^2 and row stamp, and the least and the greatest
+    value of stamp - row `period_s`.
 
     Args:
         elapsed_s: (n,) stamps.
@@ -175,8 +174,8 @@ def sum_bins(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int
 def line_without_stalls(bins: FloatArray, period_s: float, longest_s: float) -> tuple[float, float, np.ndarray]:
     """Return the period and the stamp of row 0 by least squares, and which bins of rows lie on that line.
 
-    A host that stalls stamps rows late and catches up: such bins are left out. They lie off a line whose slope is the
-    median of the slopes over half of the rows. Where most bins would be off it, no line is better than that of all.
+    A host that stalls stamps some rows late and then catches up. The bins of such rows are left out: they lie far from
+    a line whose slope is the median of the slopes over half of the rows.
 
     Args:
         bins: (n_bins, 7) of `sum_bins`.
@@ -192,12 +191,12 @@ def line_without_stalls(bins: FloatArray, period_s: float, longest_s: float) -> 
             tilt = (period_s - slope) * x - start
             off = np.maximum(np.abs(bins[:, 5] + tilt), np.abs(bins[:, 6] + tilt))
             keep = off <= max(longest_s, 4 * float(np.median(off)))
-            slope, start = _line(bins[keep])
-    slope, start = _line(bins[keep])
+            slope, start = _fit_line(bins[keep])
+    slope, start = _fit_line(bins[keep])
     return slope, start, keep
 
 
-def _line(bins: FloatArray) -> tuple[float, float]:
+def _fit_line(bins: FloatArray) -> tuple[float, float]:
     n, row, stamp, squares, products = bins[:, :5].sum(axis=0)
     spread = squares - row * row / n
     slope = float((products - row * stamp / n) / spread) if spread > 0 else 0.0
@@ -212,7 +211,7 @@ def resolution_of(stamps: FloatArray) -> float:
     Args:
         stamps: (n,) times, two or more.
     """
-    # two stamps may lie a round number apart by chance
+    # at least ten stamps: two may lie a round number apart by chance
     block = stamps[-min(max(10, stamps.size // 2), 1000) :]
     offsets = block - block[0]
     noise = float(np.spacing(np.abs(block).max()))
@@ -257,8 +256,8 @@ def _require_forward(time_s: FloatArray, steps: FloatArray) -> None:
         )
 
 
-def _irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:
-    """Return the error that says whether the steps are irregular by gaps or by jitter, and where."""
+def _describe_irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:
+    """The error that names the first gap, or the largest jitter where there is no gap."""
     # the median over some steps withstands both gaps and coarse rounding
     stride = min(8, steps.size)
     period = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
@@ -285,18 +284,18 @@ def _irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> Cl
     )
 
 
-# ---- columns that are clocks -----------------------------------------------------------------------
+# ---- columns that run with the time ----------------------------------------------------------------
 
 
 def mark_clocks(log: Log) -> Log:
-    """Return the log, the channels marked that run with its time.
+    """Return the log with those channels marked that run with its time.
 
-    Such a channel states no unit, or one of time, and goes up in each of the first rows: along a straight line over the
-    time (or over the rows where there are no stamps), or however it likes if its name is one of a time.
+    Such a channel states no unit or a unit of time, and increases in each of the first rows: along a straight line over
+    the time (over the rows where there are no stamps), or in any way if its name is a name of the time.
     """
     tracks = tuple(_mark_track(track) for track in log.tracks)
     names = [channel.name for track in tracks for channel in track.channels if channel.is_clock]
-    remarks = tuple(f"{name!r} runs with the time and is taken for no signal: name it if it is one" for name in names)
+    remarks = tuple(f"{name!r} runs with the time and is not read as a signal: name it if it is one" for name in names)
     return replace(log, tracks=tracks, remarks=(*log.remarks, *remarks)) if names else log
 
 
@@ -315,7 +314,7 @@ def _mark_track(track: Track) -> Track:
     clocks = {
         column
         for column, own in zip(columns, values.T, strict=True)
-        if _is_clock(own, time_s, called_time=time_name([track.channels[column].name]) is not None)
+        if _is_clock(own, time_s, is_called_time=time_name([track.channels[column].name]) is not None)
     }
     if not clocks or len(clocks) == len(track.channels):
         return track
@@ -324,20 +323,16 @@ def _mark_track(track: Track) -> Track:
 
 
 def _may_be_clock(channel: LoggedChannel) -> bool:
-    if channel.unit is None:
-        return True
-    with suppress(InputError):
-        return to_si(channel.unit)[1] == "s"
-    return False
+    return channel.unit is None or si_unit(channel.unit) == "s"
 
 
-def _is_clock(values: FloatArray, time_s: FloatArray, *, called_time: bool) -> bool:
+def _is_clock(values: FloatArray, time_s: FloatArray, *, is_called_time: bool) -> bool:
     if len(values) < _LEAST_ROWS or not np.isfinite(values).all():
         return False
     steps = np.diff(values)
     if not (steps > 0).all():
         return False
-    if called_time:
+    if is_called_time:
         return True
     if not (np.isfinite(time_s).all() and np.ptp(time_s) > 0):
         return False

@@ -1,16 +1,16 @@
-"""From what a file holds to a `Recording`: the wanted channels of one stretch, in SI units, on one uniform clock."""
+"""From what a file holds to a `Recording`: chosen channels of one stretch, in SI units, on one uniform clock."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_clock
-from opid.signals.log import Log, Track
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings, Track
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import on_common_clock, resampled
 
@@ -29,8 +29,8 @@ def recording_of(
     `settings`, `channels`, `start_s`, `stop_s` and `fs_hz` are those of `opid.read_log`.
 
     Raises:
-        InputError: a channel that is not there, a unit that is not known, stamps that are no uniform clock, a value
-            that is missing, a stretch without samples, or all channels of a log with several clocks.
+        InputError: a channel that does not exist, an unknown unit, stamps that are no uniform clock, a missing value, a
+            stretch without samples, or no choice of channels where the log has several clocks.
     """
     if channels is None and len(log.tracks) > 1:
         raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_list_names(log)}")
@@ -40,7 +40,7 @@ def recording_of(
     for track in log.tracks:
         own = {name: column for name, (where, column) in positions.items() if where is track}
         if own:
-            parts.append(_part(log, track, own, wanted, settings, start_s, stop_s))
+            parts.append(_read_track(log, track, own, wanted, settings, start_s, stop_s))
     if len(parts) > 1:
         return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz)
     return parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
@@ -49,13 +49,13 @@ def recording_of(
 def choose_channels(
     log: Log, channels: Sequence[str] | Mapping[str, ChannelSettings] | None
 ) -> dict[str, ChannelSettings]:
-    """Return the settings of the channels wanted by their names in the result; of all signals for None."""
+    """Return the settings of the channels by their names in the result; None stands for all signals."""
     if isinstance(channels, Mapping):
         return dict(channels)
     return {name: ChannelSettings(name) for name in (log.signals if channels is None else channels)}
 
 
-def _part(
+def _read_track(
     log: Log,
     track: Track,
     columns: Mapping[str, int],
@@ -64,23 +64,42 @@ def _part(
     start_s: float | None,
     stop_s: float | None,
 ) -> Recording:
-    """The wanted channels of one track."""
-    samples, clock, first = _stretch(log, track, list(columns.values()), settings, start_s, stop_s)
+    samples, clock, first = _read_stretch(log, track, list(columns.values()), settings, start_s, stop_s)
+    history = [
+        *log.history,
+        f"read {samples.shape[0]} samples from {log.path.name}",
+        *log.remarks,
+        _describe_rate(track, settings, clock),
+    ]
+    if start_s is not None or stop_s is not None:
+        history.append(f"section {_describe_time(start_s, 'start')} to {_describe_time(stop_s, 'end')}")
+    converted, channels = [], []
+    with _naming(log):
+        for (name, column), values in zip(columns.items(), samples.T, strict=True):
+            written = track.channels[column].unit
+            si, unit = wanted[name].to_si(values, written or settings.unit)
+            converted.append(si)
+            channels.append(Channel(name, unit))
+            words = wanted[name].words(written, settings.unit)
+            history += [words] if words else []
+    _require_finite(log, track, columns.values(), samples, first)
+    with _naming(log):
+        return Recording(
+            np.stack(converted, axis=1), clock.fs, tuple(channels), clock.start_s, tuple(history), log.files
+        )
+
+
+@contextmanager
+def _naming(log: Log) -> Iterator[None]:
+    """Put the name of the log before an error."""
     try:
-        clock = clock if isinstance(clock, Clock) else uniform_clock(clock)
-    except ClockError as error:
-        raise InputError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
-    converted, found, words = [], [], []
-    for (name, column), values in zip(columns.items(), samples.T, strict=True):
-        written = track.channels[column].unit or settings.unit
-        try:
-            si, unit = wanted[name].to_si(values, written)
-        except InputError as error:
-            raise InputError(f"{log.path}: {error}") from None
-        converted.append(si)
-        found.append(Channel(name, unit))
-        words.append(wanted[name].words(track.channels[column].unit, settings.unit))
-    for column, values in zip(columns.values(), samples.T, strict=True):
+        yield
+    except InputError as error:
+        raise InputError(f"{log.path}: {error}") from None
+
+
+def _require_finite(log: Log, track: Track, columns: Iterable[int], samples: FloatArray, first: int) -> None:
+    for column, values in zip(columns, samples.T, strict=True):
         missing = np.flatnonzero(~np.isfinite(values))
         if missing.size:
             more = f", nor in {missing.size - 1} more row(s)" * (missing.size > 1)
@@ -88,38 +107,19 @@ def _part(
                 f"{log.path} {track.locate(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
                 f"number there{more}: mend the log, or take a sound part of it (start_s and stop_s in a study)"
             )
-    history = [
-        *log.history,
-        f"read {samples.shape[0]} samples from {log.path.name}",
-        *log.remarks,
-        _rate_words(track, settings, clock),
-    ]
-    if start_s is not None or stop_s is not None:
-        history.append(f"section {_time(start_s, 'start')} to {_time(stop_s, 'end')}")
-    try:
-        return Recording(
-            np.stack(converted, axis=1),
-            fs=clock.fs,
-            channels=tuple(found),
-            start_s=clock.start_s,
-            history=(*history, *(word for word in words if word)),
-            files=log.files,
-        )
-    except InputError as error:
-        raise InputError(f"{log.path}: {error}") from None
 
 
-def _stretch(
+def _read_stretch(
     log: Log,
     track: Track,
     columns: Sequence[int],
     settings: LogSettings,
     start_s: float | None,
     stop_s: float | None,
-) -> tuple[FloatArray, Clock | FloatArray, int]:
-    """Samples between two times, their clock or the stamps that make it, and the number of the first row."""
+) -> tuple[FloatArray, Clock, int]:
+    """Samples between two times, their clock, and the index of the first row."""
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
-    whole = _known_clock(log, track, settings)
+    whole = _find_clock(log, track, settings)
     if whole is not None:
         # half a sample of slack keeps times that are written with few digits from losing a sample
         first = 0 if start_s is None else max(0, int(np.ceil((low - whole.start_s) * whole.fs - 0.5)))
@@ -141,15 +141,19 @@ def _stretch(
             break
         row += keep.size
     samples = _join(log, parts, low, high)
-    return samples, np.concatenate(times), begun or 0
+    first = begun or 0
+    try:
+        return samples, uniform_clock(np.concatenate(times)), first
+    except ClockError as error:
+        raise InputError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
 
 
-def _known_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
-    """The clock of all rows where it is stated, or reconstructed (a part of the stamps would give another rate)."""
+def _find_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
+    """The clock of all rows where it is stated or reconstructed: some of the stamps would give another rate."""
     if settings.fs_hz:
-        return Clock(settings.fs_hz, track.start_s if track.fs else 0.0, settings.fs_hz, 0.0)
+        return Clock(settings.fs_hz, track.start_s if track.fs else 0.0, settings.fs_hz)
     if track.fs is not None:
-        return Clock(track.fs, track.start_s, track.fs, 0.0)
+        return Clock(track.fs, track.start_s, track.fs)
     if settings.clock != "reconstructed":
         return None
     stamps = [block.stamps for block in track.blocks([0]) if block.stamps is not None]
@@ -173,7 +177,7 @@ def _join(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatAr
     return np.concatenate(parts)
 
 
-def _rate_words(track: Track, settings: LogSettings, clock: Clock) -> str:
+def _describe_rate(track: Track, settings: LogSettings, clock: Clock) -> str:
     if settings.fs_hz:
         instead = f"the file states {track.fs:.9g} Hz" if track.fs else "time stamps are not looked at"
         return f"rate {clock.fs:.9g} Hz as the user states ({instead})"
@@ -182,7 +186,7 @@ def _rate_words(track: Track, settings: LogSettings, clock: Clock) -> str:
     if settings.clock == "reconstructed":
         return (
             f"rate {clock.fs:.9g} Hz reconstructed: the stamps lie up to {clock.stray_s:.3g} s off a uniform clock, "
-            "rows taken to be equally spaced"
+            "the rows are assumed to be equally spaced"
         )
     rate = f"rate {clock.fs:.9g} Hz from the time stamps"
     if abs(clock.fs / clock.fs_as_written - 1) > 1e-9:
@@ -190,7 +194,7 @@ def _rate_words(track: Track, settings: LogSettings, clock: Clock) -> str:
     return rate
 
 
-def _time(value: float | None, word: str) -> str:
+def _describe_time(value: float | None, word: str) -> str:
     return word if value is None else f"{value:g} s"
 
 
@@ -200,14 +204,16 @@ def _list_names(log: Log) -> str:
 
 
 def require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:
-    """Refuse `channels` that take one channel of a log twice.
+    """Raise an error if two of `channels` are the same channel of a log.
 
     Raises:
-        InputError: there is one, or a channel that the log does not have.
+        InputError: two are the same, or the log does not have one of them.
     """
     positions: dict[tuple[int, int], str] = {}
     for name, settings in channels.items():
         track, column = log.find(settings.channel)
         other = positions.setdefault((id(track), column), name)
         if other != name:
-            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")
+            raise InputError(
+                f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two channels"
+            )

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Units = str | Mapping[str, str] | None
 
-_SAME_RATE = 1e-5  # what two runs of a study may differ by
+_SAME_RATE = 1e-5  # the rates of two runs of a study may differ by as much
 _SEP5_NEEDED = ("data", "name", "unit_str")
 _SEP5_PROHIBITED = ("unit", "timestamp", "signal", "sample_frequency")
 _SEP5_OPTIONAL = ("fs", "time", "start_timestamp", "start_timestamp_format", "unit_tex")
@@ -39,13 +39,13 @@ def recording_from_frame(frame: pandas.DataFrame, *, units: Units = None) -> Rec
     """Return the recording of a DataFrame whose index is the time and whose columns are the channels.
 
     Args:
-        frame: with an index of seconds (or of another unit, in its name: `time [ms]`), a DatetimeIndex, which counts
-            from its first stamp, or a TimedeltaIndex. A column's unit stands in `units`, in its name
-            (`upper_z [m/s^2]`) or in `frame.attrs["units"]`, in this order.
+        frame: its index is a time in seconds (or in the unit in its name: `time [ms]`), a DatetimeIndex, which counts
+            from its first stamp, or a TimedeltaIndex. The unit of a column stands in `units`, in its name
+            (`upper_z [m/s^2]`) or in `frame.attrs["units"]`; the first of these counts.
         units: of all channels, or of each by its name.
 
     Raises:
-        InputError: an index that is no time or no uniform clock, a column without a known unit or without numbers.
+        InputError: an index that is no time or no uniform clock, or a column without a known unit or without numbers.
 
     >>> import pandas
     >>> frame = pandas.DataFrame({"upper_z [g]": [0.5, 1.0, 0.0]}, index=[0.0, 0.002, 0.004])
@@ -60,26 +60,26 @@ def recording_from_frame(frame: pandas.DataFrame, *, units: Units = None) -> Rec
         raise InputError("the index of the DataFrame is no time: give it one, like `frame.set_index('time [s]')`")
     if isinstance(index, pandas.DatetimeIndex | pandas.TimedeltaIndex):
         since = index - index[:1][0] if isinstance(index, pandas.DatetimeIndex) and len(index) else index
-        stamps = _seconds(since.to_numpy(), "s")
+        stamps = _as_seconds(since.to_numpy(), "s")
     else:
-        stamps = _seconds(index.to_numpy(), split_unit(str(index.name or ""))[1] or "s")
+        stamps = _as_seconds(index.to_numpy(), split_unit(str(index.name or ""))[1] or "s")
     stored = frame.attrs.get("units")
     columns = {}
     for name, values in frame.items():
         plain, bracketed = split_unit(str(name))
-        unit = _unit(units, (str(name), plain)) or bracketed or _unit(stored, (str(name), plain))
+        unit = _find_unit(units, (str(name), plain)) or bracketed or _find_unit(stored, (str(name), plain))
         if not pandas.api.types.is_numeric_dtype(values):
-            raise InputError(f"channel {plain!r} does not hold numbers only: leave it out")
-        columns[plain] = (_numbers(values.to_numpy(dtype=float, na_value=np.nan), plain), unit)
+            raise _no_numbers(plain)
+        columns[plain] = (_as_numbers(values.to_numpy(dtype=float, na_value=np.nan), plain), unit)
     require_distinct_names([split_unit(str(name))[0] for name in frame.columns])
-    return _recording(columns, stamps, frame.attrs, "a DataFrame")
+    return _make_recording(columns, stamps, frame.attrs, "a DataFrame")
 
 
 def frame_of(recording: Recording) -> pandas.DataFrame:
     """Return a recording as a DataFrame with the index `time [s]` and columns like `upper_z [m/s^2]`.
 
     Args:
-        recording: any; exact rate, start and history go into `attrs`.
+        recording: any; its exact rate, its start and its history are stored in `attrs`.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> frame = frame_of(recording_from_arrays([[1.0, 2.0]], ["upper_z"], fs=10.0))
@@ -94,7 +94,7 @@ def frame_of(recording: Recording) -> pandas.DataFrame:
         index=pandas.Index(recording.time_s, name="time [s]"),
         columns=[f"{channel.name} [{channel.unit}]" for channel in recording.channels],
     )
-    frame.attrs = _attributes(recording)
+    frame.attrs = _make_attributes(recording)
     return frame
 
 
@@ -105,10 +105,10 @@ def recording_from_xarray(array: xarray.DataArray | xarray.Dataset, *, units: Un
     """Return the recording of a DataArray (time, channel) or (time,), or of a Dataset of arrays (time,).
 
     Args:
-        array: with a coordinate `time`: seconds (or `attrs["units"]`), datetime64, which counts from its first stamp,
-            or timedelta64. A DataArray has its units in a coordinate `units` along `channel` or in `attrs["units"]`;
-            the variables of a Dataset each in their own.
-        units: of all channels, or of each by its name; before those of the array.
+        array: has a coordinate `time` in seconds (or in its `attrs["units"]`), in datetime64, which counts from its
+            first stamp, or in timedelta64. The units of a DataArray stand in a coordinate `units` along `channel` or in
+            `attrs["units"]`; those of a Dataset in the attributes of each variable.
+        units: of all channels, or of each by its name; they replace those of the array.
 
     Raises:
         InputError: dimensions other than these, no time, a time that is no uniform clock, or no known unit.
@@ -120,36 +120,41 @@ def recording_from_xarray(array: xarray.DataArray | xarray.Dataset, *, units: Un
             f"the array has no time: give it a coordinate `time` along a dimension `time`, not {array.dims}"
         )
     time = array.coords["time"]
-    stamps = _seconds(time.to_numpy(), str(time.attrs.get("units") or "s"))
-    columns: dict[str, tuple[FloatArray, str | None]] = {}
-    if isinstance(array, xarray.Dataset):
-        for key, variable in array.data_vars.items():
-            if variable.dims == ("time",):
-                name, bracketed = split_unit(str(key))
-                unit = _unit(units, (str(key), name)) or variable.attrs.get("units") or bracketed
-                columns[name] = (_numbers(variable.to_numpy(), name), unit)
-    else:
-        if set(array.dims) not in ({"time"}, {"time", "channel"}):
-            raise InputError(f"the array has dimensions {array.dims}: give time and channel")
-        whole = array if "channel" in array.dims else array.expand_dims(channel=[str(array.name or "channel_1")])
-        whole = whole.transpose("time", "channel")
-        keys = whole.coords["channel"].to_numpy() if "channel" in whole.coords else np.arange(1, whole.shape[1] + 1)
-        keys = [str(key) if isinstance(key, str) else f"channel_{key}" for key in keys.tolist()]
-        stored = next((whole.coords[key].to_numpy() for key in ("units", "unit") if key in whole.coords), None)
-        for number, key in enumerate(keys):
-            name, bracketed = split_unit(key)
-            own = _unit(whole.attrs.get("units"), (key, name)) if stored is None else str(np.ravel(stored)[number])
-            unit = _unit(units, (key, name)) or own or bracketed
-            columns[name] = (_numbers(whole.to_numpy()[:, number], name), unit)
-        require_distinct_names([split_unit(key)[0] for key in keys])
-    return _recording(columns, stamps, array.attrs, "an xarray")
+    stamps = _as_seconds(time.to_numpy(), str(time.attrs.get("units") or "s"))
+    if not isinstance(array, xarray.Dataset):
+        return _make_recording(_columns_of_array(array, units), stamps, array.attrs, "an xarray")
+    columns = {}
+    for key, variable in array.data_vars.items():
+        if variable.dims == ("time",):
+            name, bracketed = split_unit(str(key))
+            unit = _find_unit(units, (str(key), name)) or variable.attrs.get("units") or bracketed
+            columns[name] = (_as_numbers(variable.to_numpy(), name), unit)
+    return _make_recording(columns, stamps, array.attrs, "an xarray")
+
+
+def _columns_of_array(array: xarray.DataArray, units: Units) -> dict[str, tuple[FloatArray, str | None]]:
+    if set(array.dims) not in ({"time"}, {"time", "channel"}):
+        raise InputError(f"the array has dimensions {array.dims}: give time and channel")
+    whole = array if "channel" in array.dims else array.expand_dims(channel=[str(array.name or "channel_1")])
+    whole = whole.transpose("time", "channel")
+    keys = whole.coords["channel"].to_numpy() if "channel" in whole.coords else np.arange(1, whole.shape[1] + 1)
+    keys = [str(key) if isinstance(key, str) else f"channel_{key}" for key in keys.tolist()]
+    require_distinct_names([split_unit(key)[0] for key in keys])
+    stored = next((whole.coords[key].to_numpy() for key in ("units", "unit") if key in whole.coords), None)
+    columns = {}
+    for number, key in enumerate(keys):
+        name, bracketed = split_unit(key)
+        own = _find_unit(whole.attrs.get("units"), (key, name)) if stored is None else str(np.ravel(stored)[number])
+        unit = _find_unit(units, (key, name)) or own or bracketed
+        columns[name] = (_as_numbers(whole.to_numpy()[:, number], name), unit)
+    return columns
 
 
 def xarray_of(recording: Recording) -> xarray.DataArray:
     """Return a recording as a DataArray (time, channel), its units a coordinate along `channel`.
 
     Args:
-        recording: any; exact rate, start and history go into `attrs`.
+        recording: any; its exact rate, its start and its history are stored in `attrs`.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> array = xarray_of(recording_from_arrays([[1.0, 2.0]], ["upper_z"], fs=10.0))
@@ -168,7 +173,7 @@ def xarray_of(recording: Recording) -> xarray.DataArray:
             "channel": list(recording.names),
             "units": ("channel", units),
         },
-        attrs=_attributes(recording),
+        attrs=_make_attributes(recording),
     )
 
 
@@ -181,11 +186,11 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
     Args:
         channels: one dictionary a channel, with `data` (n,), `name`, `unit_str` and `fs`, Hz, or `time` (n,), s; where
             both are given they must agree.
-        units: of all channels, or of each by its name; before theirs.
+        units: of all channels, or of each by its name; they replace those of the dictionaries.
 
     Raises:
-        InputError: a key that SEP 5 asks for is missing or misspelt, channels that began at different times of day, a
-            time that is no uniform clock, or not that of `fs`, or no known unit.
+        InputError: a missing or misspelt key, channels that began at different times of day, a time that is no uniform
+            clock or contradicts `fs`, or no known unit.
 
     >>> data = np.array([0.5, 1.0, 0.0])
     >>> run = recording_from_sep005([{"name": "upper_z", "unit_str": "g", "fs": 500, "data": data}])
@@ -203,28 +208,25 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
         raise InputError(f"the channels began at {len(starts)} different times of day: cut them to a common start")
     parts = []
     for name, channel in zip(names, channels, strict=True):
-        unit = _unit(units, (name,)) or channel["unit_str"] or None
-        data = _numbers(channel["data"], name)
-        if channel.get("fs") is not None:
-            start_s = 0.0
-            if channel.get("time") is not None:
-                start_s = _require_same_clock(name, channel, data.size)
-            attributes = {"fs": float(channel["fs"]), "start_s": float(channel.get("start_s", start_s))}
-            parts.append(_recording({name: (data, unit)}, None, attributes, "SEP 5"))
-        else:
-            stamps = _seconds(np.asarray(channel["time"]), "s")
-            parts.append(_recording({name: (data, unit)}, stamps, {}, "SEP 5"))
+        column = {name: (_as_numbers(channel["data"], name), _find_unit(units, (name,)) or channel["unit_str"] or None)}
+        stamps = None if channel.get("time") is None else _as_seconds(np.asarray(channel["time"]), "s")
+        if channel.get("fs") is None:
+            parts.append(_make_recording(column, stamps, {}, "SEP 5"))
+            continue
+        start_s = 0.0 if stamps is None else _require_same_clock(name, channel, column[name][0].size, stamps)
+        attributes = {"fs": float(channel["fs"]), "start_s": float(channel.get("start_s", start_s))}
+        parts.append(_make_recording(column, None, attributes, "SEP 5"))
+    merged = on_common_clock(parts)
     began = next(iter(starts))
-    return _merge(parts, () if began is None else (f"began {began}",))
+    return merged if began is None else replace(merged, history=(f"began {began}", *merged.history))
 
 
-def _require_same_clock(name: str, channel: Mapping[str, Any], n: int) -> float:
-    """Refuse a time that is not that of the stated rate; return the first one, s."""
+def _require_same_clock(name: str, channel: Mapping[str, Any], n: int, stamps: FloatArray) -> float:
+    """Raise an error unless the n stamps have the stated rate; return the first one, s."""
     stated = require_rate(float(channel["fs"]), where=f"channel {name!r}")
-    stamps = _seconds(np.asarray(channel["time"]), "s")
     if stamps.shape != (n,):
         raise InputError(f"channel {name!r} has {n} samples, the time {stamps.size}: give as many")
-    fs, start_s = _clock(stamps, {})
+    fs, start_s = _find_clock(stamps, {})
     # rounded stamps do not determine the rate better than this
     rounding_s = resolution_of(stamps) if np.ptp(np.diff(stamps)) * fs > 1e-6 else 0.0
     if abs(fs / stated - 1) > _SAME_RATE + rounding_s / (stamps[-1] - stamps[0]):
@@ -274,16 +276,16 @@ def _require_sep5(channel: object, number: int) -> None:
         raise InputError(f"channel {number} has neither `fs` nor `time`: SEP 5 asks for one of them")
 
 
-# ---- what they share -----------------------------------------------------------------------------
+# ---- shared by all -------------------------------------------------------------------------------
 
 
-def _attributes(recording: Recording) -> dict[str, Any]:
+def _make_attributes(recording: Recording) -> dict[str, Any]:
     start_s = float(recording.start_s)
     return {"fs": recording.fs, "start_s": start_s, "history": list(recording.history)}
 
 
-def _unit(units: object, names: Sequence[str]) -> str | None:
-    """The unit of a channel that goes by several names."""
+def _find_unit(units: object, names: Sequence[str]) -> str | None:
+    """The unit of a channel that has several names."""
     if units is None or isinstance(units, str):
         return units or None
     if isinstance(units, Mapping):
@@ -291,18 +293,22 @@ def _unit(units: object, names: Sequence[str]) -> str | None:
     return None
 
 
-def _numbers(values: ArrayLike, name: str) -> FloatArray:
+def _no_numbers(name: str) -> InputError:
+    return InputError(f"channel {name!r} does not hold numbers only: leave it out")
+
+
+def _as_numbers(values: ArrayLike, name: str) -> FloatArray:
     try:
         numbers = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"channel {name!r} does not hold numbers only: leave it out") from None
+        raise _no_numbers(name) from None
     if numbers.ndim != 1:
         raise InputError(f"channel {name!r} has shape {numbers.shape}: give one array (n_samples,) a channel")
     return numbers
 
 
-def _seconds(stamps: np.ndarray, unit: str) -> FloatArray:
-    """Stamps in seconds; those with a date count from the first."""
+def _as_seconds(stamps: np.ndarray, unit: str) -> FloatArray:
+    """Stamps in seconds; dates count from the first one."""
     if stamps.dtype.kind == "M":
         stamps = stamps - stamps[:1]
     if stamps.dtype.kind == "m":
@@ -312,13 +318,13 @@ def _seconds(stamps: np.ndarray, unit: str) -> FloatArray:
     return stamps.astype(np.float64) * seconds_per_unit(unit, where="the time")
 
 
-def _recording(
+def _make_recording(
     columns: Mapping[str, tuple[FloatArray, str | None]],
     stamps: FloatArray | None,
     attributes: Mapping[Any, Any],
     source: str,
 ) -> Recording:
-    """Columns with their units, on the clock of the stamps, exactly as `attributes` state it where they agree."""
+    """The recording of some columns; where `attributes` agree with the stamps, they state its clock exactly."""
     if not columns:
         raise InputError(f"{source} holds no channels: give one or more")
     converted, channels, words = [], [], []
@@ -334,13 +340,13 @@ def _recording(
         converted.append(values * factor)
         channels.append(Channel(name, si))
         words += [f"{name}: {unit} -> {si}, times {factor:.9g}"] * (factor != 1)
-    fs, start_s = _clock(stamps, attributes)
+    fs, start_s = _find_clock(stamps, attributes)
     stored = attributes.get("history")
     history = tuple(map(str, stored)) if isinstance(stored, list | tuple) else (f"from {source}",)
     return Recording(np.stack(converted, axis=1), fs, tuple(channels), start_s, (*history, *words))
 
 
-def _clock(stamps: FloatArray | None, attributes: Mapping[Any, Any]) -> tuple[float, float]:
+def _find_clock(stamps: FloatArray | None, attributes: Mapping[Any, Any]) -> tuple[float, float]:
     stated, start_s = attributes.get("fs"), attributes.get("start_s", 0.0)
     if stamps is None:
         return require_rate(float(attributes["fs"]), where="the channel"), float(start_s)
@@ -350,23 +356,8 @@ def _clock(stamps: FloatArray | None, attributes: Mapping[Any, Any]) -> tuple[fl
         clock = uniform_clock(stamps)
     except ClockError as error:
         raise InputError(f"sample {error.sample + 1}: {error}") from error
-    # attributes outlive a slice or a decimation of what they were stated of
+    # a slice or a decimation keeps the attributes of the whole
     if isinstance(stated, float | int) and stated > 0 and abs(clock.fs / stated - 1) < 1e-9:
         same = isinstance(start_s, float | int) and abs(clock.start_s - start_s) < 1e-6 / stated
         return float(stated), float(start_s) if same else clock.start_s
     return clock.fs, clock.start_s
-
-
-def _merge(parts: Sequence[Recording], words: tuple[str, ...]) -> Recording:
-    """Channels of one clock side by side; of several on a common one."""
-    clocks = {(part.fs, part.start_s, part.n_samples) for part in parts}
-    if len(clocks) > 1:
-        merged = on_common_clock(parts, order=tuple(name for part in parts for name in part.names), fs_hz=None)
-        return replace(merged, history=(*words, *merged.history))
-    return Recording(
-        np.concatenate([part.samples for part in parts], axis=1),
-        parts[0].fs,
-        tuple(channel for part in parts for channel in part.channels),
-        parts[0].start_s,
-        tuple(dict.fromkeys([*words, *(line for part in parts for line in part.history)])),
-    )

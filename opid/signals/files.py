@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, one or several together, in directories that are made when needed."""
+"""Write files whole or not at all, one or several together, into directories that are made when needed."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from opid.errors import InputError
 
 
 def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
-    """Return the hint for a path that does not exist: what has a like name beside it, or what to check.
+    """Return a hint for a path that does not exist: a similar name in its directory, or what to check.
 
     Args:
-        path: of the file that was wanted.
-        endings: of the files that may be meant; of any file or directory where left out.
+        path: of the file that does not exist.
+        endings: of the files that may be suggested; any file or directory where left out.
     """
     if not path.parent.is_dir():
         return f", nor a directory {path.parent}: check the path"
@@ -33,8 +33,8 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
 def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Open a file that appears under its name only when the block has ended without an error.
 
-    The text goes to a temporary name in the same directory and is moved over `path` at the end; after a
-    failure the temporary file is gone and an older file at `path` is what it was.
+    The content is written under a temporary name in the same directory and moved to `path` at the end. After a failure
+    the temporary file is deleted, and an older file at `path` is unchanged.
 
     Args:
         path: the file to write; its directory must exist.
@@ -63,7 +63,7 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
             yield file
         os.replace(temporary, target)
     except OSError as error:
-        # an error that names another file is the caller's own; a failed write (a full disk) names none
+        # an error that names another file comes from the caller; a failed write (a full disk) names no file
         if error.filename not in (None, str(temporary), temporary):
             raise
         raise InputError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
@@ -73,9 +73,9 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
 
 
 def require_directory(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a directory that is there or can be made, without making it.
+    """Return the path of a directory that exists or can be made, without making it.
 
-    It is called before long work, so that a mistyped path does not cost that work.
+    It is called before long work, so that a mistyped path does not waste that work.
 
     Raises:
         InputError: a file stands in the way, or the directory is not writable.
@@ -93,7 +93,7 @@ def require_directory(path: str | os.PathLike[str]) -> Path:
 
 
 def make_directory(path: str | os.PathLike[str]) -> Path:
-    """Make the directory `path`, and those above it, unless it is there.
+    """Make the directory `path`, and those above it, unless it exists.
 
     Raises:
         InputError: as `require_directory`.
@@ -110,7 +110,7 @@ def write_together(directory: str | os.PathLike[str], contents: Mapping[str, byt
     """Write several files so that either all of them appear or none; other files in the directory stay.
 
     Args:
-        directory: made if it is not there, and taken away again after a failure.
+        directory: made if it does not exist, and then deleted again after a failure.
         contents: bytes by the name of the file.
 
     Raises:

@@ -1,11 +1,12 @@
-"""What a file holds before any of it is believed: channels that share a clock, read block by block.
+"""A log as its file holds it, read block by block, and the user's settings for reading it.
 
-A log may be longer than memory, may have gaps and missing values, channels of several rates, units that nobody stated.
+A log may be longer than memory, have gaps and missing values, channels of several rates, and units that nobody stated.
 `opid.signals.conversion` makes a `Recording` (in memory, uniform, finite, SI) of a part of it.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -13,16 +14,18 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
+from opid.signals.column_names import RATE_RANGE_HZ
 from opid.signals.recording import FloatArray, Recording
+from opid.signals.units import to_si
 
 BLOCK_VALUES = 1 << 20
-"""Values that are read at a time: 8 MiB as float64, small beside any memory and large beside the cost of a call."""
+"""Values that are read at a time: 8 MiB as float64, little memory but long to read beside the cost of a call."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class LoggedChannel:
     Args:
         name: of the channel.
         unit: as it is written; None where the file states none.
-        is_clock: whether it runs with the time and is no signal; it is read where it is named.
+        is_clock: whether it runs with the time and is no signal; it is only read where the user names it.
     """
 
     name: str
@@ -53,7 +56,7 @@ class Block:
     stamps: FloatArray | None = None
 
 
-# (columns, first row, end or None for the last row) -> blocks of about `BLOCK_VALUES` values, one after the other
+# (columns, first row, row after the last one or None for all) -> consecutive blocks of about `BLOCK_VALUES` values
 Rows = Callable[[Sequence[int], int, int | None], Iterator[Block]]
 
 
@@ -63,12 +66,12 @@ class Track:
 
     Args:
         channels: in the order of the columns.
-        rows: gives the blocks of some columns from one row to another.
+        rows: yields the blocks of some columns from one row to another.
         fs: rate that the file states, Hz; None where each row has a time stamp.
         start_s: time of the first row where there are no stamps, s.
         n_samples: number of rows; None where only reading shows it.
         name: distinguishes the tracks of a log; empty where there is but one.
-        locate: row -> where it stands in the file, for messages: "line 7".
+        locate: row -> its position in the file, for messages: "line 7".
     """
 
     channels: tuple[LoggedChannel, ...]
@@ -97,12 +100,12 @@ class Log:
 
     Args:
         path: of the file; a name in brackets where there is none.
-        format: what it is called.
+        format: its usual name.
         tracks: one for each clock.
-        zero: the moment at which its times are zero, where the file states it: logs of several recorders are put on one
-            time axis by it. Without a zone it is what the recorder's clock showed.
-        history: what the file says was done to its samples before it was written.
-        remarks: how it is read beside what it states, where that was found out: for `inspect` and the history.
+        zero: the moment at which its times are zero, where the file states it; it puts logs of several recorders on one
+            time axis. Without a time zone it is what the recorder's clock showed.
+        history: what was done to the samples before the file was written, as the file says.
+        remarks: what was found out about how to read the file, for `inspect` and the history.
     """
 
     path: Path
@@ -114,12 +117,12 @@ class Log:
 
     @cached_property
     def files(self) -> tuple[ReadFile, ...]:
-        """The file with the hash of what it holds; nothing where the log was made of a recording."""
+        """The file with the hash of its content; empty where the log was made from a recording."""
         return (read_file(self.path),) if self.path.is_file() else ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each channel, track by track: "track/channel" where a name stands twice."""
+        """Name of each channel, track by track; "track/channel" where two channels have one name."""
         plain = [channel.name for track in self.tracks for channel in track.channels]
         full = [_full(track, channel) for track in self.tracks for channel in track.channels]
         times = Counter(plain)
@@ -127,7 +130,7 @@ class Log:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Those of the `names` that are no clock."""
+        """The `names` of the channels that are no clocks."""
         channels = [channel for track in self.tracks for channel in track.channels]
         return tuple(name for name, channel in zip(self.names, channels, strict=True) if not channel.is_clock)
 
@@ -145,15 +148,14 @@ class Log:
             if not 1 <= channel <= len(columns):
                 raise InputError(f"there is no channel number {channel} in {self.path}: it has {len(columns)}")
             return columns[channel - 1]
-        names = [_full(track, track.channels[column]) for track, column in columns]
-        plain = [track.channels[column].name for track, column in columns]
-        found = [i for i in range(len(columns)) if channel in (names[i], plain[i])]
+        full = {place: _full(place[0], place[0].channels[place[1]]) for place in columns}
+        found = [(track, i) for track, i in columns if channel in (full[track, i], track.channels[i].name)]
         if not found:
             raise InputError(f"there is no channel {channel!r} in {self.path}: {nearest(channel, self.names)}")
         if len(found) > 1:
-            several = ", ".join(repr(names[i]) for i in found)
+            several = ", ".join(repr(full[place]) for place in found)
             raise InputError(f"{len(found)} channels of {self.path} are called {channel!r}: write one of {several}")
-        return columns[found[0]]
+        return found[0]
 
 
 def rows_in_steps(
@@ -163,10 +165,17 @@ def rows_in_steps(
     *,
     width: int | None = None,
 ) -> Rows:
-    """Return the rows of what can be read from any row on.
+    """Return the rows of a source that can be read from any row on.
+
+    Args:
+        n: number of rows.
+        read: (source, columns, first row, row after the last one) -> the values of each column, and the stamps, s, or
+            None.
+        open_file: opens the source.
+        width: number of columns that are read at a time; that of the chosen ones where left out.
 
     Raises:
-        ValueError: a column ends before its last row.
+        ValueError: a column ends before row n.
     """
 
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
@@ -188,7 +197,7 @@ def rows_in_steps(
 
 
 def rows_of_array(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
-    """Return the rows of an array, in memory or mapped to it: only what is asked for is converted to float64.
+    """Return the rows of an array, in memory or mapped to it; only the requested part is converted to float64.
 
     Args:
         samples: (n, n_channels) of any type of number.
@@ -207,7 +216,7 @@ def rows_of_array(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows
 
 
 def rows_from_start(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Rows:
-    """Return the rows of what can only be read from its beginning."""
+    """Return the rows of a source that can only be read from its beginning."""
 
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         first = 0
@@ -225,12 +234,12 @@ def rows_from_start(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> R
 
 
 def rows_at_once(n_columns: int) -> int:
-    """Return how many rows of so many columns make a block."""
+    """Return the number of rows of a block of n columns."""
     return max(1024, BLOCK_VALUES // max(n_columns, 1))
 
 
 def make_distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ...]:
-    """Return names that differ, for files that use one twice: the second "a" becomes "a (2)".
+    """Return names of which no two are equal: the second "a" becomes "a (2)".
 
     >>> make_distinct(["a", "b", "a", ""])
     ('a', 'b', 'a (2)', 'channel')
@@ -247,7 +256,7 @@ def make_distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[st
 
 
 def log_of_recording(recording: Recording) -> Log:
-    """Return a recording as the log that it would be."""
+    """Return a log that holds a recording."""
     channels = tuple(LoggedChannel(channel.name, channel.unit) for channel in recording.channels)
     n = recording.n_samples
     track = Track(channels, rows_of_array(recording.samples), recording.fs, recording.start_s, n)
@@ -256,3 +265,147 @@ def log_of_recording(recording: Recording) -> Log:
 
 def _full(track: Track, channel: LoggedChannel) -> str:
     return f"{track.name}/{channel.name}" if track.name else channel.name
+
+
+# ---- settings of the user --------------------------------------------------------------------------
+
+CLOCKS = ("stamps", "reconstructed")
+
+
+@dataclass(frozen=True)
+class LogSettings:
+    """How to read a log: the table `[log]` of a study file.
+
+    Args:
+        names: of all columns of a text, the time among them, in place of its header.
+        time: name or number (from 1) of the column with the time stamps; found by its name where left out.
+        time_unit: of the stamps, where the file states none or a wrong one.
+        clock: "stamps": the stamps must be those of a uniform clock, apart from their rounding; "reconstructed": rows
+            are assumed to be equally spaced, and stamps that come in bursts (a host empties a buffer) only give the
+            rate.
+        fs_hz: the rate, Hz; the stamps are then ignored.
+        unit: of every channel for which the file states none.
+        full_scale: the value at a WAV file's full scale, in the unit.
+        delimiter: between the columns of a text; found where left out.
+        decimal: "." or ","; found where left out.
+        encoding: of a text; found where left out.
+        skip_lines: lines of a text before its header, or before its numbers if `names` is given.
+
+    Raises:
+        InputError: an impossible value.
+    """
+
+    names: tuple[str, ...] = ()
+    time: str | int | None = None
+    time_unit: str | None = None
+    clock: Literal["stamps", "reconstructed"] = "stamps"
+    fs_hz: float | None = None
+    unit: str | None = None
+    full_scale: float | None = None
+    delimiter: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    skip_lines: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        for name in self.names:
+            if not isinstance(name, str) or not name:
+                raise InputError(f"names holds {name!r}: give the name of each column as text")
+        if self.clock not in CLOCKS:
+            raise InputError(f"clock is {self.clock!r}: give one of {', '.join(map(repr, CLOCKS))}")
+        if self.full_scale is not None and not (math.isfinite(self.full_scale) and self.full_scale > 0):
+            raise InputError(f"full_scale is {self.full_scale}: give a positive number")
+        if self.fs_hz is not None and not RATE_RANGE_HZ[0] <= self.fs_hz <= RATE_RANGE_HZ[1]:
+            raise InputError(f"fs_hz is {self.fs_hz:g}: give a rate in Hz that a recorder can have")
+        if self.decimal not in (None, ".", ","):
+            raise InputError(f"decimal is {self.decimal!r}: give '.' or ','")
+        if self.skip_lines is not None and self.skip_lines < 0:
+            raise InputError(f"skip_lines is {self.skip_lines}: give 0 or more")
+        for unit, needed in ((self.unit, None), (self.time_unit, "s")):
+            if unit is not None and to_si(unit)[1] != (needed or to_si(unit)[1]):
+                raise InputError(f"time_unit is {unit!r}: give a unit of time")
+
+
+AS_WRITTEN = LogSettings()
+"""The user says nothing; the file says everything."""
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """Where one channel is found, and what its values mean: `value in unit = sign (scale written + offset)`.
+
+    Args:
+        channel: its name in the log, or its number there, counted from 1.
+        file: that holds it, where that is not the log of the run.
+        unit: of the value; the one that the file states where left out.
+        scale: of the values as they are written.
+        offset: added to the scaled values, in `unit`.
+        sign: 1, or -1 for a sensor that was mounted upside down.
+        shift_s: added to the times of its file, whose clock began at another moment, s.
+
+    Raises:
+        InputError: an impossible value.
+
+    >>> import numpy as np
+    >>> settings = ChannelSettings("az", unit="g", scale=16 / 32767, sign=-1)
+    >>> settings.to_si(np.array([32767.0]), None)
+    (array([-156.9064]), 'm/s^2')
+    """
+
+    channel: str | int
+    file: str | None = None
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    sign: int = 1
+    shift_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.scale) and self.scale != 0):
+            raise InputError(f"scale is {self.scale}: give a finite number other than 0")
+        for name in ("offset", "shift_s"):
+            if not math.isfinite(getattr(self, name)):
+                raise InputError(f"{name} is {getattr(self, name)}: give a finite number")
+        if self.sign not in (1, -1):
+            raise InputError(f"sign is {self.sign}: give 1 or -1")
+        if self.unit is not None:
+            to_si(self.unit)
+
+    def to_si(self, samples: FloatArray, written_unit: str | None) -> tuple[FloatArray, str]:
+        """Return values in SI, and the name of their unit.
+
+        Args:
+            samples: (n,) as written.
+            written_unit: the one that the file states.
+
+        Raises:
+            InputError: no unit is stated, or an unknown one.
+        """
+        unit = self.unit or written_unit
+        if unit is None:
+            raise InputError(
+                f"channel {self.channel!r} states no unit: write it in the log's header, like `{self.channel} [g]`, or "
+                "give `unit` in its table of [channels] in a study file, or in [log] for all"
+            )
+        factor, name = to_si(unit)
+        if (self.scale, self.offset, self.sign) == (1.0, 0.0, 1):
+            return samples * factor, name
+        return self.sign * (self.scale * samples + self.offset) * factor, name
+
+    def words(self, written_unit: str | None, unit_of_all: str | None = None) -> str | None:
+        """Return a line of the history that says what is done to the values; None where nothing is.
+
+        Args:
+            written_unit: the one that the file states.
+            unit_of_all: of every channel for which the file states none.
+        """
+        unit = self.unit or written_unit or unit_of_all
+        if unit is None:
+            return None
+        factor, name = to_si(unit)
+        parts = [f"times {self.scale:.9g}"] * (self.scale != 1)
+        parts += [f"plus {self.offset:.9g} {unit}"] * (self.offset != 0) + ["sign reversed"] * (self.sign < 0)
+        parts += [f"{unit} -> {name}, times {factor:.9g}"] * (factor != 1)
+        parts += [f"the file states {written_unit}"] * (self.unit is not None and written_unit not in (None, self.unit))
+        return f"{self.channel}: {', '.join(parts)}" if parts else None

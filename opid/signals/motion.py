@@ -35,7 +35,7 @@ class Motion:
         fs: sampling rate, Hz.
         method: how they were integrated.
         high_pass_hz: corner below which nothing is kept, Hz; 0 for `mean_removed`.
-        settle_s: time at each end in which the filter has not settled, s.
+        settle_s: time at each end of the run in which the filter has not settled, s.
     """
 
     acceleration: FloatArray
@@ -100,10 +100,10 @@ def integrate(
 
 
 def differentiate(samples: ArrayLike, *, fs: float) -> FloatArray:
-    """Return the time derivative of a signal, exact for all below half of the rate.
+    """Return the time derivative of a signal, exact for all frequencies below half of the rate.
 
-    The straight line through both ends is taken off, what is left is a sine series over the record, and its derivative
-    a cosine series.
+    The signal minus the straight line through both ends is a sine series over the record, whose derivative is a cosine
+    series.
 
     Args:
         samples: (n,) two or more.
@@ -119,7 +119,7 @@ def differentiate(samples: ArrayLike, *, fs: float) -> FloatArray:
     left = values - values[0] - slope * np.arange(n)
     odd = np.concatenate([left, -left[-2:0:-1]])
     omega = 2j * np.pi * np.fft.rfftfreq(odd.size)
-    omega[-1] = 0.0  # the sign of what stands at half of the rate is not known
+    omega[-1] = 0.0  # at half of the rate the phase is not known
     return np.asarray(np.fft.irfft(np.fft.rfft(odd) * omega, odd.size)[:n] + slope) * fs
 
 
@@ -155,9 +155,9 @@ def relative_motion(
 
 
 def filter_like(samples: ArrayLike, motion: Motion) -> FloatArray:
-    """Return `samples` through the filter that `motion.acceleration` went through.
+    """Return `samples` filtered as `motion.acceleration` was.
 
-    A linear equation between signals survives only if every one of them is filtered alike.
+    A linear equation between signals still holds after filtering only if all of them go through the same filter.
 
     >>> t = np.arange(20 * 256) / 256.0
     >>> motion = integrate(np.sin(t), fs=256.0)
@@ -184,7 +184,7 @@ def _integrate_mean_removed(samples: FloatArray, *, fs: float) -> Motion:
 def _integrate_spectral(samples: FloatArray, *, fs: float, high_pass_hz: float) -> Motion:
     from scipy import fft
 
-    # a mirrored margin at each end: the transform takes the run for periodic, the mirror leaves no step
+    # the transform assumes a periodic run: a mirrored margin at each end avoids a step
     margin = min(samples.size - 1, round(4 * fs / high_pass_hz / 3))
     centred = samples - samples.mean()
     extended = np.concatenate([centred[margin:0:-1], centred, centred[-2 : -margin - 2 : -1]])
@@ -211,7 +211,7 @@ def _integrate_zero_phase(samples: FloatArray, *, fs: float, high_pass_hz: float
     def high_pass(values: FloatArray) -> FloatArray:
         return signal.sosfiltfilt(sections, values, padlen=padding)
 
-    # three passes in all for each signal: one before each integration, one after, so that all are filtered alike
+    # each signal goes through three passes, before, between and after the integrations, so that all are filtered alike
     once = high_pass(samples)
     twice = high_pass(once)
     velocity = high_pass(cumulative_trapezoid(once, dx=1 / fs, initial=0))

@@ -32,11 +32,11 @@ class Recording:
         channels: one `Channel` a column.
         start_s: time of the first sample, s.
         history: what was done to the samples since they were read, in order.
-        files: that the samples were read from, and those that say what they mean (the study, say).
+        files: that the samples were read from, and those that say what the samples mean (a study, for example).
 
     Raises:
-        InputError: fewer than two samples, a column count that does not match the channels,
-            a value that is not finite, a rate that is not positive, or a repeated name.
+        InputError: fewer than two samples, other than one column for each channel, a value that is not finite, a rate
+            that is not positive, or a repeated name.
 
     >>> import numpy as np
     >>> run = Recording(np.zeros((100, 1)), fs=50.0, channels=(Channel("upper_z", "m/s^2"),))
@@ -99,7 +99,7 @@ class Recording:
         return tuple(channel.name for channel in self.channels)
 
     def index(self, name: str) -> int:
-        """Column of the channel called `name`; InputError names the nearest one."""
+        """Column of the channel called `name`; raises InputError, which suggests the nearest name."""
         if name not in self.names:
             raise InputError(f"there is no channel {name!r} in this log: {nearest(name, self.names)}")
         return self.names.index(name)
@@ -144,7 +144,7 @@ class Recording:
 
 
 def require_distinct_names(names: Sequence[str]) -> None:
-    """Refuse a channel name that stands more than once."""
+    """Raise an error if two channels have one name."""
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"the channel name {twice!r} stands {names.count(twice)} times: rename one")

@@ -1,4 +1,4 @@
-"""One clock for channels of several: what a lower rate cannot hold is taken out first, nothing is shifted in time."""
+"""Channels of several clocks on one: frequencies above a lower rate are filtered out first, nothing is delayed."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray, Recording
 
 PASS, STOP = 0.4, 0.5
-"""Of the lower rate: what is kept whole, and from where nothing is left (of 0.5 and more, the Nyquist frequency)."""
+"""Frequencies over the lower rate: up to the first all is kept, from the second (the Nyquist frequency) on nothing."""
 
 STOP_DB = 80.0
-"""What the filter leaves of what would fold back: 1 part in 10^4, below the noise of any accelerometer."""
+"""Attenuation of what would be aliased: to 1 part in 10^4, below the noise of any accelerometer."""
 
 SPLINE_FRACTION = 0.12
-"""A quintic spline through samples of at least eight a period is right to 1 part in 10^4; else they are made finer."""
+"""A quintic spline is exact to 1 part in 10^4 up to this fraction of the rate; samples of more are made finer first."""
 
 HALF_WIDTH = 48
-"""Samples on either side from which a value in between is made: exact up to 0.45 of the rate."""
+"""Samples on either side from which a value in between is computed: exact up to 0.45 of the rate."""
 
-_SAME = 1e-6
+_SAME = 1e-6  # rounding of positions in samples, and of ratios of rates
 
 
 def resampled(
@@ -61,7 +61,7 @@ def resampled(
     if fs_hz < recording.fs * (1 - _SAME):
         samples, limit = _low_pass(samples, fs_hz / recording.fs), STOP * fs_hz / recording.fs
     return Recording(
-        _at(samples, np.clip(position, 0, last), limit),
+        _interpolate(samples, np.clip(position, 0, last), limit),
         fs=fs_hz,
         channels=recording.channels,
         start_s=begin,
@@ -90,7 +90,7 @@ def on_common_clock(
     if n < 2:
         spans = ", ".join(f"{each.start_s:g} to {each.time_s[-1]:g} s" for each in recordings)
         raise InputError(f"the channels share no time ({spans}): check the recorders' clocks")
-    same = [_fits(each, fs, begin) for each in recordings]
+    same = [_is_on_clock(each, fs, begin) for each in recordings]
     parts = [
         each.samples[round((begin - each.start_s) * fs) :][:n]
         if fits
@@ -116,30 +116,33 @@ def on_common_clock(
     )
 
 
-def _fits(recording: Recording, fs: float, begin: float) -> bool:
-    """Whether its samples lie on the common clock already, but for a thousandth of a sample."""
+def _is_on_clock(recording: Recording, fs: float, begin: float) -> bool:
+    """Whether its samples already lie on the common clock, to a thousandth of a sample."""
     position = (begin - recording.start_s) * recording.fs
     drift = abs(recording.fs / fs - 1) * recording.n_samples
     return abs(position - round(position)) + drift < 1e-3
 
 
 def _low_pass(samples: FloatArray, ratio: float) -> FloatArray:
-    """Without what the lower rate, `ratio` of the old one, cannot hold; without delay."""
+    """The samples without frequencies above half of the lower rate, `ratio` of the old one; without delay."""
     from scipy import signal
 
     n_taps, beta = signal.kaiserord(STOP_DB, 2 * (STOP - PASS) * ratio)
     taps = signal.firwin(n_taps | 1, (PASS + STOP) * ratio, window=("kaiser", beta))
     half = min(taps.size // 2, samples.shape[0] - 1)
-    # beyond its ends the record is taken to go on as its mirror image through the first and the last sample
-    before = 2 * samples[:1] - samples[half:0:-1]
-    after = 2 * samples[-1:] - samples[-2 : -half - 2 : -1]
-    extended = np.concatenate([before, samples, after])
-    filtered = signal.oaconvolve(extended, taps[:, np.newaxis], mode="same", axes=0)
+    filtered = signal.oaconvolve(_extend(samples, half), taps[:, np.newaxis], mode="same", axes=0)
     return filtered[half : half + samples.shape[0]]
 
 
-def _at(samples: FloatArray, position: FloatArray, limit: float) -> FloatArray:
-    """Values between samples, `position` in samples, of signals that hold nothing above `limit` of their rate."""
+def _extend(samples: FloatArray, n: int) -> FloatArray:
+    """The samples, continued at both ends by n samples of their mirror image through the first and the last one."""
+    before = 2 * samples[:1] - samples[n:0:-1]
+    after = 2 * samples[-1:] - samples[-2 : -n - 2 : -1]
+    return np.concatenate([before, samples, after])
+
+
+def _interpolate(samples: FloatArray, position: FloatArray, limit: float) -> FloatArray:
+    """Values at positions between samples of signals without frequencies above `limit` times their rate."""
     from scipy import interpolate, signal
 
     nearest = np.round(position)
@@ -147,10 +150,8 @@ def _at(samples: FloatArray, position: FloatArray, limit: float) -> FloatArray:
         return samples[nearest.astype(np.int64)]
     finer = int(np.ceil(limit / SPLINE_FRACTION))
     if finer > 1:
-        # mirror images beyond the ends keep the filter of the finer rate from starting with zeros
         edge = min(HALF_WIDTH, samples.shape[0] - 1)
         taps = signal.firwin(2 * HALF_WIDTH * finer + 1, 1 / finer, window=("kaiser", signal.kaiser_beta(STOP_DB)))
-        before, after = 2 * samples[:1] - samples[edge:0:-1], 2 * samples[-1:] - samples[-2 : -edge - 2 : -1]
-        samples = signal.resample_poly(np.concatenate([before, samples, after]), finer, 1, axis=0, window=taps)
+        samples = signal.resample_poly(_extend(samples, edge), finer, 1, axis=0, window=taps)
         position = (position + edge) * finer
     return interpolate.make_interp_spline(np.arange(samples.shape[0]), samples, k=5)(position)

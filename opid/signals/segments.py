@@ -1,4 +1,4 @@
-"""Which stretch of a log is sound and in motion: what to identify from."""
+"""Which stretch of a log is sound and in motion, so that an identification can use it."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class SegmentSettings:
         most_s: length of a stretch beyond which an identification gains little: some hundred periods of the slowest
             resonance, s.
         least_s: length of a stretch below which it has too few periods of the suspension's resonance, s.
-        still: fraction of the usual motion below which a vehicle stands: 34 dB.
-        idle: likewise where the rms is steady, as of an engine that idles. A vehicle that rolls slowly to its end may
-            be as quiet, but from bump to bump its rms halves or doubles.
+        still: a vehicle whose rms is below this fraction of its usual motion stands still: 34 dB.
+        idle: the same where the rms is steady, as with an engine that idles. A vehicle that rolls out slowly may be as
+            quiet, but its rms halves or doubles from bump to bump.
         idle_scatter: largest robust standard deviation of the logarithm of a steady rms.
-        still_s: time for which it stands before the stretch is cut, s: a moment between two bumps is no standstill.
-        usual_s: the usual motion is the strongest that lasts for so long, s.
-        usual: of a short log it lasts for this fraction, for the vehicle may stand for the rest.
-        nearly: of the stretches at least this fraction as long as the longest, the most energetic is taken.
+        still_s: the vehicle stands still for at least this time, s: a moment between two bumps is no standstill.
+        usual_s: the usual motion is the strongest motion that lasts for this time, s.
+        usual: in a short log the usual motion lasts for this fraction of it, for the vehicle may stand in the rest.
+        nearly: among stretches longer than this fraction of the longest one, the most energetic is chosen.
     """
 
     most_s: float = 300.0
@@ -81,11 +81,11 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """What the channels of a stretch do second by second, however many clocks they have: all arrays are (n,)."""
+    """What the channels of a log do second by second, on all their clocks: all arrays are (n,)."""
 
     start_s: FloatArray
     stop_s: FloatArray
-    relative_rms: FloatArray  # of the channel that moves most, each over its own usual motion; NaN where none is known
+    relative_rms: FloatArray  # the largest ratio of a channel's rms to its usual motion; NaN where none is known
     sound: np.ndarray
     complete: np.ndarray
 
@@ -95,26 +95,26 @@ def sound_segments(
 ) -> tuple[Segment, ...]:
     """Return the stretches in which nothing is wrong with any of the channels, in order of time.
 
-    Single spikes do not end a stretch. One that begins (ends) with the log has no start (stop).
+    Single spikes do not end a stretch. A stretch that begins (ends) with the log has no start (stop).
 
     Args:
         health: from `opid.inspect`.
-        channels: names of those that must be sound.
+        channels: names of the channels that must be sound.
         least_s: shortest stretch, s.
 
     Raises:
         InputError: a channel that was not inspected.
     """
-    course = _course(health, channels)
-    runs = [run for run in _runs(course.sound) if _length(course, run) >= least_s]
-    return tuple(_segment(course, run, "nothing is wrong with it") for run in runs)
+    course = _make_course(health, channels)
+    runs = [run for run in _find_runs(course.sound) if _measure_length(course, run) >= least_s]
+    return tuple(_make_segment(course, run, "nothing is wrong with it") for run in runs)
 
 
 def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     """Return the stretch of sustained motion to identify from; the whole log if it is in motion from end to end.
 
-    What is at fault and what is standstill is left out. Of the stretches that remain the longest is chosen (of nearly
-    equal ones the most energetic), and of one longer than five minutes the part with the steadiest motion.
+    Faulty stretches and standstill are left out. Of the remaining stretches the longest is chosen (of nearly equal ones
+    the most energetic), and of a stretch longer than five minutes the part with the steadiest motion.
 
     Args:
         health: from `opid.inspect`.
@@ -123,64 +123,56 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     Raises:
         InputError: a channel that was not inspected.
     """
-    course = _course(health, channels)
-    moving = ~_still(course)
+    course = _make_course(health, channels)
+    moving = ~_find_standstill(course)
     usable, cut = course.sound, "at fault"
-    runs = _long_runs(course, usable & moving)
+    runs = _find_long_runs(course, usable & moving)
     if not runs:
-        # clipped or dropped out all along: what can be read at all is still worth a try, and the findings say so
+        # Every stretch is clipped or held: what can be read is worth a try, and the findings name the faults.
         usable, cut = course.complete, "incomplete"
-        runs = _long_runs(course, usable & moving)
+        runs = _find_long_runs(course, usable & moving)
     if not runs:
         reason = f"no stretch of {SEGMENTS.least_s:g} s is sound and in motion, so the whole log is taken"
         return Segment(None, None, reason)
-    parts = [_steadiest(course, run) for run in runs]
-    longest = max(_length(course, part) for part in parts)
-    near = [part for part in parts if _length(course, part) >= SEGMENTS.nearly * longest]
-    chosen = max(near, key=lambda part: _energy(course, part))
-    left_out = _left_out(course, chosen, usable, moving)
-    return _segment(course, chosen, _reason(course, chosen, left_out, cut, len(runs)), left_out)
+    parts = [_find_steadiest(course, run) for run in runs]
+    longest = max(_measure_length(course, part) for part in parts)
+    near = [part for part in parts if _measure_length(course, part) >= SEGMENTS.nearly * longest]
+    chosen = max(near, key=lambda part: _measure_energy(course, part))
+    left_out = _list_left_out(course, chosen, usable, moving)
+    return _make_segment(course, chosen, _give_reason(course, chosen, left_out, cut, len(runs)), left_out)
 
 
-def _course(health: Health, channels: Sequence[str]) -> _Course:
-    """The history of the channels on the clock that has the coarsest of them."""
+def _make_course(health: Health, channels: Sequence[str]) -> _Course:
+    """The rms histories of all clocks on the stretches of the coarsest one."""
     names = [name for clock in health.clocks for name in clock.channels]
     for name in channels:
         if name not in names:
             raise InputError(f"the channel {name!r} was not inspected: {nearest(name, names)}")
-    own = [
-        (
-            history,
-            clock.start_s + clock.duration_s,
-            [clock.channels.index(name) for name in channels if name in clock.channels],
-        )
-        for clock, history in zip(health.clocks, health.rms_history, strict=True)
-        if any(name in clock.channels for name in channels)
-    ]
+    own = []
+    for clock, history in zip(health.clocks, health.rms_history, strict=True):
+        columns = [clock.channels.index(name) for name in channels if name in clock.channels]
+        if columns:
+            own.append((history, clock.start_s + clock.duration_s, columns))
     main, end_s, columns = max(own, key=lambda each: each[0].length_s)
-    # a stretch lasts until the next one begins, gaps included: those are not sound
+    # a stretch lasts until the next one begins, and a gap between them makes it unsound
     stop_s = np.append(main.start_s[1:], max(end_s, main.start_s[-1]))
-    relative_rms = _over_usual(main, columns)
-    sound, complete = _all_of(main.sound, columns), _all_of(_complete(main), columns)
+    relative_rms = _divide_by_usual(main, columns)
+    sound, complete = _all_of(main.sound, columns), _all_of(main.complete, columns)
     for history, _, others in own:
         if history is main:
             continue
-        relative_rms = np.fmax(relative_rms, _at(history, _over_usual(history, others), main.start_s, stop_s))
-        sound &= _all_within(history, _all_of(history.sound, others), main.start_s, stop_s)
-        complete &= _all_within(history, _all_of(_complete(history), others), main.start_s, stop_s)
+        relative_rms = np.fmax(relative_rms, _pick_at(history, _divide_by_usual(history, others), main.start_s, stop_s))
+        sound &= _are_good_within(history, _all_of(history.sound, others), main.start_s, stop_s)
+        complete &= _are_good_within(history, _all_of(history.complete, others), main.start_s, stop_s)
     return _Course(main.start_s, stop_s, relative_rms, sound, complete)
-
-
-def _complete(history: RmsHistory) -> np.ndarray:
-    return history.sound if history.complete is None else history.complete
 
 
 def _all_of(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
     return np.asarray(flags[:, columns].all(axis=1))
 
 
-def _over_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
-    """(n,) rms of the channel that moves most, over the strongest motion of it that lasts."""
+def _divide_by_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
+    """(n,) the largest ratio of a channel's rms to its usual motion."""
     rms = history.rms[:, columns]
     n = max(1, min(round(SEGMENTS.usual * rms.shape[0]), round(SEGMENTS.usual_s / history.length_s)))
     filled = np.nan_to_num(rms)
@@ -188,63 +180,63 @@ def _over_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
     return np.fmax.reduce(rms / np.where(usual > 0, usual, np.inf), axis=1)
 
 
-def _at(history: RmsHistory, values: FloatArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
+def _pick_at(history: RmsHistory, values: FloatArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
     index = np.searchsorted(history.start_s, 0.5 * (start_s + stop_s), "right") - 1
     return values[np.clip(index, 0, values.size - 1)]
 
 
-def _all_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
-    """Whether all stretches of another clock that lie within are good, and there are any."""
+def _are_good_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
+    """Whether another clock has stretches in each of these, and all of them are good."""
     bad = np.concatenate([[0], np.cumsum(~good)])
     first = np.searchsorted(history.start_s, start_s + 1e-9, "right") - 1
     last = np.searchsorted(history.start_s, stop_s - 1e-9, "left")
-    # a clock may begin up to a stretch later, and end earlier, without anything missing
+    # nothing is missing where a clock begins up to a stretch later, or ends as much earlier
     near = stop_s > history.start_s[0]
     near &= start_s < history.start_s[-1] + history.length_s
     return (bad[np.maximum(last, 0)] - bad[np.clip(first, 0, good.size)] == 0) & near
 
 
-def _still(course: _Course) -> np.ndarray:
+def _find_standstill(course: _Course) -> np.ndarray:
     """Where all channels are far below their usual motion for several seconds."""
     relative_rms = np.nan_to_num(course.relative_rms)
     still = np.zeros(relative_rms.size, dtype=bool)
-    for part in (SEGMENTS.still, SEGMENTS.idle):
-        for run in _runs(relative_rms < part):
-            steady = part == SEGMENTS.still or _scatter(relative_rms[slice(*run)]) < SEGMENTS.idle_scatter
-            still[slice(*run)] |= steady and _length(course, run) >= SEGMENTS.still_s
+    for threshold in (SEGMENTS.still, SEGMENTS.idle):
+        for run in _find_runs(relative_rms < threshold):
+            steady = threshold == SEGMENTS.still or _measure_scatter(relative_rms[slice(*run)]) < SEGMENTS.idle_scatter
+            still[slice(*run)] |= steady and _measure_length(course, run) >= SEGMENTS.still_s
     return still
 
 
-def _scatter(relative_rms: FloatArray) -> float:
-    """Robust standard deviation of its logarithm."""
+def _measure_scatter(relative_rms: FloatArray) -> float:
+    """Robust standard deviation of the logarithm."""
     logarithm = np.log(np.maximum(relative_rms, 1e-9))
     return 1.4826 * float(np.median(np.abs(logarithm - np.median(logarithm))))
 
 
-def _runs(good: np.ndarray) -> list[tuple[int, int]]:
-    """First of each run of good stretches, and the one after its last."""
+def _find_runs(good: np.ndarray) -> list[tuple[int, int]]:
+    """Index of the first stretch of each run of good ones, and of the stretch after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[0::2], edges[1::2], strict=True)]
 
 
-def _length(course: _Course, run: tuple[int, int]) -> float:
+def _measure_length(course: _Course, run: tuple[int, int]) -> float:
     return float(course.stop_s[run[1] - 1] - course.start_s[run[0]])
 
 
-def _energy(course: _Course, run: tuple[int, int]) -> float:
+def _measure_energy(course: _Course, run: tuple[int, int]) -> float:
     inside = slice(*run)
     return float(np.nan_to_num(course.relative_rms[inside]) ** 2 @ (course.stop_s[inside] - course.start_s[inside]))
 
 
-def _long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:
-    """Runs that are long enough; the whole log, if nothing speaks against it, is, however short."""
-    runs = _runs(good)
-    return runs if good.all() else [run for run in runs if _length(course, run) >= SEGMENTS.least_s]
+def _find_long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:
+    """Runs that are long enough; a log that is good from end to end always is."""
+    runs = _find_runs(good)
+    return runs if good.all() else [run for run in runs if _measure_length(course, run) >= SEGMENTS.least_s]
 
 
-def _steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
+def _find_steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
     """The part of a run, no longer than `most_s`, in which the logarithm of the rms scatters least."""
-    if _length(course, run) <= SEGMENTS.most_s + 1e-6:
+    if _measure_length(course, run) <= SEGMENTS.most_s + 1e-6:
         return run
     typical = float(np.median(course.stop_s[slice(*run)] - course.start_s[slice(*run)]))
     n = max(1, int(SEGMENTS.most_s / typical + 1e-9)) if typical > 0 else run[1] - run[0]
@@ -253,18 +245,20 @@ def _steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
     sums, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (logarithm, logarithm**2))
     mean = (sums[n:] - sums[:-n]) / n
     scatter = (squares[n:] - squares[:-n]) / n - mean**2
-    # of parts as steady as each other the strongest motion tells most
+    # among parts of equal steadiness the one with the strongest motion is the most informative
     first = run[0] + int(np.argmin(np.sqrt(np.maximum(scatter, 0.0)) - 0.1 * (mean - mean.max())))
     return first, first + n
 
 
-def _left_out(course: _Course, chosen: tuple[int, int], usable: np.ndarray, moving: np.ndarray) -> tuple[LeftOut, ...]:
-    """The rest of the log by its reason, neighbours of one reason as one."""
+def _list_left_out(
+    course: _Course, chosen: tuple[int, int], usable: np.ndarray, moving: np.ndarray
+) -> tuple[LeftOut, ...]:
+    """The rest of the log by the reason; neighbours with the same reason are joined."""
     inside = np.zeros(usable.size, dtype=bool)
     inside[slice(*chosen)] = True
     short = np.zeros(usable.size, dtype=bool)
-    for run in _runs(usable & moving):
-        short[slice(*run)] = _length(course, run) < SEGMENTS.least_s
+    for run in _find_runs(usable & moving):
+        short[slice(*run)] = _measure_length(course, run) < SEGMENTS.least_s
     every: tuple[tuple[Why, np.ndarray], ...] = (
         ("faulty", ~usable),
         ("standstill", usable & ~moving),
@@ -274,25 +268,27 @@ def _left_out(course: _Course, chosen: tuple[int, int], usable: np.ndarray, movi
     parts = [
         LeftOut(why, float(course.start_s[first]), float(course.stop_s[stop - 1]))
         for why, where in every
-        for first, stop in _runs(where)
+        for first, stop in _find_runs(where)
     ]
     return tuple(sorted(parts, key=lambda part: part.start_s))
 
 
-def _reason(course: _Course, chosen: tuple[int, int], left_out: Sequence[LeftOut], cut: str, n_runs: int) -> str:
+def _give_reason(course: _Course, chosen: tuple[int, int], left_out: Sequence[LeftOut], cut: str, n_runs: int) -> str:
     if not left_out:
         return ""
     of_why = {why: sum(part.stop_s - part.start_s for part in left_out if part.why == why) for why in _WORDS}
-    lost = ", ".join(f"{_seconds(seconds)} {_WORDS[why].format(cut=cut)}" for why, seconds in of_why.items() if seconds)
-    if _length(course, chosen) > SEGMENTS.most_s - 2 and of_why["not chosen"]:
-        which = f"the {_seconds(_length(course, chosen))} with the steadiest motion"
+    lost = ", ".join(
+        f"{_format_seconds(seconds)} {_WORDS[why].format(cut=cut)}" for why, seconds in of_why.items() if seconds
+    )
+    if _measure_length(course, chosen) > SEGMENTS.most_s - 2 and of_why["not chosen"]:
+        which = f"the {_format_seconds(_measure_length(course, chosen))} with the steadiest motion"
     else:
         which = "the longest stretch in motion" if n_runs > 1 else "the stretch in motion"
     begin, end = course.start_s[chosen[0]], course.stop_s[chosen[1] - 1]
     return f"{begin:.6g} s to {end:.6g} s is {which}; left out: {lost}"
 
 
-def _seconds(length_s: float) -> str:
+def _format_seconds(length_s: float) -> str:
     return f"{length_s:.0f} s" if length_s >= 100 else f"{length_s:.3g} s"
 
 
@@ -304,7 +300,7 @@ _WORDS: dict[Why, str] = {
 }
 
 
-def _segment(course: _Course, run: tuple[int, int], reason: str, left_out: tuple[LeftOut, ...] = ()) -> Segment:
+def _make_segment(course: _Course, run: tuple[int, int], reason: str, left_out: tuple[LeftOut, ...] = ()) -> Segment:
     first, stop = run
     return Segment(
         start_s=None if first == 0 else float(course.start_s[first]),

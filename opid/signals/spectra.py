@@ -25,7 +25,7 @@ class CrossSpectra:
         frequency_hz: (n_lines,) Hz.
         density: (n_lines, n_signals, n_signals) Hermitian, E[conj(X_i) X_j], unit^2/Hz.
         n_blocks: blocks averaged.
-        n_averages: independent averages they amount to (overlapping blocks share samples).
+        n_averages: number of independent averages with the same scatter (overlapping blocks share samples).
         window: scipy's name of the window.
         nperseg: samples a block.
         noverlap: samples shared by neighbouring blocks.
@@ -44,14 +44,14 @@ class CrossSpectra:
 
 @dataclass(frozen=True, eq=False)
 class Transmissibility:
-    """Ratio of two response spectra, T = X_out / X_in, with how far to trust it.
+    """Ratio of two response spectra, T = X_out / X_in, with its coherence.
 
     Args:
         frequency_hz: (n_lines,) Hz.
         value: (n_lines,) complex ratio.
-        coherence: (n_lines,) in 0..1; 1 by construction when there is one average.
+        coherence: (n_lines,) in 0..1; always 1 for a single average.
         estimator: "H1", "H2" or "Hv".
-        spectra: the cross-spectra it was made from.
+        spectra: the cross-spectra it was computed from.
     """
 
     frequency_hz: FloatArray
@@ -111,9 +111,9 @@ def cross_spectra(
     blocks = np.lib.stride_tricks.sliding_window_view(samples, block, axis=0)[:: block - overlap]
     lines = fft.rfft((blocks - blocks.mean(axis=-1, keepdims=True)) * taper).transpose(2, 1, 0)
     density = lines.conj() @ lines.transpose(0, 2, 1) / (blocks.shape[0] * fs * float(taper @ taper))
-    # the lines of negative frequency are as strong
+    # the lines of negative frequency have the same power
     density[1 : None if block % 2 else -1] *= 2
-    n_averages = _independent_averages(taper, blocks.shape[0], block - overlap)
+    n_averages = _count_independent_averages(taper, blocks.shape[0], block - overlap)
     return CrossSpectra(
         fft.rfftfreq(block, 1 / fs), density, blocks.shape[0], n_averages, window, block, overlap, float(fs)
     )
@@ -131,8 +131,8 @@ def transmissibility(
 ) -> Transmissibility:
     """Estimate T = X2/X1 between two accelerations (the same ratio as between displacements).
 
-    H1 = S12/S11 is blind to noise on the sprung channel, H2 = S22/S21 to noise on the unsprung one; Hv takes
-    equal noise on both (the eigenvector of the larger eigenvalue of the 2 x 2 density).
+    Noise on the sprung channel does not bias H1 = S12/S11, noise on the unsprung one does not bias H2 = S22/S21; Hv
+    assumes equal noise on both (the eigenvector of the larger eigenvalue of the 2 x 2 density).
 
     Args:
         unsprung: (n,) acceleration x1'', m/s^2.
@@ -180,8 +180,8 @@ def transmissibility(
 def noise_floor(samples: ArrayLike, *, fs: float) -> float:
     """Estimate the rms of the white noise of a channel from the quietest tenth of its spectrum.
 
-    The lowest decile of a Welch spectrum bounds the broadband noise from above: at some frequencies a structure
-    hardly moves, and only the noise is left.
+    The lowest decile of a Welch spectrum is an upper bound for the broadband noise: at some frequencies a structure
+    hardly moves, and the noise dominates.
 
     Args:
         samples: (n,) one channel.
@@ -204,18 +204,17 @@ def noise_floor(samples: ArrayLike, *, fs: float) -> float:
 
 
 def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_hz: tuple[float, float]) -> FloatArray:
-    """Bound the noise of channels in a band from above, by what other channels do not explain.
+    """Return an upper bound of the noise of channels in a band: the part that is not coherent with other channels.
 
-    Whatever a structure does with the motion of the other channels, the noise of a channel is not coherent with them.
-    What a nonlinear structure makes of that motion is not either: the bound may be far above the noise. It is that of
-    the median line, for noise need not be white: that of a path which was differentiated hardly exists at the lower
-    end of a band.
+    Noise is not coherent with other channels. The response of a nonlinear structure to their motion is not coherent
+    either, so that the bound may lie far above the noise. The bound is that of the median line, because noise need not
+    be white: the noise of a differentiated path nearly vanishes at the lower end of a band.
 
     Args:
-        channels: (n, n_channels) whose noise is asked for.
+        channels: (n, n_channels) whose noise is bounded.
         others: (n, n_others) measured at the same time.
         fs: sampling rate, Hz.
-        band_hz: of the lines that are looked at, Hz.
+        band_hz: of the lines that are used, Hz.
 
     Returns:
         (n_channels,) the standard deviation that white noise of that density would have, in the unit of `channels`;
@@ -228,8 +227,8 @@ def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_
     True
     """
     own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
-    # the blocks are so long that a lightly damped resonance leaks little
-    found = _incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=min(len(own), round(4 * fs)))
+    # with blocks of 4 s, a lightly damped resonance leaks little
+    found = _separate_incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=min(len(own), round(4 * fs)))
     if found is None:
         return np.full(own.shape[1], np.inf)
     lines_hz, _, left, n_free = found
@@ -239,16 +238,16 @@ def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_
 def coherent_fraction(
     channels: ArrayLike, others: ArrayLike, *, fs: float, band_hz: tuple[float, float], nperseg: int
 ) -> float:
-    """Return the fraction of the power of channels, in a band, that goes along with other channels.
+    """Return the fraction of the power of channels, in a band, that is coherent with other channels.
 
-    It is the squared multiple coherence, weighed by the power, less what chance makes of it: about 0 where neither side
-    knows of the other (Bendat & Piersol 2010, Random data, sec. 9.2); NaN where the run is too short.
+    It is the squared multiple coherence, weighted by the power and without its bias: about 0 for independent channels
+    (Bendat & Piersol 2010, Random data, sec. 9.2); NaN where the run is too short.
 
     Args:
         channels: (n, n_channels).
         others: (n, n_others) measured at the same time.
         fs: sampling rate, Hz.
-        band_hz: of the lines that are looked at, Hz.
+        band_hz: of the lines that are used, Hz.
         nperseg: samples a block.
 
     >>> rng = np.random.default_rng(0)
@@ -260,17 +259,17 @@ def coherent_fraction(
     0.5
     """
     own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
-    found = _incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=nperseg)
+    found = _separate_incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=nperseg)
     if found is None:
         return float("nan")
     _, total, left, _ = found
     return 1.0 - float(left.sum() / total.sum())
 
 
-def _incoherent(
+def _separate_incoherent(
     own: FloatArray, other: FloatArray, *, fs: float, band_hz: tuple[float, float], nperseg: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
-    """Lines (Hz), spectra there, (n_lines, n_channels), what others do not explain of them, and the free averages.
+    """Frequencies of the lines, Hz, spectra, (n_lines, n_channels), their incoherent parts, and the free averages.
 
     None where the run is too short.
     """
@@ -291,23 +290,25 @@ def _incoherent(
 def white_noise_rms(
     frequency_hz: FloatArray, density: FloatArray, n_blocks: float, *, fs: float, quantile: float = 0.1
 ) -> float:
-    """Return the standard deviation of white noise as quiet as the quietest tenth of a Welch spectrum.
+    """Return the standard deviation of the white noise whose spectrum has the same quantile as a Welch spectrum.
 
     Args:
         frequency_hz: (n_lines,) from 0 to half the rate, Hz.
         density: (n_lines,) one-sided, unit^2/Hz.
+        n_blocks: number of independent averages.
         fs: sampling rate, Hz.
+        quantile: of the lines.
     """
     from scipy import special
 
-    # the last tenth below the Nyquist frequency is often the anti-aliasing filter's, and empty
+    # the anti-aliasing filter often leaves nothing just below the Nyquist frequency
     inside = (frequency_hz > 0) & (frequency_hz < 0.4 * fs)
     # n averaged periodograms of white noise follow a gamma distribution: this is its quantile over its mean
     over_mean = special.gammaincinv(n_blocks, quantile) / n_blocks
     return float(np.sqrt(np.quantile(density[inside], quantile) / over_mean * fs / 2))
 
 
-def _independent_averages(window: FloatArray, n_blocks: int, step: int) -> float:
+def _count_independent_averages(window: FloatArray, n_blocks: int, step: int) -> float:
     """Equivalent number of independent blocks, n / (1 + 2 sum_k (1 - k/n) rho_k) (Welch 1967, eq. 11)."""
     power = float(window @ window)
     variance = 1.0

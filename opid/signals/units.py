@@ -1,4 +1,4 @@
-"""The spellings of units and their factor to SI: signals become SI at the door, once."""
+"""The spellings of units and their factors to SI: signals are converted to SI once, when they are read."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def _lengths_per(*times: str) -> dict[str, float]:
     return {length + per_time: factor for length, factor in _LENGTHS.items() for per_time in times}
 
 
-# One row for each SI unit: its name, and every spelling with its factor. Spellings stand as `_plain` leaves
-# them: no spaces, powers as bare digits (m/s2, ms-2), micro as u.
+# One row for each SI unit: its name, and every spelling with its factor. Spellings are in the form that `_plain`
+# returns: no spaces, powers as plain digits (m/s2, ms-2), micro as u.
 _TABLE: dict[str, dict[str, float]] = {
     "m/s^2": _lengths_per("/s2", "s-2", "/s/s", "/ss", "/sec2", "/sec/sec")
     | dict.fromkeys(("metre/s2", "meter/s2", "metres/s2", "meters/s2", "meter/second2", "meters/second2"), 1.0)
@@ -69,7 +69,7 @@ _USUAL = ("m/s^2", "g", "mg", "mm/s^2", "in/s^2", "m/s", "mm/s", "m", "mm", "in"
 
 
 def _plain(unit: str) -> str:
-    """Return `unit` without the freedoms of typing: m/s², m/s**2, m / s^2 and m/(s^2) all become m/s2."""
+    """The one form of equivalent spellings: m/s², m/s**2, m / s^2 and m/(s^2) all become m/s2."""
     # the compatibility form turns superscripts into digits and the two micro signs into one
     text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("−", "-").replace("º", "°")
     text = re.sub(r"\*\*|[\s^()]", "", text)
@@ -79,8 +79,8 @@ def _plain(unit: str) -> str:
 def to_si(unit: str) -> tuple[float, str]:
     """Return the factor that turns values in `unit` into SI, and the name of that SI unit.
 
-    Case is read strictly where it carries meaning (mN and MN, ms and Ms) and leniently elsewhere (G, M/S^2).
-    The letter g alone is standard gravity, never the gram.
+    Case counts where it has a meaning (mN and MN, ms and Ms), and is ignored elsewhere (G, M/S^2). The letter g is
+    always standard gravity, never the gram.
 
     Args:
         unit: a unit as loggers write it: `g`, `mg`, `m/s^2`, `m/s²`, `m s-2`, `in/s^2`, `gal`, `kN`, `ms`
@@ -98,9 +98,21 @@ def to_si(unit: str) -> tuple[float, str]:
     text = _plain(unit)
     if text in _SPELLINGS:
         return _SPELLINGS[text]
-    # M before one small letter is mega: Mg and Mm are not in the table, and must not pass for mg and mm
+    # M before one small letter is mega: Mg and Mm are not in the table, and must not be read as mg and mm
     mega = re.match(r"M[a-z](?![a-z])", text)
     alike = {meaning for spelling, meaning in _SPELLINGS.items() if spelling.casefold() == text.casefold()}
     if len(alike) == 1 and not mega:
         return alike.pop()
     raise InputError(f"the unit {unit!r} is not known: {nearest(unit, _USUAL)}")
+
+
+def si_unit(unit: str) -> str | None:
+    """Return the SI unit of values in `unit`, None where the unit is not known.
+
+    >>> si_unit("ms"), si_unit("furlong")
+    ('s', None)
+    """
+    try:
+        return to_si(unit)[1]
+    except InputError:
+        return None

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.log_settings import AS_WRITTEN, LogSettings
+from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
 from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, as_table, read_beside, run_from_files, sources_of
 from opid.studies.schema import Document, Say, fields_of, prefix_errors, read_tables, recast, text_of

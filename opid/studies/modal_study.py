@@ -13,8 +13,7 @@ from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.linear.modes_file import read_modes, write_modes
 from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.signals.conversion import recording_of, require_distinct
-from opid.signals.log import Log
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
 from opid.signals.units import to_si

@@ -16,8 +16,7 @@ from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.health.inspection import inspect, remove_spikes
 from opid.signals.health.result import Finding, Health
-from opid.signals.log import Log
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled

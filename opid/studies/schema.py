@@ -260,7 +260,7 @@ def collect_faults(faults: list[str], words: str = "") -> Iterator[None]:
 def stated(record: Any) -> dict[str, Any]:
     """Return the fields of a record that differ from their defaults.
 
-    >>> from opid.signals.log_settings import LogSettings
+    >>> from opid.signals.log import LogSettings
     >>> stated(LogSettings(unit="g", skip_lines=2))
     {'unit': 'g', 'skip_lines': 2}
     """

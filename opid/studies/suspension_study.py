@@ -15,7 +15,7 @@ import numpy as np
 
 from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.studies.run_files import (
     CHANNEL,

@@ -1,115 +1,101 @@
-"""Accelerations beside each other: which comes later, where they move alike, which is the wheel's side."""
+"""Accelerations compared: which one comes later, where they move alike, which is on the wheel's side."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
 from opid.signals.health.chunks import LARGEST
-from opid.signals.health.lines import SHARED_BY_LINES
 from opid.signals.health.result import Finding, PairHealth
 from opid.signals.health.settings import HEALTH
-from opid.signals.health.spectrum import hann
+from opid.signals.health.spectrum import SHARED_BY_LINES, hann
 from opid.signals.health.spikes import remove_spikes
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import ComplexArray
 from opid.signals.units import STANDARD_GRAVITY
 
+PairSpectra = tuple[FloatArray, FloatArray, ComplexArray]
+"""One-sided densities of both channels, and the cross-spectrum E[conj(X_1) X_2]."""
 
-def pairs_of(
-    names: Sequence[str], frequency_hz: FloatArray, density: ComplexArray, averages: float
-) -> tuple[PairHealth, ...]:
-    """Return each two channels beside each other.
+
+def compare_pairs(
+    names: Sequence[str], frequency_hz: FloatArray, density: ComplexArray, averages: float, *, fs: float
+) -> tuple[tuple[PairHealth, ...], tuple[Finding, ...]]:
+    """Return the figures of each two channels, and what is wrong between them: a lag, or the same signal twice.
+
+    The lag of a channel is reported once, against the first channel that moves alike.
 
     Args:
         names: (n,) of the channels.
         frequency_hz: (n_lines,) Hz.
         density: (n, n, n_lines) cross-spectra E[conj(X_i) X_j] for i <= j.
-    """
-    every = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
-    return tuple(_pair(names[i], names[j], frequency_hz, _of_pair(density, i, j), averages) for i, j in every)
-
-
-def pair_findings(
-    pairs: Sequence[PairHealth],
-    names: Sequence[str],
-    frequency_hz: FloatArray,
-    density: ComplexArray,
-    *,
-    fs: float,
-) -> Iterator[Finding]:
-    """Yield what is wrong between channels: a lag between sensors that move alike, one signal twice.
-
-    A lag is reported once a channel, against the first channel with which it moves alike.
-
-    Args:
-        names: (n,) of the channels.
-        frequency_hz: (n_lines,) Hz.
-        density: (n, n, n_lines) cross-spectra, as for `pairs_of`.
+        averages: number of independent averages.
         fs: rate, Hz.
     """
+    spectra = {
+        (i, j): (density[i, i].real, density[j, j].real, density[i, j]) for i, j in combinations(range(len(names)), 2)
+    }
+    pairs = {(i, j): _compare(names[i], names[j], frequency_hz, own, averages) for (i, j), own in spectra.items()}
+    findings: list[Finding] = []
     for j, name in enumerate(names):
-        earlier = [pair for pair in pairs if pair.second == name]
-        twins = [p.first for p in earlier if _same(_of_pair(density, names.index(p.first), j))]
-        if twins:
-            yield Finding("warning", name, f"the same signal as {twins[0]!r}: check the wiring and the export")
+        twin = next((names[i] for i in range(j) if _is_same(spectra[i, j])), None)
+        if twin is not None:
+            message = f"the same signal as {twin!r}: check the wiring and the export"
+            findings.append(Finding("warning", name, message))
             continue
-        rigid = [p for p in earlier if _moves_alike(p, frequency_hz, _of_pair(density, names.index(p.first), j))]
-        if not rigid:
-            continue
-        best = rigid[0]
-        if (
-            abs(best.lag_s) <= max(HEALTH.lag_sigma * best.lag_std_s, HEALTH.lag_samples / fs)
-            or best.coherent_band_hz is None
-        ):
-            continue
-        low, high = best.coherent_band_hz
-        later = "later" if best.lag_s > 0 else "earlier"
-        yield Finding(
-            "warning",
-            name,
-            f"comes {1e3 * abs(best.lag_s):.4g} ms (standard deviation {1e3 * best.lag_std_s:.1g} ms) {later} than "
-            f"{best.first!r}, with which it moves alike from {low:.3g} to {high:.3g} Hz: the recorder samples or "
-            f"filters them differently; write `shift_s = {-best.lag_s:.4g}` in its table of [channels]",
-        )
+        rigid = [pairs[i, j] for i in range(j) if _moves_alike(pairs[i, j], frequency_hz, spectra[i, j])]
+        findings += _find_lag(rigid[0], fs) if rigid else ()
+    return tuple(pairs.values()), tuple(findings)
 
 
-def _of_pair(density: ComplexArray, i: int, j: int) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    return density[i, i].real, density[j, j].real, density[i, j]
+def _find_lag(pair: PairHealth, fs: float) -> Iterator[Finding]:
+    least_s = max(HEALTH.lag_sigma * pair.lag_std_s, HEALTH.lag_samples / fs)
+    if pair.coherent_band_hz is None or abs(pair.lag_s) <= least_s:
+        return
+    low, high = pair.coherent_band_hz
+    later = "later" if pair.lag_s > 0 else "earlier"
+    yield Finding(
+        "warning",
+        pair.second,
+        f"comes {1e3 * abs(pair.lag_s):.4g} ms (standard deviation {1e3 * pair.lag_std_s:.1g} ms) {later} than "
+        f"{pair.first!r}, with which it moves alike from {low:.3g} to {high:.3g} Hz: the recorder samples or "
+        f"filters them differently; write `shift_s = {-pair.lag_s:.4g}` in its table of [channels]",
+    )
 
 
-def _pair(
+def _compare(
     first: str,
     second: str,
     frequency_hz: FloatArray,
-    spectra: tuple[FloatArray, FloatArray, ComplexArray],
+    spectra: PairSpectra,
     averages: float,
 ) -> PairHealth:
-    coherence = _coherence(spectra)
-    band = _coherent_band(frequency_hz, coherence) if averages >= HEALTH.least_averages else None
+    coherence = _compute_coherence(spectra)
+    band = _find_coherent_band(frequency_hz, coherence) if averages >= HEALTH.least_averages else None
     if band is None:
         return PairHealth(first, second, np.nan, np.nan, None)
     inside = slice(*band)
-    lag_s, std_s = _lag(frequency_hz, spectra[2], coherence, inside, averages)
+    lag_s, std_s = _fit_lag(frequency_hz, spectra[2], coherence, inside, averages)
     low, high = float(frequency_hz[band[0]]), float(frequency_hz[band[1] - 1])
     return PairHealth(first, second, lag_s, std_s, (low, high))
 
 
-def _coherence(spectra: tuple[FloatArray, FloatArray, ComplexArray]) -> FloatArray:
+def _compute_coherence(spectra: PairSpectra) -> FloatArray:
     one, other, cross = spectra
     power = one * other
     return np.divide(np.abs(cross) ** 2, power, out=np.zeros(power.size), where=power > 0)
 
 
-def _coherent_band(frequency_hz: FloatArray, coherence: FloatArray) -> tuple[int, int] | None:
-    """First line and the one after the last of the longest band above a half, single lines apart."""
+def _find_coherent_band(frequency_hz: FloatArray, coherence: FloatArray) -> tuple[int, int] | None:
+    """First line, and the line after the last, of the longest band of coherence; single lines do not interrupt it."""
     from scipy.ndimage import median_filter
 
     above = np.concatenate([[False], median_filter(coherence, size=5, mode="nearest") > HEALTH.coherence, [False]])
-    above[1] = False  # the mean is taken off
+    above[1] = False  # the mean was subtracted
     edges = np.flatnonzero(above[1:] != above[:-1])
     if not edges.size or frequency_hz.size < HEALTH.least_lines:
         return None
@@ -118,10 +104,10 @@ def _coherent_band(frequency_hz: FloatArray, coherence: FloatArray) -> tuple[int
     return (low, high) if high - low >= 2 else None
 
 
-def _lag(
+def _fit_lag(
     frequency_hz: FloatArray, cross: ComplexArray, coherence: FloatArray, inside: slice, averages: float
 ) -> tuple[float, float]:
-    """The delay tau of exp(-i 2 pi f tau) over the band, and its standard deviation; NaN where the phase is no delay's.
+    """The delay tau of exp(-i 2 pi f tau) in the band and its standard deviation; NaN where no delay fits the phase.
 
     The lines are weighted by the inverse variance of their phase, (1 - c)/(2 n c) (Bendat & Piersol, 9.3).
     """
@@ -148,10 +134,8 @@ def _lag(
     return float(lag_s), float(np.sqrt(SHARED_BY_LINES * scatter / leverage) / (2 * np.pi))
 
 
-def _moves_alike(
-    pair: PairHealth, frequency_hz: FloatArray, spectra: tuple[FloatArray, FloatArray, ComplexArray]
-) -> bool:
-    """Whether the gain is flat where the phase is a delay's: a suspension turns the phase too, but not without that."""
+def _moves_alike(pair: PairHealth, frequency_hz: FloatArray, spectra: PairSpectra) -> bool:
+    """Whether the gain is flat where a delay fits the phase: a suspension turns the phase and changes the gain."""
     if not np.isfinite(pair.lag_s) or pair.coherent_band_hz is None:
         return False
     low, high = pair.coherent_band_hz
@@ -162,7 +146,7 @@ def _moves_alike(
     return bool(gains.max() < HEALTH.gain_tolerance * gains.min())
 
 
-def _same(spectra: tuple[FloatArray, FloatArray, ComplexArray]) -> bool:
+def _is_same(spectra: PairSpectra) -> bool:
     one, other, cross = (part.sum() for part in spectra)
     return bool(one > 0 and abs(one + other - 2 * cross.real) < 1e-12 * one)
 
@@ -171,12 +155,16 @@ def _same(spectra: tuple[FloatArray, FloatArray, ComplexArray]) -> bool:
 
 
 def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tuple[str, str]) -> tuple[Finding, ...]:
-    """Return what speaks against two accelerations being those of a spindle and the airframe above it.
+    """Return the reasons why two accelerations may not be those of a spindle and the airframe above it.
 
     Args:
         unsprung: (n_samples,) acceleration of the spindle, m/s^2.
         sprung: (n_samples,) acceleration of the airframe, m/s^2.
         fs: sampling rate, Hz.
+        names: of the two channels.
+
+    Raises:
+        InputError: both are the same signal, one is mute, one seems to be in another unit, or values are impossible.
 
     >>> rng = np.random.default_rng(0)
     >>> wheel = rng.standard_normal(4096)
@@ -214,7 +202,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
             "this may be the sensor's noise alone; check its cable, its range and the units"
         )
         findings.append(Finding("warning", names[quiet], message))
-    high = [_rms_above(remove_spikes(samples, fs=fs)[0], fs, HEALTH.high_frequency_hz) for samples in pair]
+    high = [_compute_rms_above(remove_spikes(samples, fs=fs)[0], fs, HEALTH.high_frequency_hz) for samples in pair]
     if high[0] < HEALTH.swap_ratio * high[1] and not _lags_behind(frequency_hz, below, above):
         message = (
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HEALTH.high_frequency_hz:g} Hz) is quieter "
@@ -226,7 +214,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
 
 
 def _lags_behind(frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray) -> bool:
-    """Return whether the upper side lags behind the lower one, as a body on a damper does at every frequency.
+    """Whether the upper side lags behind the lower one, as a body on a damper does at every frequency.
 
     With H = (k + i w c)/(k - m w^2 + i w c) from below to above, Im H = -m w^3 c/|k - m w^2 + i w c|^2 < 0.
     """
@@ -237,10 +225,10 @@ def _lags_behind(frequency_hz: FloatArray, below: ComplexArray, above: ComplexAr
 
 
 def find_unit_ratio(ratios: Iterable[float]) -> tuple[str, str, float] | None:
-    """Return the larger unit, the smaller one and their ratio if every ratio of accelerations lies near it.
+    """Return a larger unit, a smaller one and their ratio if all ratios of accelerations lie near it; else None.
 
     Args:
-        ratios: of one acceleration to another, above 1 or, of all, below it.
+        ratios: of one acceleration to another, either all above 1 or all below.
 
     >>> find_unit_ratio([10.2, 11.9]), find_unit_ratio([0.001]), find_unit_ratio([1.2])
     (('g', 'm/s^2', 9.80665), ('m/s^2', 'mm/s^2', 1000.0), None)
@@ -259,7 +247,7 @@ def find_unit_ratio(ratios: Iterable[float]) -> tuple[str, str, float] | None:
 def _find_unit_mistake(
     frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray, names: tuple[str, str]
 ) -> str | None:
-    """Why one of two channels seems to be in another unit: slow motion is the same above and below a suspension."""
+    """Why one of two channels seems to be in another unit: slow motion is equal above and below a suspension."""
     gains, n_lines = [], 0
     for low_hz, high_hz in HEALTH.carried_hz:
         inside = (frequency_hz >= low_hz) & (frequency_hz < high_hz)
@@ -285,9 +273,10 @@ def _find_unit_mistake(
 
 
 def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Finding]:
-    """Yield why all sensors of a recording may be in another unit than stated, which no ratio between them shows.
+    """Yield why all sensors of a recording may be in another unit than stated; no ratio between them shows that.
 
     Args:
+        recording: that holds the channels.
         names: of the accelerations, m/s^2.
 
     >>> from opid.signals.recording import recording_from_arrays
@@ -315,12 +304,12 @@ def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Fin
 
 
 def _is_mute(samples: FloatArray) -> bool:
-    # the first samples settle it for nearly every channel, without sorting them all
+    # for nearly every channel the first samples suffice, and the others need not be sorted
     return np.unique(samples[:1000]).size <= HEALTH.mute_values and np.unique(samples).size <= HEALTH.mute_values
 
 
-def _rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:
-    """Return the rms above a frequency, by Parseval under a Hann window (the whole rms if fs is too low)."""
+def _compute_rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:
+    """The rms above a frequency, by Parseval under a Hann window (the whole rms if fs is too low)."""
     window = hann(samples.size)
     spectrum = np.fft.rfft((samples - samples.mean()) * window)
     first = int(np.ceil(frequency_hz * samples.size / fs)) if frequency_hz < 0.5 * fs else 1

@@ -1,4 +1,4 @@
-"""The truth about a channel, chunk by chunk: offset, rms, extremes, clipping, held and missing values, resolution."""
+"""Checks of channels, chunk by chunk: offset, rms, extremes, clipping, held and missing values, resolution."""
 
 from __future__ import annotations
 
@@ -6,111 +6,147 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.signals.health.chunks import Chunk
+from opid.signals.health.chunks import Chunk, RowStretches, Thinning
 from opid.signals.health.settings import HEALTH
-from opid.signals.health.thinning import RowStretches, Thinning
 from opid.signals.recording import FloatArray
 
-_HELD_LEVELS = 4  # runs are kept at so many of the largest values that were held
-
-
+_HELD_VALUES = 4  # runs are kept at this number of the largest values that were held
 MOST_BINS = 20000
-"""Stretches for which the rms is kept: seconds up to five and a half hours, doubled beyond."""
+"""Bins whose rms is kept: seconds in logs of up to five and a half hours, and longer bins beyond."""
 
 ENVELOPE = 2000
-"""Stretches of the picture's envelope: about the pixels of a wide screen."""
+"""Stretches of a picture's envelope: about the pixels of a wide screen."""
 
-_KEPT_VALUES = 4_000_000  # numbers that the bins, or the envelopes, of all channels may take
-_TOP = 16
-_RESOLUTION_ROWS = 1 << 17
+_KEPT_VALUES = 4_000_000  # numbers in the bins, or in the envelopes, of all channels
+_TOP = 16  # extreme values that are counted
+_RESOLUTION_ROWS = 1 << 17  # rows that show the resolution
 
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Bins of all channels.
+    """Moments of all channels in bins of rows.
 
     Args:
-        rows: of one.
-        n: (n_bins, n_channels) values in each.
-        mean: (n_bins, n_channels) NaN where there is none.
-        rms: (n_bins, n_channels) about the mean.
+        rows: of a bin.
+        n: (n_bins, n_channels) number of values.
+        mean: (n_bins, n_channels), NaN where there is no value.
+        rms: (n_bins, n_channels) about the mean, NaN where there is no value.
+        lowest: (n_channels,) least value of all bins.
+        highest: (n_channels,) largest value of all bins.
     """
 
     rows: int
     n: FloatArray
     mean: FloatArray
     rms: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+
+    def moments(self, i: int) -> tuple[float, float, float]:
+        """Return the mean of channel i, the rms about it and the largest distance from it; NaN without a value."""
+        n = self.n[:, i]
+        total = n.sum()
+        if not total:
+            return np.nan, np.nan, np.nan
+        means, squares = np.nan_to_num(self.mean[:, i]), np.nan_to_num(self.rms[:, i]) ** 2
+        mean = float(n @ means / total)
+        rms = float(np.sqrt(n @ (squares + (means - mean) ** 2) / total))
+        return mean, rms, max(float(self.highest[i]) - mean, mean - float(self.lowest[i]))
+
+    def drift(self, i: int, fs: float) -> tuple[float, float]:
+        """Return the range of the means of long parts, and their length, s; 0 where there are not two of them."""
+        n = self.n[:, i]
+        length_s = n.size * self.rows / fs
+        parts = min(HEALTH.drift_parts, int(n.sum() / fs / HEALTH.drift_part_s), n.size)
+        if parts < 2:
+            return 0.0, length_s
+        edges = np.arange(parts) * n.size // parts
+        count = np.add.reduceat(n, edges)
+        means = np.add.reduceat(n * np.nan_to_num(self.mean[:, i]), edges)[count > 0] / count[count > 0]
+        return float(np.ptp(means)), length_s / parts
+
+    def rms_beside(self, i: int, stretches: np.ndarray) -> FloatArray:
+        """Return the larger rms of channel i half a bin before and after each stretch, (n, 2) rows."""
+        rms, half = np.nan_to_num(self.rms[:, i]), self.rows // 2
+        before = np.clip((stretches[:, 0] - half) // self.rows, 0, rms.size - 1)
+        after = np.clip((stretches[:, 1] + half) // self.rows, 0, rms.size - 1)
+        return np.maximum(rms[before], rms[after])
+
+    def touched_by(self, stretches: np.ndarray) -> np.ndarray:
+        """Return whether each bin holds a row of a stretch, (n, 2) rows."""
+        n = self.n.shape[0]
+        edges = np.zeros(n + 1)
+        np.add.at(edges, np.minimum(stretches[:, 0] // self.rows, n), 1)
+        np.add.at(edges, np.minimum((stretches[:, 1] - 1) // self.rows + 1, n), -1)
+        return np.cumsum(edges[:-1]) > 0
 
 
 class MomentCheck:
-    """Mean, rms and extremes of all channels, bin by bin."""
+    """The check of all channels for mean, rms and extremes, bin by bin."""
 
     def __init__(self, n_channels: int, *, envelope: bool) -> None:
         most = max(64, _KEPT_VALUES // n_channels)
         self._bins = Thinning({"n": np.add, "sum": np.add, "squares": np.add}, min(MOST_BINS, most))
         joins = {"lowest": np.fmin, "highest": np.fmax}
         self._envelope = Thinning(joins, min(ENVELOPE, most)) if envelope else None
-        self.shift = np.zeros(n_channels)
-        self.lowest, self.highest = np.full(n_channels, np.nan), np.full(n_channels, np.nan)
-        self.rows, self._begun = 0, False
+        self._shift = np.zeros(n_channels)
+        self._lowest, self._highest = np.full(n_channels, np.nan), np.full(n_channels, np.nan)
 
     def add(self, chunk: Chunk) -> None:
         """Take the next chunk."""
         bins = chunk.new_bins
-        filled = chunk.missing
         lowest, highest = np.fmin.reduce(bins, axis=2), np.fmax.reduce(bins, axis=2)
-        if not self._begun:
-            first = np.where(np.isfinite(bins), bins, 0.0).sum(axis=(1, 2)) / max(1, chunk.n)
-            self.shift, self._begun = first, True
+        if chunk.first == 0:
+            self._shift = np.where(np.isfinite(bins), bins, 0.0).sum(axis=(1, 2)) / max(1, chunk.n)
         n = np.full(bins.shape[:2], float(chunk.bin))
         total, squares = np.empty(bins.shape[:2]), np.empty(bins.shape[:2])
         for i, own in enumerate(bins):
-            off = own - self.shift[i]
-            if filled[i]:
+            off = own - self._shift[i]
+            if chunk.missing[i]:
                 there = np.isfinite(off)
                 n[i] = there.sum(axis=1)
                 off[~there] = 0.0
             total[i], squares[i] = off.sum(axis=1), np.einsum("ij,ij->i", off, off)
         self._bins.add({"n": n.T, "sum": total.T, "squares": squares.T})
-        self.lowest = np.fmin(self.lowest, np.fmin.reduce(lowest, axis=1))
-        self.highest = np.fmax(self.highest, np.fmax.reduce(highest, axis=1))
-        self.rows = chunk.first + chunk.n
+        self._lowest = np.fmin(self._lowest, np.fmin.reduce(lowest, axis=1))
+        self._highest = np.fmax(self._highest, np.fmax.reduce(highest, axis=1))
         if self._envelope is not None:
             self._add_envelope(chunk, lowest, highest)
 
     def _add_envelope(self, chunk: Chunk, lowest: FloatArray, highest: FloatArray) -> None:
         assert self._envelope is not None
-        if self._envelope.n_halvings >= 6:  # a bin is 2^6 units
+        if self._envelope.n_halvings >= 6:  # a stretch is a bin (2^6 units) or longer
             self._envelope.add({"lowest": lowest.T, "highest": highest.T}, n_halvings=6)
             return
         units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
         self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
 
     def bins(self, rows: int) -> Bins:
-        """Return the bins, each of one or several of so many rows."""
+        """Return the bins; each joins one or several bins of so many rows."""
         items = self._bins.items()
         n = items["n"]
         some = np.maximum(n, 1.0)
         off = items["sum"] / some
         rms = np.sqrt(np.maximum(items["squares"] / some - off**2, 0.0))
         empty = n == 0
-        mean = np.where(empty, np.nan, off + self.shift)
-        return Bins(2**self._bins.n_halvings * rows, n, mean, np.where(empty, np.nan, rms))
+        rows *= 2**self._bins.n_halvings
+        mean, rms = np.where(empty, np.nan, off + self._shift), np.where(empty, np.nan, rms)
+        return Bins(rows, n, mean, rms, self._lowest, self._highest)
 
     def envelope(self) -> tuple[int, FloatArray, FloatArray]:
-        """Return how many 64ths of a bin make a stretch, and the (n, n_channels) least and largest values of each."""
+        """Return the length of a stretch in 64ths of a bin, and the least and largest values, (n, n_channels)."""
         assert self._envelope is not None
         items = self._envelope.items()
         return 2**self._envelope.n_halvings, items["lowest"], items["highest"]
 
 
 class RunCheck:
-    """Runs of one value in one channel: held values, clipping; missing values; the resolution.
+    """The check of one channel for runs of one value (held, clipped), missing values, and its resolution.
 
     Args:
-        column: of the channel.
+        column: index of the channel in a chunk.
         bin_rows: rows of a bin.
-        flat_rows: samples of one value in a row that are suspicious.
+        flat_rows: number of equal samples in a row that is suspicious.
     """
 
     def __init__(self, column: int, *, bin_rows: int, flat_rows: int) -> None:
@@ -120,7 +156,7 @@ class RunCheck:
         self.n_missing, self.n_values = 0, 0
         self.longest = 0
         self.tops = (_Extreme(1.0, bin_rows), _Extreme(-1.0, bin_rows))
-        self._open = -1  # first row of the run that the last row belongs to, where that is longer than one row
+        self._open = -1  # first row of the run that the last row continues, -1 where there is none
         self._last = self._open_value = np.nan
         self._values: list[FloatArray] = []
         self._fed = 0
@@ -150,16 +186,16 @@ class RunCheck:
 
     @property
     def is_mute(self) -> bool:
-        """Whether there are but few distinct values."""
+        """Whether there are only few distinct values."""
         return self.tops[0].values.size <= HEALTH.mute_values
 
     def step(self) -> float | None:
-        """Return the resolution: the step of which the values are multiples, None where none is visible."""
+        """Return the resolution: the values are multiples of this step; None where no step is visible."""
         values = np.unique(np.concatenate(self._values)) if self._values else np.empty(0)
         return None if self.is_mute or values.size < 2 else _quantisation_step(values)
 
     def find_clipping(self, step: float | None) -> tuple[int, list[float], np.ndarray]:
-        """Return how many samples are held at an extreme value, at which ones, and (n, 2) the rows."""
+        """Return the number of samples that are held at an extreme value, these values, and the rows, (n, 2)."""
         found = [held for side in self.tops if not self.is_mute and (held := side.find_clipping(step)) is not None]
         stretches = [held.rows.rows() for held in found]
         joined = np.concatenate(stretches) if stretches else np.empty((0, 2), dtype=np.int64)
@@ -179,7 +215,7 @@ class RunCheck:
                 side.take(values, counts)
             if self._fed < _RESOLUTION_ROWS and values.size:
                 self._values.append(values)
-                # a standstill of a few levels shows the resolution, but so would any stretch of motion
+                # a standstill with few values does not count: motion has to show the resolution as well
                 self._fed += x.size if values.size > _TOP else 0
                 if len(self._values) > 8:
                     self._values = [np.unique(np.concatenate(self._values))]
@@ -202,7 +238,6 @@ class RunCheck:
         self._take(starts, stops, x[stops - 1 - first])
 
     def _finish(self, row: int) -> None:
-        """The open run ends before this row."""
         if self._open >= 0:
             start, self._open = self._open, -1
             self._take(np.array([start]), np.array([row]), np.array([self._open_value]))
@@ -222,7 +257,7 @@ class RunCheck:
 
 
 class _Held:
-    """The runs at one value."""
+    """The runs at one held value."""
 
     def __init__(self, value: float, bin_rows: int) -> None:
         self.value, self.samples, self.runs = value, 0, 0
@@ -230,7 +265,7 @@ class _Held:
 
 
 class _Extreme:
-    """The largest values (of the least, where `sign` is -1) of a channel, and the runs at the largest that have any."""
+    """The largest values of a channel (the least where `sign` is -1), and the runs at the largest held values."""
 
     def __init__(self, sign: float, bin_rows: int) -> None:
         self._sign, self._bin = sign, bin_rows
@@ -238,14 +273,14 @@ class _Extreme:
         self._held: dict[float, _Held] = {}  # by value times sign
 
     def look(self, x: FloatArray) -> None:
-        """Take the values of a chunk when there is a full list to compare them with."""
+        """Take the values of a chunk that are at least as large as the last of a full list."""
         least = self._sign * self.values[-1]
         own = x[x >= least] if self._sign > 0 else x[x <= least]
         if own.size:
             self.take(*np.unique(own, return_counts=True))
 
     def take(self, values: FloatArray, counts: np.ndarray) -> None:
-        """Take distinct values in rising order and how often each occurs."""
+        """Take distinct values in increasing order, and how often each occurs."""
         if self._sign > 0:
             values, counts = values[::-1][:_TOP], counts[::-1][:_TOP]
         else:
@@ -255,49 +290,46 @@ class _Extreme:
         self.values, self.counts = every[::-1][:_TOP], total[::-1][:_TOP]
 
     def hold(self, starts: np.ndarray, stops: np.ndarray, values: FloatArray) -> None:
-        """Take runs in order, and the values that are held."""
+        """Take runs in order of time, and the values that they hold."""
         own = self._sign * values
-        if len(self._held) == _HELD_LEVELS:
+        if len(self._held) == _HELD_VALUES:
             large = own >= min(self._held)
             if not large.any():
                 return
             starts, stops, own = starts[large], stops[large], own[large]
-        for value in np.unique(own)[-_HELD_LEVELS:].tolist():
+        for value in np.unique(own)[-_HELD_VALUES:].tolist():
             held = self._held.setdefault(value, _Held(self._sign * value, self._bin))
             at = own == value
             held.samples += int((stops[at] - starts[at]).sum())
             held.runs += int(np.count_nonzero(at))
             held.rows.add(starts[at], stops[at])
-        for value in sorted(self._held)[:-_HELD_LEVELS]:
+        for value in sorted(self._held)[:-_HELD_VALUES]:
             del self._held[value]
 
     def find_clipping(self, step: float | None) -> _Held | None:
-        """Return the runs at the end of the range: at the largest value, or at one with but single samples beyond."""
+        """Return the runs at the end of the range: the largest value, or one that only single samples exceed."""
         for value in sorted(self._held, reverse=True):
             held = self._held[value]
             beyond = int(self.counts[self.values > value].sum())
-            if value < self.values[-1] or (
-                beyond and not held.runs >= max(HEALTH.least_peaks, HEALTH.clip_crowding * beyond)
-            ):
-                continue
-            if self._is_certain(held, value, step):
+            least_runs = max(HEALTH.least_peaks, HEALTH.clip_crowding * beyond) if beyond else 0
+            if value >= self.values[-1] and held.runs >= least_runs and self._is_certain(held, value, step):
                 return held
         return None
 
     def _is_certain(self, held: _Held, value: float, step: float | None) -> bool:
-        """Whether it is held more often than rounding makes it, by the levels next to it."""
+        """Whether a value occurs more often than rounding explains, compared with the next levels."""
         if step is None:
             return True
         below = value - self.values
         next_levels = self.counts[(below > 0.5 * step) & (below < 2.5 * step)].sum() / 2
-        # the one keeps a single rounded peak of few samples from passing for a clipped one
+        # with the 1, a single rounded peak of few samples does not count as clipped
         return bool(held.samples > HEALTH.clip_crowding * (next_levels + 1))
 
 
 def _quantisation_step(values: FloatArray) -> float | None:
-    """Return the smallest distance between values if most neighbouring values are 1 to 10 of it apart."""
+    """Return the smallest distance between values, if most neighbours are 1 to 10 times this distance apart."""
     distances = np.diff(values)
-    # two values that conversion to SI has rounded apart are one level
+    # values that differ only by the rounding of the conversion to SI are one level
     distances = distances[distances > 1e-9 * (values[-1] - values[0])]
     smallest = distances.min()
     step = float(distances[distances < 1.5 * smallest].mean())

@@ -1,8 +1,6 @@
-"""The truth about a clock: rate, jitter, gaps, stamps that repeat or go back, from stamps that come in blocks."""
+"""Checks of a clock, block by block: its rate, jitter, gaps, and stamps that repeat or go back."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,35 +13,39 @@ from opid.signals.clock import (
     resolution_of,
     sum_bins,
 )
-from opid.signals.health.chunks import LARGEST
-from opid.signals.health.result import ClockHealth, Finding, Severity, Stretch
+from opid.signals.health.chunks import LARGEST, rows_of_a_bin
+from opid.signals.health.result import ClockHealth, Stretch
 from opid.signals.health.settings import HEALTH
 from opid.signals.recording import FloatArray
 
 USUAL_STAMPS = 4096
-"""Number of stamps at the beginning that show what is usual."""
+"""Number of stamps at the beginning that show the usual period."""
 
 MOST_SHOWN = 100
-"""Stretches of each kind that the result keeps."""
+"""Stretches of each kind that the result keeps, at the most."""
 
 
 class ClockCheck:
-    """Looks at the stamps of a track, block by block.
+    """The check of the stamps of a track.
 
     Args:
-        fs: rate that file or user state, Hz; None where it follows from the stamps.
+        fs: rate that the file or the user states, Hz; None where it follows from the stamps.
         start_s: time of the first row where a rate is stated, s.
-        reconstruct: whether the user takes the rows to be equally spaced.
-        usual: the first stamps, s, `USUAL_STAMPS` or as many as there are; none where a rate is stated.
+        reconstruct: whether the user states that the rows are equally spaced.
+        usual: the first stamps, s, at most `USUAL_STAMPS`; empty where a rate is stated.
+        n_channels: number of the channels of the track.
     """
 
-    def __init__(self, *, fs: float | None, start_s: float, reconstruct: bool, usual: FloatArray) -> None:
-        self.is_stated, self.is_reconstructed, self._bin = fs is not None, reconstruct, 1
+    def __init__(
+        self, *, fs: float | None, start_s: float, reconstruct: bool, usual: FloatArray, n_channels: int
+    ) -> None:
+        self.is_stated, self.is_reconstructed = fs is not None, reconstruct
         self._start_s, self.n, self._previous = start_s, 0, np.nan
         self.is_crowded = False
-        self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._usual(usual)
-        self._good = np.zeros(3)  # number, sum and sum of squares about the period of the steps that are no gap
-        self._bins: list[FloatArray] = []  # of rows and stamps, where the rows are taken to be equally spaced
+        self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._find_usual(usual)
+        self.bin_rows = rows_of_a_bin(self.fs, n_channels)
+        self._good = np.zeros(3)  # number of steps that are no gap; sum and sum of squares of step - period
+        self._bins: list[FloatArray] = []  # sums of rows and stamps, where the rows are assumed to be equally spaced
         self._line: tuple[int, float, float, np.ndarray] = (0, 0.0, 0.0, np.empty(0, dtype=bool))
         self.repeated, self.backward, self.unreadable = 0, 0, 0
         self.first_repeated_s = self.first_backward_s = np.nan
@@ -55,21 +57,17 @@ class ClockCheck:
 
     @property
     def fs(self) -> float:
-        """What the first stamps say, or the file, Hz."""
+        """The stated rate, or that of the first stamps, Hz."""
         return 1 / self._period
 
-    def keep_every(self, bin_rows: int) -> None:
-        """Keep the time of every so many rows."""
-        self._bin = bin_rows
-
     def jumps(self) -> np.ndarray:
-        """Return the rows before which the clock jumps, those without that a host stamped late."""
+        """Return the rows before which the clock jumps, without those that a host stamped late."""
         every = np.concatenate(self._jumps) if self._jumps else np.empty(0, dtype=np.int64)
         return every[~np.isin(every, [row for row, _, _ in self.stalls()])]
 
     def stalls(self) -> list[tuple[int, float, float]]:
-        """Return row, start and end of each long step after which the rows catch up: the host stalled, none is lost."""
-        if not self._equal_steps or not self._gaps:
+        """Return row, start and end of each long step that lost no samples: the host stalled, and the rows catch up."""
+        if not self._has_equal_steps or not self._gaps:
             return []
         bins = np.concatenate(self._bins)
         firsts, (period, start, on_line) = bins[:, 1] / bins[:, 0], self._fit()
@@ -90,48 +88,48 @@ class ClockCheck:
         first, self.n = self.n, self.n + n
         if self.is_stated or stamps is None:
             return np.empty(0, dtype=np.int64)
-        time_s = self._readable(stamps)
+        time_s = self._mend_stamps(stamps)
         if first == 0:
             self._start_s = float(time_s[0])
         steps = np.diff(time_s, prepend=self._previous if first else time_s[0] - self._period)
         self._previous = float(time_s[-1])
         self._last = np.concatenate([self._last, time_s])[-2000:]
-        self._faults(time_s, steps)
+        self._count_faults(time_s, steps)
         jumps = (steps > self._longest) | (steps < -self._noise)
         own = steps if self.is_crowded or not jumps.any() else steps[~jumps]
         off = own - self._period
         self._good += np.array([off.size, off.sum(), off @ off])
         rows = np.arange(first, first + n, dtype=np.float64)
-        if self._equal_steps:
-            self._bins.append(sum_bins(first, time_s - self._start_s, self._period, self._bin))
+        if self._has_equal_steps:
+            self._bins.append(sum_bins(first, time_s - self._start_s, self._period, self.bin_rows))
         indices = np.flatnonzero(jumps)
         self._keep_gaps(first, time_s, steps, indices)
         self._keep_knots(rows, time_s, indices)
-        bins = (first + indices) // self._bin
+        bins = (first + indices) // self.bin_rows
         # one jump suffices to make a bin unsound
         self._jumps.append((first + indices)[np.unique(bins, return_index=True)[1]])
         return first + indices
 
     def seconds(self, rows: np.ndarray) -> FloatArray:
-        """Return the time of rows, s: along the stamps, or at equal steps where they are not looked at."""
-        if self.is_stated or self._equal_steps or not self._knots:
-            start_s = self._origin()
+        """Return the time of rows, s: by the stamps, or at equal steps where the stamps are not used."""
+        if self.is_stated or self._has_equal_steps or not self._knots:
+            start_s = self._find_origin()
             return start_s + np.asarray(rows, dtype=np.float64) / self.rate()
         knots = np.concatenate(self._knots, axis=1)
         order = np.argsort(knots[0], kind="stable")
         at = np.asarray(rows, dtype=np.float64)
-        beyond = np.maximum(at - (self.n - 1), 0) * self._period  # a row after the last one ends it
+        beyond = np.maximum(at - (self.n - 1), 0) * self._period  # the row after the last one is its end
         return np.interp(at, knots[0][order], knots[1][order]) + beyond
 
     def rate(self) -> float:
-        """Return the rate of all rows, gaps left out, Hz."""
+        """Return the rate of all rows without the gaps, Hz."""
         if self.is_stated:
             return 1 / self._period
-        if self._equal_steps:
+        if self._has_equal_steps:
             slope = self._fit()[0]
             return 1 / slope if slope > 0 else 1 / self._period
         n, off, squares = self._good
-        # the first row has no step of its own: its period was made up
+        # the step before the first row is not measured: it was set to the period
         period = self._period + (off / (n - 1) if n > 1 else 0.0)
         period = period if period > 0 else self._period
         spread = np.sqrt(squares / n) if n else 0.0
@@ -146,24 +144,24 @@ class ClockCheck:
 
     @property
     def stray_s(self) -> float:
-        """How far the stamps lie off equal steps at the most, s."""
+        """The largest distance of the stamps from equal steps, s."""
         if not self._bins:
             return 0.0
         n, row, *_, low, high = np.concatenate(self._bins).T
         rows, period = row / n, 1 / self.rate()
-        tilt = self._start_s + rows * self._period - (self._origin() + rows * period)
+        tilt = self._start_s + rows * self._period - (self._find_origin() + rows * period)
         return float(max(np.abs(low + tilt).max(), np.abs(high + tilt).max()))
 
     @property
-    def _equal_steps(self) -> bool:
+    def _has_equal_steps(self) -> bool:
         return self.is_reconstructed or self.is_crowded
 
     def result(self, track: str, channels: tuple[str, ...]) -> ClockHealth:
-        """Return the figures of all rows."""
+        """Return the figures of the clock, after the last row."""
         fs, (n, off, squares) = self.rate(), self._good
         variance = max(squares / n - (off / n) ** 2, 0.0) if n else 0.0
         length_s = self.n / fs
-        if not self.is_stated and not self._equal_steps:
+        if not self.is_stated and not self._has_equal_steps:
             length_s = self._previous - self._start_s + 1 / fs
         stalls = self.stalls()
         lost_s = self._lost_s - sum(end - begin - self._period for _, begin, end in stalls)
@@ -173,7 +171,7 @@ class ClockCheck:
             channels=channels,
             fs=fs,
             stated=self.is_stated,
-            start_s=self._origin(),
+            start_s=self._find_origin(),
             duration_s=length_s,
             n_samples=self.n,
             jitter=float(np.sqrt(variance)) * fs,
@@ -185,7 +183,7 @@ class ClockCheck:
             n_lost=round(lost_s * fs),
         )
 
-    def _usual(self, stamps: FloatArray) -> tuple[float, float, float]:
+    def _find_usual(self, stamps: FloatArray) -> tuple[float, float, float]:
         """Period, the longest step that is no gap, and the rounding of floating point, s."""
         time_s = stamps[np.abs(stamps) < LARGEST]
         steps = np.diff(time_s)
@@ -205,8 +203,8 @@ class ClockCheck:
         rounding = rounding if rounding < COARSE_STAMPS * period else 0.0
         return period, max(GAP * period, period + 6 * spread, period + 1.01 * rounding) + noise, noise
 
-    def _readable(self, stamps: FloatArray) -> FloatArray:
-        """The stamps, those that are no number put between their neighbours."""
+    def _mend_stamps(self, stamps: FloatArray) -> FloatArray:
+        """The stamps; those that are no number are interpolated."""
         good = np.abs(stamps) < LARGEST  # their squares are summed
         if good.all():
             return stamps.copy()
@@ -217,7 +215,7 @@ class ClockCheck:
             return np.asarray(before + self._period * (rows + 1.0), dtype=np.float64)
         return np.asarray(np.interp(rows, rows[good], stamps[good]), dtype=np.float64)
 
-    def _faults(self, time_s: FloatArray, steps: FloatArray) -> None:
+    def _count_faults(self, time_s: FloatArray, steps: FloatArray) -> None:
         same, back = steps == 0, steps < 0
         if same.any():
             self.first_repeated_s = time_s[same.argmax()] if not self.repeated else self.first_repeated_s
@@ -234,90 +232,20 @@ class ClockCheck:
             self._gaps.append((first + int(k), float(time_s[k] - steps[k]), float(time_s[k])))
 
     def _keep_knots(self, rows: FloatArray, time_s: FloatArray, indices: np.ndarray) -> None:
-        """Keep the time of some rows and of both sides of jumps."""
-        regular = np.arange(-int(rows[0]) % self._bin, rows.size, self._bin)
-        most = max(1, rows.size // self._bin) * 16
+        """Keep the time of the first row of each bin, and of the rows on both sides of a jump."""
+        regular = np.arange(-int(rows[0]) % self.bin_rows, rows.size, self.bin_rows)
+        most = max(1, rows.size // self.bin_rows) * 16
         near = np.concatenate([regular, [0, rows.size - 1], indices[:most], np.maximum(indices[:most] - 1, 0)])
         near = np.unique(near.astype(np.int64))
         self._knots.append(np.stack([rows[near], time_s[near]]))
 
     def _fit(self) -> tuple[float, float, np.ndarray]:
-        """Period, stamp of row 0 after the first one, and the bins of rows on that line."""
+        """Period, distance of the line at row 0 from the first stamp, and the bins of rows on that line."""
         if self._line[0] != self.n and self._bins:
             self._line = self.n, *line_without_stalls(np.concatenate(self._bins), self._period, self._longest)
         return self._line[1:]
 
-    def _origin(self) -> float:
-        if self.is_stated or not self._equal_steps or self._fit()[0] <= 0:
+    def _find_origin(self) -> float:
+        if self.is_stated or not self._has_equal_steps or self._fit()[0] <= 0:
             return self._start_s
         return self._start_s + self._fit()[1]
-
-
-def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
-    """Yield what is wrong with a clock and what to do about it."""
-    for severity, message in _sentences(check, health):
-        yield Finding(severity, "", message)
-
-
-def _sentences(check: ClockCheck, health: ClockHealth) -> Iterator[tuple[Severity, str]]:
-    of_track = f" of {health.track!r}" if health.track else ""
-    if not HEALTH.least_fs_hz <= health.fs <= HEALTH.most_fs_hz:
-        cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"
-        source = "is stated" if health.stated else "follows from the time stamps"
-        yield "warning", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}"
-    if check.unreadable:
-        yield "fault", f"{check.unreadable} time stamp(s){of_track} are no number: mend the log there"
-    if check.backward:
-        yield (
-            "fault",
-            f"the time{of_track} goes back {check.backward} time(s), the first to {check.first_backward_s:.9g} s: "
-            "put the samples in order, or split the log there if two were joined",
-        )
-    if check.is_reconstructed and not health.stated:
-        yield (
-            "note",
-            f"the rows{of_track} are taken to be equally spaced at {health.fs:.6g} Hz, the stamps lie up to "
-            f"{check.stray_s:.2g} s off: nothing to do unless samples were lost",
-        )
-    elif health.repeated == health.n_samples - 1 and health.n_samples > 1:
-        yield (
-            "fault",
-            f"all {health.n_samples} time stamps{of_track} are {health.start_s:.9g} s, which is no clock: state the "
-            "rate (fs_hz in [log])",
-        )
-    elif check.is_crowded:
-        rows = health.n_samples / (health.n_samples - health.repeated)
-        yield (
-            "fault",
-            f"about {rows:.1f} rows{of_track} share a time stamp, as where a host empties a buffer or rounds: "
-            f'write `clock = "reconstructed"` in [log], which takes the rows as equally spaced at {health.fs:.6g} Hz',
-        )
-    elif check.repeated:
-        yield (
-            "fault",
-            f"{check.repeated} time stamp(s){of_track} stand twice in a row, the first at "
-            f"{check.first_repeated_s:.9g} s: remove the repeated samples, write the time with more digits, or write "
-            '`clock = "reconstructed"` in [log] if the rows are equally spaced',
-        )
-    if stalls := check.stalls():
-        _, begin, end = max(stalls, key=lambda each: each[2] - each[1])
-        yield (
-            "note",
-            f"the stamps{of_track} stand still {len(stalls)} time(s), the longest for {end - begin:.3g} s "
-            f"at {begin:.6g} s, and the rows catch up behind it: the host stalled, no sample is taken for lost",
-        )
-    if health.n_gaps:
-        gap = health.gaps[0]
-        yield (
-            "warning",
-            f"the time{of_track} jumps from {gap.start_s:.9g} s to {gap.stop_s:.9g} s where steps of "
-            f"{1 / health.fs:.6g} s are usual ({health.n_gaps} gap(s), about {health.n_lost} sample(s) lost): choose a "
-            "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
-        )
-    usual = max(0.02, 0.5 * health.resolution_s * health.fs)
-    if not (check.is_crowded or check.is_reconstructed or health.n_gaps or check.backward) and health.jitter > usual:
-        yield (
-            "warning",
-            f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: if the recorder "
-            'samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]',
-        )

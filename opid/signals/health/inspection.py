@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, chain
 
 import numpy as np
@@ -11,33 +12,15 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.conversion import choose_channels
 from opid.signals.health.across_channels import check_magnitudes, check_pair
-from opid.signals.health.channel import MomentCheck, RunCheck
-from opid.signals.health.chunks import Chunk, ChunkMaker, chunk_rows, regroup, rows_of_a_bin
+from opid.signals.health.chunks import chunk_rows, make_chunks, regroup
 from opid.signals.health.clock import USUAL_STAMPS, ClockCheck
-from opid.signals.health.figures import Checks, TrackFigures, track_figures
-from opid.signals.health.findings import NoUnit, channel_findings, unit_findings
-from opid.signals.health.result import ChannelHealth, Finding, Health, Severity
-from opid.signals.health.settings import HEALTH
-from opid.signals.health.spectrum import LongBlocks, SpectrumCheck
-from opid.signals.health.spikes import SpikeSearch, remove_spikes
-from opid.signals.log import Block, Log, Track, log_of_recording
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.health.result import Finding, Health, Severity
+from opid.signals.health.spikes import remove_spikes
+from opid.signals.health.track import TrackCheck, TrackFigures
+from opid.signals.log import AS_WRITTEN, Block, ChannelSettings, Log, LogSettings, Track, log_of_recording
 from opid.signals.recording import FloatArray, Recording
 
-__all__ = [
-    "ChannelHealth",
-    "Finding",
-    "Health",
-    "Severity",
-    "check_channels",
-    "check_magnitudes",
-    "check_pair",
-    "findings_in_words",
-    "inspect",
-    "remove_spikes",
-]
-
-Converter = Callable[[FloatArray], FloatArray]
+__all__ = ["Finding", "check_channels", "findings_in_words", "inspect", "remove_spikes"]
 
 _SEVERITIES: tuple[Severity, ...] = ("fault", "warning", "note")
 
@@ -58,8 +41,8 @@ def inspect(
         what: a log as its file holds it, or a recording.
         settings: what the file does not say.
         channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
-        thorough: whether channels are looked at beside each other, and what a picture shows is kept.
-        progress: called with the fraction of the rows that is read, where their number is known.
+        thorough: whether channels are compared with each other, and what a picture shows is kept.
+        progress: called with the fraction of the rows that has been read, where their number is known.
 
     Raises:
         InputError: a channel that is not there, neither a rate nor time stamps, or what reading the file raises.
@@ -72,104 +55,97 @@ def inspect(
     ('warning', 'upper_z')
     """
     log = log_of_recording(what) if isinstance(what, Recording) else what
-    wanted = {name: (own, log.find(own.channel)) for name, own in choose_channels(log, channels).items()}
-    done, every = 0, sum(track.n_samples or 0 for track in log.tracks)
+    wanted = _choose(log, channels, settings)
+    n_done, n_all = 0, sum(track.n_samples or 0 for track in log.tracks)
     results: list[TrackFigures] = []
     for track in log.tracks:
-        columns = {name: column for name, (_, (where, column)) in wanted.items() if where is track}
-        if not columns:
-            continue
-        shown = None if progress is None or not track.n_samples else _part(progress, done, every)
-        own = {name: wanted[name][0] for name in columns}
-        results.append(_inspect_track(log, track, columns, own, settings, thorough, shown))
-        done += track.n_samples or 0
-    health = _merge(results, order=tuple(wanted), numbers=_numbers(log, wanted))
+        own = {name: each for name, each in wanted.items() if each.track is track}
+        if own:
+            shown = None if progress is None or not track.n_samples else _fraction_of_all(progress, n_done, n_all)
+            results.append(_inspect_track(log, track, own, settings, thorough, shown))
+            n_done += track.n_samples or 0
+    health = _merge(results, wanted)
     remarks = (Finding("note", "", each) for each in log.remarks)
-    health = replace(health, findings=(*health.findings, *remarks))
-    return replace(health, files=what.files, log="" if isinstance(what, Recording) else str(log.path))
+    return replace(
+        health,
+        findings=(*health.findings, *remarks),
+        files=what.files,
+        log="" if isinstance(what, Recording) else str(log.path),
+    )
 
 
-def _numbers(log: Log, wanted: Mapping[str, tuple[ChannelSettings, tuple[Track, int]]]) -> dict[str, int]:
-    """Number of each channel in the log, as `Log.find` takes it."""
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """A channel that is inspected."""
+
+    track: Track
+    column: int
+    number: int  # in the log, as `Log.find` takes it
+    convert: Callable[[FloatArray], FloatArray]  # what is written -> SI
+    unit: str  # SI, "?" where none is known
+    states_unit: bool
+    no_unit: str  # why no unit is known, empty where one is
+
+
+def _choose(
+    log: Log, channels: Mapping[str, ChannelSettings] | Sequence[str] | None, settings: LogSettings
+) -> dict[str, _Wanted]:
     before = accumulate((len(track.channels) for track in log.tracks), initial=1)
     first = {id(track): number for track, number in zip(log.tracks, before, strict=False)}
-    return {name: first[id(track)] + column for name, (_, (track, column)) in wanted.items()}
+    wanted = {}
+    for name, own in choose_channels(log, channels).items():
+        track, column = log.find(own.channel)
+        written: str | None = track.channels[column].unit or settings.unit
+        states_unit, unit, no_unit = (own.unit or written) is not None, "?", ""
+        try:
+            unit = own.to_si(np.zeros(1), written)[1]
+        except InputError as error:
+            # scale, offset and sign hold in any unit
+            own, written, no_unit = replace(own, unit="1"), None, str(error)
+        convert = partial(_convert, own, written)
+        wanted[name] = _Wanted(track, column, first[id(track)] + column, convert, unit, states_unit, no_unit)
+    return wanted
 
 
-def _part(progress: Callable[[float], None], done: int, every: int) -> Callable[[int], None]:
-    return lambda rows: progress(min(1.0, (done + rows) / every))
+def _convert(own: ChannelSettings, written: str | None, samples: FloatArray) -> FloatArray:
+    return own.to_si(samples, written)[0]
+
+
+def _fraction_of_all(progress: Callable[[float], None], n_done: int, n_all: int) -> Callable[[int], None]:
+    return lambda rows: progress(min(1.0, (n_done + rows) / n_all))
 
 
 def _inspect_track(
     log: Log,
     track: Track,
-    columns: Mapping[str, int],
-    wanted: Mapping[str, ChannelSettings],
+    wanted: Mapping[str, _Wanted],
     settings: LogSettings,
     thorough: bool,
     progress: Callable[[int], None] | None,
 ) -> TrackFigures:
-    """Read the channels of one clock once."""
-    blocks = iter(track.blocks(list(columns.values())))
+    n = len(wanted)
+    blocks = iter(track.blocks([each.column for each in wanted.values()]))
     fs = settings.fs_hz or track.fs
-    first, usual = _first_stamps(blocks, stated=fs is not None)
+    first, usual = _read_first_stamps(blocks, stated=fs is not None)
     if not first:
         raise InputError(f"{log.path} holds no samples: export the log again")
     if fs is None and first[0].stamps is None:
         raise InputError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
     start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
-    clock = ClockCheck(fs=fs, start_s=start_s, reconstruct=settings.clock == "reconstructed", usual=usual)
-    bin_rows = rows_of_a_bin(clock.fs, len(columns))
-    clock.keep_every(bin_rows)
-    checks, convert = _checks(track, columns, wanted, settings, clock, bin_rows, thorough)
-    rows = chunk_rows(bin_rows, len(columns))
-    maker = ChunkMaker(convert, bin_rows, rows)
-    every: list[Callable[[Chunk], None]] = [checks.moments.add, checks.spectra.add, checks.long_blocks.add]
-    every += [run.add for run in checks.runs] + [search.add for search in checks.spikes]
-    for samples, stamps in regroup(chain(first, blocks), len(columns), rows):
-        chunk = maker.chunk(samples, clock.add(stamps, samples.shape[1]))
-        for add in every:
-            add(chunk)
+    reconstruct = settings.clock == "reconstructed"
+    clock = ClockCheck(fs=fs, start_s=start_s, reconstruct=reconstruct, usual=usual, n_channels=n)
+    check = TrackCheck(track.name, tuple(wanted), [each.unit for each in wanted.values()], clock, thorough=thorough)
+    rows = chunk_rows(clock.bin_rows, n)
+    regrouped = regroup(chain(first, blocks), n, rows)
+    pieces = ((samples, clock.add(stamps, samples.shape[1])) for samples, stamps in regrouped)
+    for chunk in make_chunks(pieces, [each.convert for each in wanted.values()], clock.bin_rows, rows):
+        check.add(chunk)
         if progress is not None:
             progress(clock.n)
-    for run in checks.runs:
-        run.finish()
-    checks.spectra.finish()
-    return track_figures(checks)
+    return check.finish()
 
 
-def _checks(
-    track: Track,
-    columns: Mapping[str, int],
-    wanted: Mapping[str, ChannelSettings],
-    settings: LogSettings,
-    clock: ClockCheck,
-    bin_rows: int,
-    thorough: bool,
-) -> tuple[Checks, list[Converter]]:
-    """What looks at the rows of a track, and what makes its channels SI."""
-    n = len(columns)
-    convert, units, without = _conversions(track, columns, wanted, settings)
-    flat_rows = int(np.ceil(HEALTH.flat_s * clock.fs - 1e-9)) + 1
-    crossed = [i for i in range(n) if units[i] == "m/s^2"][: HEALTH.most_crossed] if thorough else []
-    checks = Checks(
-        track=track.name,
-        names=tuple(columns),
-        units=tuple(units),
-        without_unit=tuple(without),
-        bin_rows=bin_rows,
-        clock=clock,
-        moments=MomentCheck(n, envelope=thorough),
-        runs=tuple(RunCheck(i, bin_rows=bin_rows, flat_rows=flat_rows) for i in range(n)),
-        spikes=tuple(SpikeSearch(i, bin_rows) for i in range(n)),
-        spectra=SpectrumCheck(n, bin_rows, crossed=crossed if len(crossed) > 1 else (), spectrogram=thorough),
-        long_blocks=LongBlocks(n, bin_rows),
-        thorough=thorough,
-    )
-    return checks, convert
-
-
-def _first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block], FloatArray]:
+def _read_first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block], FloatArray]:
     """The first blocks, and as many of their stamps as show what is usual."""
     first: list[Block] = []
     n = 0
@@ -182,51 +158,20 @@ def _first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block]
     return first, np.concatenate(stamps)[:USUAL_STAMPS] if stamps and not stated else np.empty(0)
 
 
-def _conversions(
-    track: Track, columns: Mapping[str, int], wanted: Mapping[str, ChannelSettings], settings: LogSettings
-) -> tuple[list[Converter], list[str], list[NoUnit | None]]:
-    """For each channel: what makes it SI, its unit, and why none is known."""
-    convert: list[Converter] = []
-    units: list[str] = []
-    without: list[NoUnit | None] = []
-    for name, column in columns.items():
-        own, written = wanted[name], track.channels[column].unit or settings.unit
-        why = None
-        try:
-            unit = own.to_si(np.zeros(1), written)[1]
-        except InputError as error:
-            unit, why = "?", NoUnit((own.unit or written) is not None, str(error))
-            # scale, offset and sign hold in any unit
-            own, written = replace(own, unit="1"), None
-        convert.append(_converter(own, written))
-        units.append(unit)
-        without.append(why)
-    return convert, units, without
-
-
-def _converter(own: ChannelSettings, written: str | None) -> Converter:
-    return lambda samples: own.to_si(samples, written)[0]
-
-
-def _merge(results: Sequence[TrackFigures], *, order: Sequence[str], numbers: Mapping[str, int]) -> Health:
-    """The health of all clocks."""
-    found = [channel for result in results for channel in result.channels]
-    channels = {channel.name: replace(channel, number=numbers[channel.name]) for channel in found}
-    findings = [finding for result in results for finding in result.findings]
-    details = {name: own_details for result in results for name, own_details in result.details.items()}
-    for name in order:
-        findings += channel_findings(channels[name], details[name])
-    findings += unit_findings({name: why for name in order if (why := details[name].without_unit) is not None})
-    index = {name: i for i, name in enumerate(("", *order))}
-    findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), index.get(finding.channel, 0)))
+def _merge(results: Sequence[TrackFigures], wanted: Mapping[str, _Wanted]) -> Health:
+    found = {channel.name: channel for result in results for channel in result.channels}
+    channels = tuple(replace(found[name], number=own.number) for name, own in wanted.items())
+    findings = [*(finding for result in results for finding in result.findings), *_find_unit_faults(wanted)]
+    index = {name: i for i, name in enumerate(("", *wanted))}
+    findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), index[finding.channel]))
     main = max((result.clock for result in results), key=lambda clock: clock.n_samples)
-    accelerations = [channels[name] for name in order if channels[name].unit == "m/s^2"]
+    accelerations = [channel for channel in channels if channel.unit == "m/s^2"]
     loudest = max(accelerations, key=lambda c: c.high_frequency_rms) if len(accelerations) > 1 else None
     return Health(
         fs=main.fs,
         duration_s=main.duration_s,
         n_samples=main.n_samples,
-        channels=tuple(channels[name] for name in order),
+        channels=channels,
         looks_unsprung=loudest.name if loudest else None,
         findings=tuple(findings),
         clocks=tuple(result.clock for result in results),
@@ -235,13 +180,30 @@ def _merge(results: Sequence[TrackFigures], *, order: Sequence[str], numbers: Ma
     )
 
 
+def _find_unit_faults(wanted: Mapping[str, _Wanted]) -> Iterator[Finding]:
+    """What to do about channels without a unit, in one sentence where several state none."""
+    without = {name: own for name, own in wanted.items() if own.no_unit}
+    silent = [name for name, own in without.items() if not own.states_unit]
+    if len(silent) > 1:
+        names = ", ".join(map(repr, silent[:4])) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")
+        yield Finding(
+            "warning",
+            "",
+            f"{len(silent)} channels state no unit ({names}), they are inspected as written: give `unit` in their "
+            "tables of [channels], or in [log] for all",
+        )
+    for name, own in without.items():
+        if len(silent) < 2 or own.states_unit:
+            yield Finding("warning", name, f"{own.no_unit}; it is inspected as written")
+
+
 def check_channels(
     recording: Recording, pairs: Sequence[tuple[str, str]], used: Sequence[str], *, run: str
 ) -> list[Finding]:
-    """Return what is to be said of the channels of a run.
+    """Return what is wrong with the channels of a run; notes are left out.
 
-    Two that look exchanged are a warning and no more: a lightly damped frame may look so, and if they are, no model
-    will follow them.
+    Two channels that look exchanged are only a warning: a lightly damped frame may look so, and if they are exchanged,
+    no model will follow them.
 
     Args:
         recording: of the run.
@@ -250,7 +212,7 @@ def check_channels(
         run: name of the run.
 
     Raises:
-        InputError: two channels that make no pair: one is mute, in another unit, or the other one once more.
+        InputError: two channels that are no pair: one is mute or in another unit, or both are the same signal.
     """
     found: list[Finding] = []
     for below, above in pairs:
@@ -266,7 +228,7 @@ def check_channels(
 
 
 def findings_in_words(run: str, findings: Sequence[Finding]) -> Iterator[str]:
-    """Yield the findings of the channels of a run, one sentence each, without mere notes."""
+    """Yield the findings of the channels of a run, one sentence each; notes are left out."""
     for finding in findings:
         if finding.severity != "note":
             channel = f", {finding.channel!r}" if finding.channel else ""

@@ -1,4 +1,4 @@
-"""What `inspect` finds in a log: figures of clocks, channels and pairs, stretches that are at fault, and findings."""
+"""What `inspect` finds in a log: figures of clocks, channels and pairs, faulty stretches, and findings."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of time at which something is wrong.
+    """A stretch of time in which something is wrong.
 
     Args:
-        kind: what.
+        kind: of the fault.
         start_s: where it begins, s.
         stop_s: where it ends, s.
     """
@@ -54,10 +54,10 @@ class ClockHealth:
     """Figures of one clock.
 
     Args:
-        track: name of the track, empty where there is but one.
+        track: name of the track, empty where there is only one.
         channels: names of its channels.
         fs: rate, Hz: as stated, or from the stamps.
-        stated: whether the file (or the user) states the rate; there are no stamps to look at then.
+        stated: whether the file (or the user) states the rate; the stamps are then not used.
         start_s: time of the first sample, s.
         duration_s: length, gaps included, s.
         n_samples: number of rows.
@@ -65,9 +65,9 @@ class ClockHealth:
         resolution_s: step to which the stamps are rounded, s; 0 without stamps.
         repeated: stamps equal to the one before.
         backward: stamps before the one before.
-        gaps: steps of more than a period and a half, the first hundred.
-        n_gaps: how many there are.
-        n_lost: samples lost in them, about.
+        gaps: the first hundred steps of more than a period and a half.
+        n_gaps: number of such steps.
+        n_lost: approximate number of samples that were lost in them.
     """
 
     track: str
@@ -91,10 +91,10 @@ class SpectralLine:
     """A line that stands out of the spectrum, or a peak that may be one.
 
     Args:
-        frequency_hz: where.
+        frequency_hz: of the line, Hz.
         rms: of the line, in the unit of the channel.
         name: "mains, 50 Hz", "harmonic 3 of the mains (50 Hz)", or empty.
-        resolved: whether it is narrower than a resonance of 1 % damping would be; a short record does not show it.
+        resolved: whether the record is long enough to show that the peak is narrower than a resonance of 1 % damping.
     """
 
     frequency_hz: float
@@ -105,16 +105,16 @@ class SpectralLine:
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """What a picture of a channel shows, however long the log is.
+    """What a picture of a channel shows of a log of any length.
 
     Args:
         time_s: (n,) middles of the stretches, s.
-        lowest: (n,) least value in each, NaN where there is none.
-        highest: (n,) largest value in each.
+        lowest: (n,) least value in each stretch, NaN where there is none.
+        highest: (n,) largest value in each stretch.
         frequency_hz: (n_lines,) of the spectra, Hz.
         psd: (n_lines,) power spectral density, unit^2/Hz.
         spectrogram_s: (m,) middles of the times of the spectrogram, s.
-        spectrogram_hz: (n_bands,) of the spectrogram, Hz: single lines up to 20 Hz or so, then bands that grow.
+        spectrogram_hz: (n_bands,) of the spectrogram, Hz: single lines up to about 20 Hz, then wider and wider bands.
         spectrogram: (m, n_bands) power spectral density at these times, unit^2/Hz, NaN where there is none.
     """
 
@@ -140,18 +140,17 @@ class ChannelHealth:
         peak: largest distance from the mean.
         crest_factor: peak over rms, 0 for a mute channel.
         high_frequency_rms: rms of the part above 5 Hz.
-        quantisation_step: the step of which the values are multiples, None where none is visible.
-        clipped_fraction: part of the samples that sit at an extreme value, three or more in a row.
+        quantisation_step: the values are multiples of this step; None where no step is visible.
+        clipped_fraction: fraction of the samples that lie at an extreme value, three or more in a row.
         longest_flat_s: longest time for which the value does not change, s.
-        spikes: single samples that depart from their neighbours by 10 robust standard deviations, and nothing else
-            there does.
-        mute: whether the channel shows nothing.
-        number: of the channel in its log, counted from 1, whatever of it was asked for; 0 where unknown.
-        missing: values that are not there (NaN).
-        drift: range of the slow offset (means of long stretches), in the unit.
-        noise_floor: rms of white noise as quiet as the quietest part of the spectrum; the sensor's own is no larger.
-        lines: what stands out of the spectrum, the strongest first.
-        stretches: where something is wrong, the first hundred of each kind.
+        spikes: number of single samples that depart from their neighbours by 10 robust standard deviations.
+        mute: whether the channel has no more than three different values.
+        number: of the channel among all channels of its log, counted from 1; 0 where unknown.
+        missing: number of missing values (NaN).
+        drift: range of the slow offset (means of long parts of the record), in the unit.
+        noise_floor: rms of white noise as quiet as the quietest part of the spectrum: an upper bound for the sensor's.
+        lines: that stand out of the spectrum, the strongest first.
+        stretches: in which something is wrong, the first hundred of each kind.
         overview: what a picture shows.
     """
 
@@ -197,21 +196,21 @@ class PairHealth:
 
 @dataclass(frozen=True, eq=False)
 class RmsHistory:
-    """How strong the motion is, second by second: what segments are found from.
+    """How strong the motion is, second by second; segments are found from it.
 
     Args:
         start_s: (n,) start of each stretch, s.
-        length_s: of each, s.
+        length_s: length of each stretch, s.
         rms: (n, n_channels) about the mean of each stretch, in the unit of the channel; NaN where values are missing.
-        sound: (n, n_channels) whether nothing is wrong with the channel there.
-        complete: (n, n_channels) whether every value is there and the clock runs on; None where only `sound` is known.
+        sound: (n, n_channels) whether nothing is wrong with the channel in the stretch.
+        complete: (n, n_channels) whether no value is missing and the clock does not jump.
     """
 
     start_s: FloatArray
     length_s: float
     rms: FloatArray
     sound: np.ndarray
-    complete: np.ndarray | None = None
+    complete: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -221,9 +220,9 @@ class Health(Result):
     Args:
         fs: sampling rate, Hz, of the clock with most samples.
         duration_s: its length, s.
-        n_samples: samples a channel of it.
+        n_samples: samples of each of its channels.
         channels: figures of each channel.
-        looks_unsprung: the acceleration channel that looks like the wheel's side, None if there is no choice.
+        looks_unsprung: the acceleration channel that looks like the wheel's side; None if there is only one.
         findings: what is wrong, faults first.
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.
@@ -264,11 +263,11 @@ class Health(Result):
 
 
 def health_json(logs: Sequence[Health]) -> dict[str, Any]:
-    """Return the health of some logs as a value of JSON, without the arrays that pictures are drawn from.
+    """Return the health of some logs as a value of JSON, without the arrays of pictures.
 
     Returns:
-        `schema` and `logs`, each with the fields of `Health` but `rms_history` and `files`, of its channels all but
-        `overview`.
+        `schema` and `logs`; a log has the fields of `Health` except `rms_history` and `files`, and its channels have
+        theirs except `overview`.
 
     >>> health_json([])
     {'schema': 'opid.health/1', 'logs': []}

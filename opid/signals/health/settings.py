@@ -10,70 +10,72 @@ class HealthSettings:
     """What counts as a fault of a clock or a channel, and what is only noteworthy.
 
     Args:
-        crowded: fraction of the stamps that repeat the one before, above which the host's clock stamps bursts of rows
+        crowded: where a larger fraction of the stamps repeats the one before, the host's clock stamps bursts of rows
             and not samples.
-        least_fs_hz: below this rate nobody records the vibration of a vehicle: the unit of the stamps is wrong, Hz.
-        most_fs_hz: likewise above this rate, Hz.
-        mute_values: a channel of so few distinct values is mute: a constant, or the last bit of a converter.
+        least_fs_hz: nobody records the vibration of a vehicle at a lower rate: the unit of the stamps is wrong, Hz.
+        most_fs_hz: nobody records it at a higher rate either, Hz.
+        mute_values: a channel with so few different values is mute: a constant, or the last bit of a converter.
         clip_run: samples in a row at the extreme value that make a clipped peak. A smooth peak has one, by chance two.
-        clip_crowding: how much fuller than the next level the extreme level of a quantised, clipped signal is. The
-            rounded top of a coarsely quantised sine is about twice as full.
-        least_peaks: from so many clipped peaks on a level is the end of the range although single samples, spikes, lie
-            beyond it.
-        flat_s: a value held for so long is no vibration of a machine in operation, s.
-        most_spikes: spikes in a second that are still single ones, which a fit mends. More of them spoil the second.
-        held_rows: samples beside a held value that are no spikes.
+        clip_crowding: the extreme value of a quantised, clipped signal occurs this many times as often as the next
+            value. The rounded top of a coarsely quantised sine occurs about twice as often.
+        least_peaks: a value with so many clipped peaks is the end of the range even if single samples, which are
+            spikes, lie beyond it.
+        flat_s: a value that is held for so long is no vibration of a machine in operation, s.
+        most_spikes: number of spikes in a second that a fit can replace. More of them make the second unsound.
+        held_rows: so many samples beside a held value are no spikes.
         drift_parts: number of parts of a record whose means show the drift.
         drift_part_s: least length of such a part, s: slow beside any motion of a vehicle on its springs.
         high_frequency_hz: this is above the bounce of a vehicle (1 to 3 Hz), where the suspension isolates the sprung
             side, Hz.
-        coarse_steps: quantisation steps that an rms should have: at 5 the rounding, step/sqrt(12), is 6 % of it.
-        offset_rms: an offset beyond this fraction of the rms is worth a note, for integrated twice it hides the motion.
+        coarse_steps: an rms should have so many quantisation steps: at 5 the rounding, step/sqrt(12), is 6 % of it.
+        offset_rms: an offset beyond this fraction of the rms is worth a note: integrated twice, it hides the motion.
         drift_rms: a drift beyond this fraction of the rms is worth a note.
         gravity_tolerance: how far from 1 g (relative) a mean still looks like gravity: a tilt of 18 degrees, an offset.
-        most_gravities: a mean beyond so many g is not gravity on a sensor that is off its zero by a little.
+        most_gravities: a mean beyond so many g is not gravity, even with a small error of the sensor's zero.
         hum_rms: lines of a supply beyond this fraction of the rms may spoil the result; a fifth of it is worth a note.
-        line_group: width of the groups of lines that are compared, over their frequency: a machine's speed wanders so
-            much.
-        usual_groups: groups whose median is what is usual there.
-        near_groups: groups whose median a line exceeds as well: on the flank of a resonance it is the higher one.
-        line_ratio: a line stands at least so far above the median of its neighbours.
-        line_chance: probability that noise makes one such line anywhere in a spectrum, shared by all groups that are
-            looked at. It takes 20 times the median in a single periodogram, less in a mean of many.
-        line_width: how far the spectrum has fallen three to five groups off. That is the window's own width, which a
-            damped resonance exceeds if its half-width is 3/4 of a group.
+        line_group: width of the groups of lines that are compared, over their frequency: the speed of a machine
+            wanders by as much.
+        usual_groups: the median of so many groups is the usual power.
+        near_groups: a line also exceeds the median of so many groups, which is the larger one beside a resonance.
+        line_ratio: least ratio of a line's power to the median of its neighbours.
+        line_chance: probability that noise makes one such line anywhere in a spectrum, shared by all its groups. It
+            needs 20 times the median in a single periodogram, and less in a mean of many.
+        line_width: factor by which the spectrum has fallen at a distance of three to five groups. The window allows it;
+            a damped resonance with a half-width of 3/4 of a group is wider.
         least_damping: damping ratio of the sharpest resonance that is to be distinguished from a line.
-        most_lines: lines that the result keeps, and as many with a name.
+        most_lines: lines that the result keeps, and as many lines that have a name.
         mains_tolerance: how far the mains may be off 50 or 60 Hz, relative: a small generator.
         aircraft_tolerance: how far an aircraft's supply may be off 400 Hz, relative.
-        mains_wander_hz: the mains wander by so much over the minutes of a log, Hz.
-        most_harmonic: highest harmonic of a supply that is looked for.
-        mute_ratio: a sensor of a pair this much quieter than the other is mute: no suspension takes 60 dB off the rms.
-        quiet_ratio: a sensor of a pair this much quieter than the other may show only its noise.
-        swap_ratio: how much quieter than the airframe the spindle may be at high frequencies before the two look
-            swapped: a strut locked by friction makes them nearly equal.
+        mains_wander_hz: the mains wander by as much in the minutes of a log, Hz.
+        most_harmonic: highest harmonic of a supply that is searched for.
+        mute_ratio: a sensor of a pair whose rms is below this fraction of the other's is mute: no suspension isolates
+            by 60 dB.
+        quiet_ratio: a sensor of a pair whose rms is below this fraction of the other's may show only its noise.
+        swap_ratio: the two look swapped where the rms of the spindle at high frequencies is below this fraction of the
+            airframe's: a strut that is locked by friction makes them nearly equal.
         lag_hz: the band in which a suspension has its resonance and delays of channels turn the phase by little, Hz.
-        least_lag: fraction of the common motion, a quarter of a period late, from which the upper side is said to lag.
-        carried_hz: the bands in which a suspension of 1.4 Hz or more carries its body along, and moves it 0.7 to 1.3
-            times as much as the wheel, AC coupling and a spring to the ground included, Hz.
-        unit_tolerance: how far a ratio may lie from that of two units, as a factor: more than a suspension and an AC
-            coupling make of it, and four times less than what lies between a sound ratio and the nearest one reported.
-        unit_phase_rad: phase up to which two sensors move together; near a resonance or the corner of an AC coupling it
-            is more, rad.
-        unit_coherence: squared coherence from which two sensors move together.
-        unit_lines: lines in all of `carried_hz`, those of 20 s: of fewer, unrelated signals may look coherent.
-        largest_rms: a body that is shaken with more than 10 g rms is neither a vehicle nor a building, m/s^2.
-        rest_tolerance: how far from 1 the mean of an upright sensor in g may lie, as `inspect` takes it for gravity.
-        most_crossed: accelerations of one clock whose cross-spectra are formed: 28 pairs.
+        least_lag: the upper side lags where this fraction of the common motion comes a quarter of a period late.
+        carried_hz: bands in which a body on a suspension of 1.4 Hz or more moves with the wheel, 0.7 to 1.3 times as
+            much even with AC coupling and a spring to the ground, Hz.
+        unit_tolerance: largest factor between a ratio and that of two units: more than a suspension and an AC coupling
+            change a ratio, and four times less than the distance from a sound ratio to the nearest reported one.
+        unit_phase_rad: largest phase between two sensors that move together; it is larger near a resonance or the
+            corner of an AC coupling, rad.
+        unit_coherence: least squared coherence of two sensors that move together.
+        unit_lines: least number of lines in all of `carried_hz`, as 20 s give: with fewer, unrelated signals may look
+            coherent.
+        largest_rms: a body that shakes with more than 10 g rms is neither a vehicle nor a building, m/s^2.
+        rest_tolerance: how far from 1 the mean of an upright sensor in g may lie and still look like gravity.
+        most_crossed: accelerations of one clock whose cross-spectra are computed, at the most: 28 pairs.
         least_averages: with fewer averages unrelated signals look coherent (by chance 1/n).
-        coherence: squared coherence from which two channels have a common band.
+        coherence: least squared coherence in the common band of two channels.
         broad_band: highest over lowest frequency of the band over which the phase must be that of a delay; a resonance
             bends it.
-        least_lines: lines of that band.
-        phase_tolerance_rad: how far the phase may lie off a delay's, averaged over an eighth of the band, rad.
+        least_lines: least number of lines in that band.
+        phase_tolerance_rad: largest distance of the phase from that of a delay, averaged over eighths of the band, rad.
         gain_tolerance: largest over smallest gain, averaged over eighths of the band, of sensors that move alike.
-        lag_sigma: a lag is reported when it exceeds so many standard deviations.
-        lag_samples: a lag is reported when it exceeds so much of a sample.
+        lag_sigma: a lag is reported where it exceeds so many standard deviations.
+        lag_samples: a lag is reported where it also exceeds this fraction of a sample.
     """
 
     crowded: float = 0.05

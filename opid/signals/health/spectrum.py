@@ -1,4 +1,4 @@
-"""Spectra of a log that is read but once: Welch averages, spectrogram, long blocks for lines, noise floor."""
+"""Spectra of a log that is read once: averages of blocks, spectrogram, and the lines that stand out of them."""
 
 from __future__ import annotations
 
@@ -6,40 +6,49 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from opid.signals.health.chunks import Chunk
-from opid.signals.health.lines import growing_edges
-from opid.signals.health.thinning import Thinning
+from opid.signals.health.chunks import Chunk, Thinning
+from opid.signals.health.result import SpectralLine
+from opid.signals.health.settings import HEALTH
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray, white_noise_rms
 
 OVERLAPPED_BINS = 512
-"""Bins (9 min) in which blocks overlap by a half, for smoother averages; later there are enough without."""
+"""In so many bins (9 min) blocks overlap by a half, for smoother averages; later there are enough blocks without."""
 
 MOST_MISSING = 0.05
-"""Part of a block that may be missing: it is put on straight lines; more, and the block is left out."""
+"""Fraction of a block that may be missing: it is interpolated. A block that misses more is left out."""
 
 SPECTROGRAM_TIMES = 300
+"""Times of a spectrogram, at the most."""
 
 BAND_FRACTION = 0.025
-"""Width of the spectrogram's bands, as a part of their frequency: those of a suspension are single lines."""
+"""Width of the spectrogram's bands over their frequency: those of a suspension's motion are single lines."""
 
 LONG_BINS, LEAST_LONG_BINS, LONG_VALUES = 16, 4, 1 << 22
-"""Bins (seconds) of the long blocks in which lines are looked for; fewer where more values would be held in memory."""
+"""Bins (seconds) of the long blocks that show lines, at most and at least; and the values that they may hold."""
 
 LEAST_LONG_AVERAGES = 3.0
-"""From so many long blocks on they show lines better than the many short ones of the same record."""
-
+"""So many long blocks show lines better than the many short blocks of the same record."""
 
 LINES_A_BAND, EVEN_BAND_FRACTION = 32, 0.1
-"""Least lines, and width over frequency, of the bands whose power is compared from block to block:
-enough lines that chance moves it by a tenth, few enough that the spectrum is flat there."""
+"""Least lines, and width over frequency, of the bands whose power is compared from block to block.
+
+A band has enough lines that their power scatters by a tenth only, and so few that the spectrum is flat there."""
+
+MAINS_HZ = (50.0, 60.0)
+AIRCRAFT_HZ = 400.0
+
+SHARED_BY_LINES = 1.94
+"""Variance of a mean over neighbouring lines under a Hann window, over that of independent lines.
+
+It is 1 + 2 ((2/3)^2 + (1/6)^2)."""
 
 
 class BlockMean:
     """The mean of the spectra of blocks under a Hann window, channel by channel.
 
-    Where the power of the blocks differs, as on a run-out whose speed falls, the mean of n blocks of powers Q_b
-    scatters like that of (sum Q_b)^2 / sum Q_b^2 equal ones.
+    Where the power of the blocks differs, as in a run whose speed falls, the mean of blocks of powers Q_b scatters like
+    the mean of (sum Q_b)^2 / sum Q_b^2 blocks of equal power.
     """
 
     def __init__(self, n_channels: int, nperseg: int) -> None:
@@ -74,17 +83,17 @@ class BlockMean:
         return self.frequencies(fs), density, total**2 / np.maximum(squares, 1e-300)
 
     def line_averages(self, channel: int) -> FloatArray:
-        """Return how many blocks of equal power the density of each line is worth, (n_lines,); 0 where none."""
+        """Return the number of blocks of equal power that scatter like the density of each line, (n_lines,)."""
         total, squares = self._sums[:, channel]
         worth = np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)
         return np.repeat(worth, np.diff(np.append(self._edges, self._power.shape[1])))
 
     def frequencies(self, fs: float) -> FloatArray:
-        """Return those of the lines, Hz."""
+        """Return the frequencies of the lines, Hz."""
         return np.arange(self.nperseg // 2 + 1, dtype=np.float64) * float(fs / max(self.nperseg, 1))
 
     def scale(self, fs: float) -> FloatArray:
-        """Return what makes the squared transform of a block a one-sided density, (n_lines,)."""
+        """Return the factor from the squared transform of a block to a one-sided density, (n_lines,)."""
         scale = np.full(self.nperseg // 2 + 1, 2 / (fs * max(np.sum(self.window**2), 1e-300)))
         scale[0] /= 2
         if self.nperseg % 2 == 0:
@@ -93,7 +102,7 @@ class BlockMean:
 
 
 class SpectrumCheck:
-    """Welch spectra of all channels, cross-spectra of some, block by block of two bins."""
+    """Welch spectra of all channels and cross-spectra of some; a block is two bins."""
 
     def __init__(self, n_channels: int, bin_rows: int, *, crossed: Sequence[int] = (), spectrogram: bool) -> None:
         self._n, self._bin, self.crossed = n_channels, bin_rows, tuple(crossed)
@@ -121,7 +130,7 @@ class SpectrumCheck:
         weights = np.where(before + bin_index < OVERLAPPED_BINS, 1.0, 2.0)
         wanted = (weights == 1.0) | ((before + bin_index) % 2 == 0)
         if used % self._bin and used > nperseg:
-            # the end of a log that is no whole bin counts in the spectrogram alone
+            # an end of the log that is no whole bin counts in the spectrogram only
             starts, bin_index = np.append(starts, used - nperseg), np.append(bin_index, used // self._bin - 1)
             weights, wanted = np.append(weights, 0.0), np.append(wanted, True)
         first = chunk.first - chunk.lead + starts
@@ -138,7 +147,7 @@ class SpectrumCheck:
             self._gram.add({"power": power[np.newaxis], "weight": usable[np.newaxis]})
 
     def _take(self, chunk: Chunk, starts: np.ndarray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Add blocks to the spectra; return (n_channels, n, ...) their powers by bands, and whether they are usable."""
+        """Add blocks to the spectra; return their powers in bands and whether they are usable, (n_channels, n, ...)."""
         spectra: dict[int, ComplexArray] = {}
         usable = np.ones((self._n, starts.size))
         grouped = np.zeros((self._n, starts.size, self._edges.size))
@@ -165,7 +174,7 @@ class SpectrumCheck:
                 self._cross[i, j] += np.einsum("kl,kl->l", conjugate, spectra[self.crossed[j]])
 
     def _add_to_gram(self, chunk: Chunk, bin_index: np.ndarray, usable: FloatArray, grouped: FloatArray) -> None:
-        """One item a bin: the block that ends with it or, where that is of no use, the one that begins with it.
+        """Add an item for each bin: the block that ends with it, or the one that begins with it if that is unusable.
 
         The item of the last bin waits for the next chunk.
         """
@@ -194,7 +203,7 @@ class SpectrumCheck:
         return self.mean.frequencies(fs), density, float(total**2 / max(squares, 1e-300) / shared)
 
     def spectrogram(self, fs: float) -> tuple[int, FloatArray, FloatArray]:
-        """Return the bins of a time, frequencies, Hz, and densities (n_channels, n_times, n_lines), NaN where none."""
+        """Return the number of bins of a time, frequencies, Hz, and densities (n_channels, n_times, n_lines) or NaN."""
         assert self._gram is not None
         items = self._gram.items()
         nperseg = self.mean.nperseg
@@ -207,11 +216,11 @@ class SpectrumCheck:
 
 
 class LongBlocks:
-    """Spectra of long blocks, which distinguish lines from resonances."""
+    """Spectra of long blocks, whose fine resolution distinguishes lines from resonances."""
 
     def __init__(self, n_channels: int, bin_rows: int) -> None:
         bins = min(LONG_BINS, LONG_VALUES // (n_channels * bin_rows))
-        # a power of two, so that a chunk fills it exactly or in halves
+        # a power of two of bins, so that chunks fill a block exactly
         self._nperseg = 2 ** (bins.bit_length() - 1) * bin_rows if bins >= LEAST_LONG_BINS else 0
         self.mean = BlockMean(n_channels, self._nperseg)
         self._bin = bin_rows
@@ -249,7 +258,7 @@ class LongBlocks:
 
 
 def rms_above(frequency_hz: FloatArray, psd: FloatArray, least_hz: float) -> float:
-    """Return the rms of a spectrum, evenly spaced from 0 Hz, above a frequency; without the mean if it ends below."""
+    """Return the rms of a spectrum, evenly spaced from 0 Hz, above a frequency; of all lines where it ends below."""
     if frequency_hz.size < 2 or not np.isfinite(psd).all():
         return 0.0
     first = max(1, int(np.searchsorted(frequency_hz, least_hz - 1e-9))) if least_hz < frequency_hz[-1] else 1
@@ -269,7 +278,7 @@ def hann(n: int) -> FloatArray:
 
 
 def _mend(blocks: FloatArray) -> np.ndarray:
-    """Put what little is missing on straight lines, in place; say which blocks can be used, zero the others."""
+    """Interpolate the few missing values in place; return which blocks are usable, and set the others to zero."""
     gone = np.isnan(blocks)
     part = gone.mean(axis=1)
     rows = np.arange(blocks.shape[1])
@@ -277,3 +286,111 @@ def _mend(blocks: FloatArray) -> np.ndarray:
         blocks[k, gone[k]] = np.interp(rows[gone[k]], rows[~gone[k]], blocks[k, ~gone[k]])
     blocks[part > MOST_MISSING] = 0.0
     return part <= MOST_MISSING
+
+
+# ---- lines -----------------------------------------------------------------------------------------
+
+
+def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *, fs: float) -> tuple[SpectralLine, ...]:
+    """Return the narrow peaks of a spectrum, the strongest first; electric supplies and their harmonics have names.
+
+    The half-width of a resonance is zeta f. Where that of a resonance of 1 % damping is below the distance of the
+    spectrum's lines, a peak may be a line or a resonance: it is not resolved.
+
+    Args:
+        frequency_hz: (n_lines,) evenly spaced from 0, Hz.
+        psd: (n_lines,) under a Hann window, unit^2/Hz.
+        averages: (n_lines,) number of periodograms of equal power that scatter like it.
+        fs: rate, Hz.
+    """
+    if psd.size < 40 or averages.max() <= 0 or not np.isfinite(psd).all() or psd.max() <= 0:
+        return ()
+    from scipy.ndimage import median_filter
+
+    edges = growing_edges(psd.size, fraction=HEALTH.line_group)
+    sizes = np.diff(np.append(edges, psd.size))
+    power = np.add.reduceat(psd, edges) / sizes
+    usual = median_filter(power, size=HEALTH.usual_groups, mode="reflect")
+    near = median_filter(power, size=HEALTH.near_groups, mode="reflect")
+    df = float(frequency_hz[1])
+    resolved_hz = df / HEALTH.least_damping
+    ends = np.append(edges, psd.size)
+    found = []
+    averages_of_groups = np.maximum(averages[edges], 1.0) * np.maximum(1.0, sizes / SHARED_BY_LINES)
+    for k in _find_narrow_peaks(power, usual, near, averages_of_groups):
+        inside = slice(ends[k - 2], ends[k + 3])
+        around = np.maximum(psd[inside] - usual[k], 0.0)
+        # the main lobe of the window is symmetric about a pure tone, so its centre is the frequency
+        found.append((float(frequency_hz[inside] @ around / around.sum()), float(np.sqrt(around.sum() * df))))
+    found.sort(key=lambda each: -each[1])
+    # in the minutes of a log the mains wander by more than the distance of the lines of long blocks
+    names = names_of_lines([at for at, _ in found], fs=fs, resolution_hz=max(df, HEALTH.mains_wander_hz))
+    every = [
+        SpectralLine(at, rms, name, resolved=at >= resolved_hz) for (at, rms), name in zip(found, names, strict=True)
+    ]
+    named = [line for line in every if line.name]
+    return tuple(sorted({*every[: HEALTH.most_lines], *named[: HEALTH.most_lines]}, key=lambda line: -line.rms))
+
+
+def growing_edges(n_lines: int, *, fraction: float) -> np.ndarray:
+    """Return the first line of each group of lines; a group has this fraction of its frequency, or one line.
+
+    >>> growing_edges(12, fraction=0.4).tolist()
+    [0, 1, 2, 3, 4, 5, 7, 9]
+    """
+    edges = []
+    line = 0
+    while line < n_lines:
+        edges.append(line)
+        line += max(1, int(fraction * line))
+    return np.array(edges)
+
+
+def _find_narrow_peaks(power: FloatArray, usual: FloatArray, near: FloatArray, averages: FloatArray) -> np.ndarray:
+    """Indices of the groups that stand out of a spectrum and are as narrow as a line under the window."""
+    from scipy import special
+    from scipy.ndimage import maximum_filter
+
+    inner = slice(5, power.size - 5)
+    own, base, n = power[inner], usual[inner], averages[inner]
+    chance = special.gammainccinv(n, HEALTH.line_chance / n.size) / special.gammaincinv(n, 0.5)
+    peak = (own == maximum_filter(power, size=5)[inner]) & (
+        own > np.maximum(HEALTH.line_ratio, chance) * np.maximum(base, near[inner])
+    )
+    beside = np.convolve(power, np.full(3, 1 / 3), mode="valid")
+    scatter = 1 + 3 * np.sqrt(SHARED_BY_LINES / (3 * n))
+    narrow = np.maximum(beside[: own.size], beside[8 : 8 + own.size]) < own / HEALTH.line_width + scatter * base
+    return np.flatnonzero(peak & narrow) + 5
+
+
+def names_of_lines(lines_hz: Sequence[float], *, fs: float, resolution_hz: float) -> list[str]:
+    """Return the names of lines: mains at 50 or 60 Hz, the supply of an aircraft at 400 Hz, harmonics, aliases.
+
+    A harmonic (or its alias `|k f - n fs|`) has a name only where its fundamental is among the lines.
+
+    >>> names_of_lines([50.0, 150.02, 33.0], fs=512.0, resolution_hz=0.5)
+    ['mains, 50 Hz', 'harmonic 3 of the mains (50 Hz)', '']
+    >>> names_of_lines([60.0, 20.0], fs=200.0, resolution_hz=0.5)
+    ['mains, 60 Hz', 'harmonic 3 of the mains (60 Hz), aliased']
+    """
+    names = [""] * len(lines_hz)
+    supplies = [(hz, f"mains, {hz:g} Hz", f"the mains ({hz:g} Hz)", HEALTH.mains_tolerance) for hz in MAINS_HZ]
+    supplies.append((AIRCRAFT_HZ, "aircraft supply, 400 Hz", "the aircraft supply (400 Hz)", HEALTH.aircraft_tolerance))
+    for supply_hz, name, of, tolerance in supplies:
+        if supply_hz >= fs / 2:
+            continue
+        slack = tolerance * supply_hz + 0.2 * resolution_hz
+        near = [i for i, hz in enumerate(lines_hz) if abs(hz - supply_hz) <= slack and not names[i]]
+        if not near:
+            continue
+        base = min(near, key=lambda i: abs(lines_hz[i] - supply_hz))
+        names[base] = name
+        own_hz = lines_hz[base]
+        for k in range(2, HEALTH.most_harmonic + 1):
+            folded = abs(k * own_hz - fs * round(k * own_hz / fs))
+            alias = ", aliased" if k * own_hz > fs / 2 else ""
+            slack = (0.1 * k + 0.2) * resolution_hz
+            for i, hz in enumerate(lines_hz):
+                if not names[i] and abs(hz - folded) <= slack:
+                    names[i] = f"harmonic {k} of {of}{alias}"
+    return names

@@ -1,11 +1,10 @@
-"""Single samples that stand far out of their surroundings: found, counted, mended.
+"""Spikes: single samples that stand far out of their surroundings are found, counted and replaced.
 
-A spike of a cable or a converter of height s is there for one sample. The departure of a sample from the mean of its
-neighbours, d_k = x_k - (x_{k-1} + x_{k+1}) / 2, is then 0, -s/2, s, -s/2, 0 beside what the motion makes, and where
-that one sample is left out the signal goes on as if nothing had been. A force that jumps does not do so: dry friction
-turns over where the velocity passes zero, the acceleration goes to another value within a sample or two and stays
-there, and what a sensor's filter makes of that rings on both sides. Without any one of its samples the jump is still
-there: for a step from a to b between two samples the least that is left is half of what was taken out.
+A spike of height s from a cable or a converter lasts for one sample. It adds 0, -s/2, s, -s/2, 0 to the departures of
+the samples from the mean of their neighbours, d_k = x_k - (x_{k-1} + x_{k+1}) / 2, and without that one sample the
+signal is smooth. A jump of a force is not like that: where dry friction changes its sign the acceleration goes to
+another value within a sample or two and stays there, and the sensor's filter makes it ring on both sides. Without any
+one of its samples the jump is still there: a step between two samples leaves at least half of what was removed.
 """
 
 from __future__ import annotations
@@ -24,16 +23,16 @@ class SpikeSettings:
     """What counts as a spike.
 
     Args:
-        least_sigma: robust standard deviations by which a spike departs from its neighbours' mean. Gaussian noise
+        least_sigma: a spike departs from its neighbours' mean by this many robust standard deviations. Gaussian noise
             never does.
-        most_left: what the two departures on either side of a spike may differ by from those beside a lone sample,
-            over its height. It lies between 3 / least_sigma, below which noise hides spikes that just stand out, and
-            0.5, where a jump between two samples is taken for a spike. At 0.35 noise hides 1 of 1000 of the former,
-            and of 14 million samples of dry friction behind a sharp anti-alias filter none is called a spike.
-        quiet_ratio: a stretch that is quieter than this part of the whole run is taken to be as loud as that, because
-            a standstill has hardly any departure.
-        least_moving: departures other than zero that show what is usual in a stretch. Where the value is held or
-            clipped there are fewer.
+        most_left: largest difference between the two departures on either side of a spike and those of a lone sample,
+            over its height. Below 3 / least_sigma noise hides spikes that just stand out, and at 0.5 a jump between two
+            samples passes for a spike. At 0.35 noise hides 1 of 1000 spikes that just stand out, and none of 14 million
+            samples of dry friction behind a sharp anti-alias filter is called a spike.
+        quiet_ratio: a bin counts as at least this fraction as loud as the whole run, because a standstill has hardly
+            any departures.
+        least_moving: number of nonzero departures that show what is usual in a bin. A value that is held or clipped
+            gives fewer.
     """
 
     least_sigma: float = 10.0
@@ -45,21 +44,21 @@ class SpikeSettings:
 SPIKES = SpikeSettings()
 
 _ROBUST = 1.4826  # median of |x| -> standard deviation, Gaussian
-_PICKED = 512  # departures of a bin that its median is taken of: known to 4 %, with tenfold to spare
-_MOST_CANDIDATES = 50000
+_PICKED = 512  # departures of a bin that give its median: to 4 %, ten times better than needed
+_MOST_CANDIDATES = 50000  # that are kept
 
 
 def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
     """Replace single samples that stand far out by the cubic through their four neighbours.
 
-    The first and the last three samples are left as they are: three samples on either side show that it is one.
+    The first and the last three samples stay as they are, for a spike is recognised by three samples on either side.
 
     Args:
         samples: (n,) one channel.
         fs: sampling rate, Hz.
 
     Returns:
-        The mended samples, (n,), and the indices that were mended.
+        The mended samples, (n,), and the indices of the replaced ones.
 
     >>> signal = np.sin(np.arange(2000) / 20.0)
     >>> signal[700] += 30.0
@@ -80,8 +79,8 @@ def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndar
     return mended, indices
 
 
-def _usual(size: FloatArray, least_moving: int) -> FloatArray:
-    """Median of each row of what is not 0 or NaN, NaN where that is little: held values have no departure at all."""
+def _find_usual(size: FloatArray, least_moving: int) -> FloatArray:
+    """Median of the positive values of each row, NaN where there are few: held values have no departures."""
     moving = size > 0
     if moving.all():
         return np.asarray(np.median(size, axis=1))
@@ -92,16 +91,16 @@ def _usual(size: FloatArray, least_moving: int) -> FloatArray:
     return np.where(n >= min(least_moving, size.shape[1]), usual, np.nan)
 
 
-def _beside(usual: FloatArray) -> FloatArray:
-    """Of what is usual in each stretch and its neighbours the largest: motion may begin or end in a quiet one."""
+def _spread_to_neighbours(usual: FloatArray) -> FloatArray:
+    """The largest usual departure of each bin and its neighbours, for motion may begin or end in a quiet bin."""
     around = np.concatenate([[np.nan], usual, [np.nan]])
     return np.asarray(np.fmax(np.fmax(around[:-2], around[2:]), usual))
 
 
 def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np.ndarray:
-    """Whether the departures around each index are 0, -s/2, s, -s/2, 0, up to a part of the height s.
+    """Whether the departures around each index are 0, -s/2, s, -s/2, 0, up to a fraction of the height s.
 
-    Where the cubic through its four neighbours takes its place, a sample falls by s = (2 d_k - d_{k-1} - d_{k+1}) / 3.
+    The cubic through its four neighbours is lower than the sample by s = (2 d_k - d_{k-1} - d_{k+1}) / 3.
     """
     before, after = departure[indices - 1], departure[indices + 1]
     height = (2 * departure[indices] - before - after) / 3
@@ -112,17 +111,17 @@ def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np
 class SpikeSearch:
     """Finds the spikes of one channel, chunk by chunk.
 
-    The usual departure is taken bin by bin, so that the loud beginning of a braking run does not look like spikes.
+    Each bin has its own usual departure, so that the loud beginning of a braking run does not look like spikes.
     """
 
     def __init__(self, column: int, bin_rows: int) -> None:
         self._column, self._bin = column, bin_rows
         step = max(1, bin_rows // _PICKED)
         starts = np.arange(0, bin_rows - step + 1, step)
-        # irregular indices: a tone must not be met at one phase only
+        # irregular indices do not meet a tone at one phase only
         self._picked = starts + np.floor(step * ((0.6180339887498949 * np.arange(starts.size)) % 1)).astype(np.intp)
         self._usual: list[FloatArray] = []
-        self._some = False
+        self._has_usual = False
         self._before = np.inf
         self._found: list[np.ndarray] = []
         self._n_found = 0
@@ -138,10 +137,10 @@ class SpikeSearch:
         departure *= -0.5
         departure += x[1:-1]
         size = np.abs(departure)
-        offset = begin - lead + 1  # departure k is that of row `offset + k` of the chunk
-        usual = self._usual_of_bins(size, offset, n)
-        floor = 0.5 * SPIKES.quiet_ratio * self._median() if self._some else np.inf
-        # centres from three rows before the chunk to three before its end: each needs three neighbours on either side
+        offset = begin - lead + 1  # departure k belongs to row `offset + k` of the chunk
+        usual = self._find_usual_of_bins(size, offset, n)
+        floor = 0.5 * SPIKES.quiet_ratio * self._median() if self._has_usual else np.inf
+        # with three neighbours on either side: from three rows before the chunk to three rows before its end
         first, stop = (-3 if lead else 3), n - 3
         limit = np.repeat(SPIKES.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
         centres = size[first - offset : stop - offset]
@@ -151,26 +150,26 @@ class SpikeSearch:
 
     def rows(self, step: float | None) -> np.ndarray:
         """Return the rows of the spikes."""
-        if not self._found or not self._some:
+        if not self._found or not self._has_usual:
             return np.empty(0, dtype=np.int64)
         rows, size = np.concatenate(self._found, axis=1)
         every = np.concatenate(self._usual)
-        own = _beside(every)[np.minimum(rows.astype(np.int64) // self._bin, every.size - 1)]
+        own = _spread_to_neighbours(every)[np.minimum(rows.astype(np.int64) // self._bin, every.size - 1)]
         floor = max(SPIKES.quiet_ratio * self._median(), 0.5 * (step or 0.0))
         return rows[size > SPIKES.least_sigma * _ROBUST * np.fmax(own, floor)].astype(np.int64)
 
     def _median(self) -> float:
         return float(np.nanmedian(np.concatenate(self._usual)))
 
-    def _usual_of_bins(self, size: FloatArray, offset: int, n: int) -> FloatArray:
-        """What is usual in the bin before and in each bin of the chunk; that before it where a bin is not full."""
+    def _find_usual_of_bins(self, size: FloatArray, offset: int, n: int) -> FloatArray:
+        """The usual departure of the bin before and of each bin of the chunk; an unfilled bin has that before it."""
         full = n // self._bin
         own = np.empty(0)
         if full:
             indices = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
-            own = _usual(np.take(size, indices, mode="clip"), SPIKES.least_moving)
+            own = _find_usual(np.take(size, indices, mode="clip"), SPIKES.least_moving)
             self._usual.append(own)
-            self._some = self._some or bool(np.isfinite(own).any())
+            self._has_usual = self._has_usual or bool(np.isfinite(own).any())
         every = np.concatenate([[self._before], own, [np.nan]])
         for k in np.flatnonzero(np.isnan(every)):
             every[k] = every[k - 1]

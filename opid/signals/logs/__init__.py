@@ -1,7 +1,7 @@
 """One file per log format: each registers its reader and writer by file ending; units become SI at this door.
 
-A reader opens a file and gives its `Log`: what is in it, to be read block by block. It executes nothing, writes nothing
-and believes no header that the file's size belies. `read_log` makes a `Recording` of it.
+A reader opens a file and returns its `Log`, which is read block by block. It executes nothing, writes nothing and
+refuses headers that contradict the size of the file. `read_log` makes a `Recording` of the log.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from opid.errors import InputError, missing_library, nearest
 from opid.signals.clock import mark_clocks
 from opid.signals.conversion import recording_of
 from opid.signals.files import nearest_beside
-from opid.signals.log import Block, Log, Track
-from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.log import AS_WRITTEN, Block, ChannelSettings, Log, LogSettings, Track
 from opid.signals.logs.apart import open_apart
 from opid.signals.recording import Recording
 
@@ -32,9 +31,9 @@ Writer = Callable[[Recording, Path], None]
 
 GZIP = ".gz"
 VALUES_PER_BYTE = 1000
-"""No compression packs more values into a byte: a header that says so lies, and would be read for hours."""
+"""No compression packs more values into a byte: a header that says so is wrong, and would be read for hours."""
 
-_SCALED = "WAV"  # the format whose samples are parts of a full scale
+_SCALED = "WAV"  # the format whose samples are fractions of a full scale
 _FOREIGN = {
     b"PK\x03\x04": "a ZIP archive (a spreadsheet?)",
     b"\x1f\x8b": "gzip data",
@@ -50,12 +49,12 @@ class Format:
     """A format that can be read.
 
     Args:
-        name: what people call it.
+        name: its usual name.
         open: (path, settings) -> `Log`.
-        needs: distribution that must be installed, None for none beside opid's own.
+        needs: distribution that must be installed, None for none.
         extra: of opid that installs it.
-        magic: what such files begin with, any of these; empty where that shows nothing.
-        text: whether it is text, which may be compressed (.gz).
+        magic: such files begin with one of these; empty where their beginning shows nothing.
+        text: whether it is a text, which may be compressed (.gz).
     """
 
     name: str
@@ -81,8 +80,8 @@ def reader(
 ) -> Callable[[Opener], Opener]:
     """Register the decorated function (path, settings) -> `Log` as the reader of files with these `endings` (".csv").
 
-    The rest is as in `Format`. Where a library parses the file (`needs`, or `apart`), that is done in a process of its
-    own with bounded memory and time, and the function need not care what the library makes of a damaged file.
+    The other arguments are those of `Format`. Where a library parses the file (`needs`, or `apart`), it does so in a
+    process of its own with bounded memory and time, so that the function can ignore damaged files.
     """
 
     def register(function: Opener) -> Opener:
@@ -108,12 +107,12 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
     """Open a log of any known format, as its file holds it.
 
     Args:
-        path: the file; its ending (`.csv`, ...) says the format, or what it begins with where the ending is not known.
+        path: the file; its ending (`.csv`, ...) decides the format, or its beginning where the ending is not known.
         settings: what the file does not say.
 
     Raises:
-        InputError: there is no such file, it is empty, of an unknown format, damaged, or its reader is not installed; a
-            full scale is given of what is no WAV file.
+        InputError: there is no such file, it is empty, damaged, or of an unknown format, its reader is not installed,
+            or a full scale is given for a file that is no WAV file.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -132,7 +131,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
             raise InputError(f"{path} is a directory or a device, not a log: give the name of one file")
         if file.stat().st_size == 0:
             raise InputError(f"{path} is empty: export the log again")
-        form = _format_of(file)
+        form = _find_format(file)
         if settings.full_scale is not None and form.name != _SCALED:
             raise InputError(
                 f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
@@ -159,13 +158,13 @@ def read_log(
     Args:
         path: the log file.
         settings: what the file does not say.
-        channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
+        channels: those to read, by their names in the log, or {name in the recording: settings}; all where left out.
         start_s: first time, s; from the beginning where left out.
         stop_s: end, s; to the end where left out.
         fs_hz: rate to which the channels are resampled, Hz; where left out the lowest of theirs, if they differ.
 
     Raises:
-        InputError: there is no such file, it is empty, of an unknown format, or its content is at fault.
+        InputError: there is no such file, it is empty, of an unknown format, or its content is faulty.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -184,7 +183,7 @@ def write_log(recording: Recording, path: str | os.PathLike[str]) -> None:
 
     Args:
         recording: what to write, in SI units.
-        path: the file to write; its ending (`.csv`, ...) says the format.
+        path: the file to write; its ending (`.csv`, ...) decides the format.
 
     Raises:
         InputError: an unknown ending, a place that cannot be written to, or names the format cannot hold.
@@ -209,37 +208,34 @@ def _load_formats() -> None:
         import_module(f"{__name__}.{module.name}")
 
 
-def _format_of(file: Path) -> Format:
-    """By the ending, and where that is not known by what the file begins with; what belies the ending is refused."""
+def _find_format(file: Path) -> Format:
+    """The format by the ending, or by the beginning where the ending is not known; the two must agree."""
     with file.open("rb") as opened:
         head = opened.read(4096)
     ending = file.suffix.lower()
-    packed = ending == GZIP
-    ending = Path(file.stem).suffix.lower() if packed else ending
-    form = _READERS.get(ending)
-    if packed and (form is None or not form.text):
-        raise InputError(f"cannot read {file}: only text logs (.csv.gz, ...) are read compressed: unpack it first")
-    if packed and not head.startswith(b"\x1f\x8b"):
-        raise InputError(f"{file} is no gzip data, as its ending says: rename it, or export it again")
-    if packed and form is not None:
+    if ending == GZIP:
+        form = _READERS.get(Path(file.stem).suffix.lower())
+        if form is None or not form.text:
+            raise InputError(f"cannot read {file}: only text logs (.csv.gz, ...) are read compressed: unpack it first")
+        if not head.startswith(b"\x1f\x8b"):
+            raise InputError(f"{file} is no gzip data, as its ending says: rename it, or export it again")
         return form
+    form = _READERS.get(ending)
     if form is None:
-        alike = {each.name: each for each in _READERS.values() if _begins_with(head, each.magic)}
+        alike = {each.name: each for each in _READERS.values() if head.startswith(each.magic)}
         if len(alike) != 1:
             raise InputError(f"cannot read {file}: no format has the ending {ending!r}: {nearest(ending, _READERS)}")
         return next(iter(alike.values()))
-    if form.magic and not _begins_with(head, form.magic):
-        raise InputError(f"{file} is no {form.name} file{_looks_like(head)}: check the ending, or export it again")
-    if form.text and not form.magic and (foreign := _looks_like(head)):
+    if form.magic and not head.startswith(form.magic):
+        raise InputError(
+            f"{file} is no {form.name} file{_describe_beginning(head)}: check the ending, or export it again"
+        )
+    if form.text and not form.magic and (foreign := _describe_beginning(head)):
         raise InputError(f"{file} is no {form.name} file{foreign}: check the ending, or export it as {form.name}")
     return form
 
 
-def _begins_with(head: bytes, magic: Sequence[bytes]) -> bool:
-    return any(head.startswith(each) for each in magic)
-
-
-def _looks_like(head: bytes) -> str:
+def _describe_beginning(head: bytes) -> str:
     known = {each: form.name for form in _READERS.values() for each in form.magic}
     for magic, name in (known | _FOREIGN).items():
         if head.startswith(magic):
@@ -248,7 +244,7 @@ def _looks_like(head: bytes) -> str:
 
 
 def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
-    """Open a log; its header is checked against the size of the file, its reading against damage and change."""
+    """Open a log whose header agrees with the size of the file; reading it raises errors on damage and on change."""
     before = file.stat()
     with _in_one_sentence(file, form):
         log = form.open(file, settings)
@@ -276,14 +272,14 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
 def _has_changed(file: Path, before: os.stat_result) -> bool:
     try:
         after = file.stat()
-    except OSError:  # it is gone
+    except OSError:  # it was deleted
         return True
     return (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
 
 
 @contextmanager
 def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
-    """Say what went wrong with a file in one sentence, whatever its library stumbled over."""
+    """Turn whatever goes wrong with a file or in its library into an InputError of one sentence."""
     try:
         yield
     except InputError:
@@ -298,9 +294,8 @@ def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
             "export it again, or as shorter stretches, or as HDF5, which is read block by block"
         ) from error
     except Exception as error:
-        if (
-            isinstance(error, OSError) and error.errno is not None
-        ):  # the system reports it, not a library that met damage
+        # with a number it comes from the system, not from a library that met damage
+        if isinstance(error, OSError) and error.errno is not None:
             raise InputError(f"cannot read {file}: {error.strerror or error}: check the file and its rights") from error
         reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
         raise InputError(

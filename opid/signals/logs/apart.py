@@ -1,8 +1,8 @@
 """Logs that a library parses are read in a process of their own, whose memory and computing time are bounded.
 
-A file that was cut off or damaged can lead such a library to compute for ever, to take all memory or to end the
-program. A check of each format before its library would be a parser again, and never complete. The bounds grow with
-the size of the file. They are those of the system: Linux knows both, macOS that of the time, Windows none.
+A file that is cut off or damaged can make such a library compute for ever, take all memory or end the program. A check
+of each format before its library reads it would be another parser, and never complete. The bounds grow with the size of
+the file, and the system enforces them: Linux both, macOS only the time, Windows none.
 """
 
 from __future__ import annotations
@@ -26,19 +26,18 @@ from pathlib import Path
 from typing import IO, Any
 
 from opid.errors import InputError
-from opid.signals.log import Block, Log, Rows, Track
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Block, Log, LogSettings, Rows, Track
 
 
 @dataclass(frozen=True)
 class ReadingBounds:
-    """What a library may take to open a file, and again for each block of it.
+    """How much time and memory a library may use to open a file, and again for each block of it.
 
     Args:
-        seconds: of the processor, whatever the size: some libraries load for seconds.
-        bytes_per_s: further seconds by the size of the file; the slowest library parses ten times as many.
-        memory_bytes: beside what the process has before it opens the file: what is read whole unfolds to less.
-        memory_per_byte: further memory by the size of the file; what is read whole is held several times over.
+        seconds: of the processor for a file of any size: some libraries need seconds to load.
+        bytes_per_s: bytes of the file for a further second; the slowest library parses ten times as many.
+        memory_bytes: in addition to what the process uses before it opens the file, for a file of any size.
+        memory_per_byte: further memory for each byte of the file: a file that is read whole is held several times.
     """
 
     seconds: float = 20.0
@@ -53,11 +52,11 @@ _MOST_IDLE = 2  # processes that wait for the next log
 
 
 class ReadingEndedError(Exception):
-    """The process that reads a file has ended before it had an answer."""
+    """The process that reads a file has ended without an answer."""
 
 
 def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
-    """Open a log in a process of its own, which reads its blocks as well.
+    """Open a log in a process of its own, which also reads its blocks.
 
     Raises:
         ReadingEndedError: the bounds were exceeded, or the library broke down.
@@ -69,16 +68,17 @@ def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
     except Exception:
         _take_back(process)
         raise
-    weakref.finalize(own := _Owner(process), _take_back, process)
+    own = _Owner(process)
+    weakref.finalize(own, _take_back, process)
     tracks = (
-        replace(track, rows=_rows(own, number), locate=partial(_locate, own, number))
+        replace(track, rows=_make_rows(own, number), locate=partial(_locate, own, number))
         for number, track in enumerate(log.tracks)
     )
     return replace(log, tracks=tuple(tracks))
 
 
 class _Process:
-    """A Python that answers requests one by one; both are pickles in its pipes."""
+    """A Python process that answers requests one by one; requests and answers are pickles in its pipes."""
 
     def __init__(self) -> None:
         found = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
@@ -108,7 +108,7 @@ class _Process:
                 answer = pickle.load(replies)
             except (EOFError, OSError, pickle.UnpicklingError):
                 raise ReadingEndedError(self._why_ended()) from None
-            except BaseException:  # an answer that nobody takes would be taken for the next one
+            except BaseException:  # the answer that is still to come would be mistaken for the next one
                 self.end()
                 raise
         if isinstance(answer, Exception):
@@ -138,7 +138,7 @@ def _send(pipe: IO[bytes], value: Any) -> None:
 
 @dataclass(eq=False)
 class _Owner:
-    """Holds a process for as long as a log lives."""
+    """Keeps a process for as long as a log exists."""
 
     process: _Process
 
@@ -159,7 +159,7 @@ def _take_back(process: _Process) -> None:
 
 @atexit.register
 def end_processes() -> None:
-    """End all processes that read logs: at the end of the program, or to count what they cost."""
+    """End all processes that read logs."""
     for process in [*_every]:
         process.end()
 
@@ -170,10 +170,10 @@ def _leave_all() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_all)  # they answer the process that started them
+    os.register_at_fork(after_in_child=_leave_all)  # they only answer the process that started them
 
 
-def _rows(own: _Owner, track: int) -> Rows:
+def _make_rows(own: _Owner, track: int) -> Rows:
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         number = next(_numbers)
         try:
@@ -197,12 +197,12 @@ def _locate(own: _Owner, track: int, row: int) -> str:
 
 
 def serve() -> None:
-    """Answer requests until there are no more; what libraries print is not shown."""
+    """Answer requests until there are no more; whatever libraries print is discarded."""
     requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for own in (0, 1, 2):
         os.dup2(nowhere, own)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that asked is interrupted, and ends this one
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt ends the asking process, which ends this one
     reading = _Reading()
     with suppress(EOFError):
         while True:
@@ -211,7 +211,7 @@ def serve() -> None:
                 answer = getattr(reading, what)(*given)
             except (InputError, MemoryError, ModuleNotFoundError) as error:
                 answer = error
-            except Exception as error:  # its class may be known to the library alone
+            except Exception as error:  # its class may exist in the library only
                 errno = error.errno if isinstance(error, OSError) else None
                 answer = RuntimeError(str(error).strip() or type(error).__name__) if errno is None else error
             _send(replies, answer)
@@ -219,7 +219,7 @@ def serve() -> None:
 
 
 class _Reading:
-    """Answers requests about one log at a time."""
+    """Answers requests about one log at a time; each method is a request."""
 
     def __init__(self) -> None:
         self._seconds = 0.0
@@ -253,7 +253,7 @@ class _Reading:
         return block
 
     def read_ahead(self) -> None:
-        """Read the next block while the other process works on the last one."""
+        """Read the next block while the asking process works on the last one."""
         number, self._read_last = self._read_last, None
         if number is not None:
             try:

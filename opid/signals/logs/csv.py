@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import time_name
+from opid.signals.column_names import seconds_per_unit, time_name
 from opid.signals.files import write_whole
-from opid.signals.log import Block, Log, LoggedChannel, Track, rows_from_start
-from opid.signals.log_settings import AS_WRITTEN, LogSettings
+from opid.signals.log import AS_WRITTEN, Block, Log, LoggedChannel, LogSettings, Track, rows_from_start
 from opid.signals.logs import reader, writer
 from opid.signals.logs.text.header import (
     DATE,
@@ -31,9 +30,10 @@ from opid.signals.logs.text.header import (
     columns_of,
     header_of,
 )
-from opid.signals.logs.text.lines import HEAD_BYTES, LONGEST_LINE, lines_of, with_encoding
 from opid.signals.logs.text.stamps import has_date, looks_dated, moment, nanoseconds, past_midnight
 from opid.signals.logs.text.table import (
+    HEAD_BYTES,
+    LONGEST_LINE,
     MOST_COLUMNS,
     TextTable,
     cells_of,
@@ -41,12 +41,14 @@ from opid.signals.logs.text.table import (
     has_thousands_mark,
     is_row,
     line_of_row,
+    lines_of,
     numbers_of,
     rows_of,
     table_lines,
+    with_encoding,
 )
 from opid.signals.recording import Channel, Recording
-from opid.signals.units import to_si
+from opid.signals.units import si_unit
 
 _ROWS_AT_ONCE = 1 << 16
 _HEAD_LINES = 1000
@@ -54,24 +56,24 @@ _HEAD_LINES = 1000
 
 @reader(".csv", ".tsv", ".txt", ".dat", ".asc", name="CSV", text=True)
 def open_csv(path: Path, settings: LogSettings) -> Log:
-    """Open a log that is a table in a text; columns of texts, and dates beside the time, are no channels.
+    """Open a log that is a table in a text; columns of texts, and dates other than the time, are no channels.
 
     Times that are dates count from the first one, which is the zero of the log.
     """
     settings, remarks = with_encoding(path, settings)
-    return _log(path, _head(path, settings), settings, "CSV", None, remarks)
+    return _make_log(path, _read_head(path, settings), settings, "CSV", None, remarks)
 
 
 def log_of_lines(
     path: Path, lines: Sequence[str], settings: LogSettings, *, form: str, remarks: tuple[str, ...] = ()
 ) -> Log:
-    """Return the log that some lines of cells between tabs are, held in memory."""
+    """Return the log of some lines in memory, whose cells are separated by tabs."""
     settings = replace(settings, delimiter="\t", decimal=".", encoding=None)
     head = list(lines[: (settings.skip_lines or 0) + _HEAD_LINES])
-    return _log(path, head, settings, form, tuple(lines), remarks)
+    return _make_log(path, head, settings, form, tuple(lines), remarks)
 
 
-def _log(
+def _make_log(
     path: Path,
     head: Sequence[str],
     settings: LogSettings,
@@ -79,45 +81,30 @@ def _log(
     lines: tuple[str, ...] | None,
     remarks: tuple[str, ...],
 ) -> Log:
-    """The log by its first lines; of those in memory, or of the file where there are none."""
+    """The log whose first lines are `head`: of all lines in memory, or of the file where `lines` is None."""
     header = header_of(path, head, settings)
     columns = header.columns
-    first = _first_cells(head, header)
-    time = _time_column(path, header, settings)
+    first = _read_first_cells(head, header)
+    time = _find_time_column(path, header, settings)
     if time is None and settings.fs_hz is None:
-        if not header.line and not settings.names:
-            raise InputError(
-                f"{_where(path, header)} is numbers, there is no header: begin with {EXAMPLE}, "
-                "or give `names` and `time` (or `fs_hz`) in [log]"
-            )
-        raise InputError(
-            f"{_where(path, header)}: there is no time column (the first is {_words(columns[0])}): write {EXAMPLE}, "
-            "or give `time` (name or number of the column) or `fs_hz` in [log]"
-        )
+        raise _no_time_column(path, header, settings)
     own = [i for i, each in enumerate(columns) if i != time and _is_channel(each)]
     if columns[0].kind == INDEX and time != 0:
         remarks = (*remarks, "the first column has no name and counts the rows: it is left out")
     if not own:
-        grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, perhaps=True)]
-        if grouped:
-            raise InputError(f"{path}: {_thousands(grouped[0])}")
-        raise InputError(
-            f"{_where(path, header)} has one column, not time and one or more channels: write {EXAMPLE}"
-            if len(columns) == 1
-            else f"{path} has no column of numbers beside the time: export the log again"
-        )
+        raise _no_channels(path, header, first)
     names = tuple(column.name for column in columns)
     layout = (header.delimiter, header.decimal, header.first_line)
     table = TextTable(path, settings.encoding, *layout, names, time=time, content=lines)
-    factor = None if time is None or settings.fs_hz else _seconds_per_unit(path, header, time, first, settings)
+    factor = None if time is None or settings.fs_hz else _find_time_unit(path, header, time, first, settings)
 
     def blocks(chosen: Sequence[int]) -> Iterator[Block]:
         wanted = [own[each] for each in chosen]
         if settings.fs_hz or time is None:
             return (Block(numbers_of(table, *lines, wanted)) for lines in table_lines(table))
         if factor is None:
-            return _dated_blocks(table, wanted, time)
-        return _timed_blocks(table, wanted, time, factor)
+            return _read_dated_blocks(table, wanted, time)
+        return _read_timed_blocks(table, wanted, time, factor)
 
     track = Track(
         tuple(LoggedChannel(columns[i].name, columns[i].unit) for i in own),
@@ -132,7 +119,7 @@ def _log(
 @writer(".csv")
 def write_csv(recording: Recording, path: Path) -> None:
     """Write a recording as comma-separated text that reads back to the last bit."""
-    header = _header_line(recording, path)
+    header = _make_header(recording, path)
     columns = (recording.time_s, *recording.samples.T)
     with write_whole(path) as file:
         file.write(header + "\n")
@@ -141,11 +128,11 @@ def write_csv(recording: Recording, path: Path) -> None:
             file.writelines(",".join(row) + "\n" for row in zip(*block, strict=True))
 
 
-# ---- what is in it -------------------------------------------------------------------------------
+# ---- columns -------------------------------------------------------------------------------------
 
 
-def _head(path: Path, settings: LogSettings) -> list[str]:
-    """The first lines: those to be skipped and some 100 KiB more."""
+def _read_head(path: Path, settings: LogSettings) -> list[str]:
+    """The lines to be skipped, and about 100 KiB of the lines after them."""
     head: list[str] = []
     characters = 0
     for lines in lines_of(path, settings.encoding, bytes_at_once=HEAD_BYTES):
@@ -156,19 +143,19 @@ def _head(path: Path, settings: LogSettings) -> list[str]:
     return head
 
 
-def _first_cells(head: Sequence[str], header: TextHeader) -> list[str]:
-    """The cells of the first row, one for each column; none where there is no such row."""
+def _read_first_cells(head: Sequence[str], header: TextHeader) -> list[str]:
+    """The cells of the first row, at most one for each column; none where there is no row."""
     rows = rows_of(head[header.first_line - 1 :], header.delimiter)
     cells = cells_or_text(rows[0], header.delimiter) if rows else []
     return cells[: len(header.columns)]
 
 
 def _is_channel(column: Column) -> bool:
-    """Whether a column holds numbers; one that is empty so far may, if its header names it."""
+    """Whether a column holds numbers, or is empty so far and has a name."""
     return column.kind == NUMBER or (column.kind == EMPTY and not column.name.startswith("column "))
 
 
-def _time_column(path: Path, header: TextHeader, settings: LogSettings) -> int | None:
+def _find_time_column(path: Path, header: TextHeader, settings: LogSettings) -> int | None:
     columns = header.columns
     names = [column.name for column in columns]
     if isinstance(settings.time, int):
@@ -179,7 +166,7 @@ def _time_column(path: Path, header: TextHeader, settings: LogSettings) -> int |
         if settings.time not in names:
             raise InputError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
         return names.index(settings.time)
-    sure = [i for i, each in enumerate(columns) if each.kind == STAMP or _si_unit(each.unit) == "s"]
+    sure = [i for i, each in enumerate(columns) if each.kind == STAMP or si_unit(each.unit or "") == "s"]
     likely = time_name([names[i] for i in sure])
     if likely is not None:
         found = [i for i in sure if names[i].casefold() == likely.casefold()]
@@ -187,24 +174,16 @@ def _time_column(path: Path, header: TextHeader, settings: LogSettings) -> int |
             raise InputError(f"{_where(path, header)} names {len(found)} columns {likely!r}: rename all but one")
         return found[0]
     stamps = [i for i in sure if columns[i].kind == STAMP]
-    unsure = time_name([each.name for each in columns if _si_unit(each.unit) is None])
+    unsure = time_name([each.name for each in columns if si_unit(each.unit or "") is None])
     last = [] if unsure is None else [names.index(unsure)]
     last += [i for i, each in enumerate(columns) if each.kind == UNREAD]
     return next(iter([*(i for i in sure if i == 0), *stamps, *last]), None)
 
 
-def _si_unit(unit: str | None) -> str | None:
-    """The SI unit of a unit, None where it is not known."""
-    try:
-        return None if unit is None else to_si(unit)[1]
-    except InputError:
-        return None
-
-
-def _seconds_per_unit(
+def _find_time_unit(
     path: Path, header: TextHeader, time: int, first: Sequence[str], settings: LogSettings
 ) -> float | None:
-    """The unit of the time stamps; None where they are dates or times of day."""
+    """The unit of the time stamps, s; None where they are dates or times of day."""
     column = header.columns[time]
     if column.kind == STAMP:
         return None
@@ -218,23 +197,41 @@ def _seconds_per_unit(
         raise InputError(
             f"{where} has no unit: write it in brackets, like `{column.name} [s]`, or give `time_unit` in [log]"
         )
-    try:
-        factor, si_unit = to_si(unit)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    if si_unit != "s":
-        raise InputError(f"{where} is in {unit}, not in a unit of time: give `time_unit` in [log]")
-    return factor
+    return seconds_per_unit(unit, where=where)
+
+
+def _no_time_column(path: Path, header: TextHeader, settings: LogSettings) -> InputError:
+    where = _where(path, header)
+    if not header.line and not settings.names:
+        return InputError(
+            f"{where} is numbers, there is no header: begin with {EXAMPLE}, "
+            "or give `names` and `time` (or `fs_hz`) in [log]"
+        )
+    column = header.columns[0]
+    named = f"{column.name!r} in {column.unit}" if column.unit else f"{column.name!r}, without a unit"
+    return InputError(
+        f"{where}: there is no time column (the first is {named}): write {EXAMPLE}, "
+        "or give `time` (name or number of the column) or `fs_hz` in [log]"
+    )
+
+
+def _no_channels(path: Path, header: TextHeader, first: Sequence[str]) -> InputError:
+    grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, allow_ambiguous=True)]
+    if grouped:
+        return InputError(f"{path}: {_thousands(grouped[0])}")
+    if len(header.columns) == 1:
+        return InputError(f"{_where(path, header)} has one column, not time and one or more channels: write {EXAMPLE}")
+    return InputError(f"{path} has no column of numbers beside the time: export the log again")
 
 
 def _no_time(where: str, cell: str) -> InputError:
-    """The error of a time column that holds texts, by its first cell."""
+    """The error of a time column that holds texts, such as `cell`."""
     if looks_dated(cell):
         return InputError(
             f"{where} holds {cell[:40]!r}, a date or time in a form that is not read: "
             "write it as ISO 8601 does (2024-05-01T23:59:59.5), or give `fs_hz` in [log]"
         )
-    if has_thousands_mark(cell, ".", perhaps=True) or has_thousands_mark(cell, ",", perhaps=True):
+    if has_thousands_mark(cell, ".", allow_ambiguous=True) or has_thousands_mark(cell, ",", allow_ambiguous=True):
         return InputError(f"{where}: {_thousands(cell)}")
     return InputError(f"{where} holds {cell[:40]!r}, which is no time: give another as `time`, or `fs_hz`, in [log]")
 
@@ -247,14 +244,10 @@ def _where(path: Path, header: TextHeader) -> str:
     return f"{path} line {header.line or header.first_line}"
 
 
-def _words(column: Column) -> str:
-    return f"{column.name!r} in {column.unit}" if column.unit else f"{column.name!r}, without a unit"
-
-
 # ---- blocks --------------------------------------------------------------------------------------
 
 
-def _timed_blocks(table: TextTable, wanted: Sequence[int], time: int, factor: float) -> Iterator[Block]:
+def _read_timed_blocks(table: TextTable, wanted: Sequence[int], time: int, factor: float) -> Iterator[Block]:
     """Blocks of a table whose time column counts seconds or parts of them."""
     for number, lines in table_lines(table):
         values = numbers_of(table, number, lines, [*wanted, time])
@@ -265,7 +258,7 @@ def _timed_blocks(table: TextTable, wanted: Sequence[int], time: int, factor: fl
             yield Block(values[:, :-1], written * factor)
 
 
-def _dated_blocks(table: TextTable, wanted: Sequence[int], time: int) -> Iterator[Block]:
+def _read_dated_blocks(table: TextTable, wanted: Sequence[int], time: int) -> Iterator[Block]:
     """Blocks of a table whose time column holds dates or times of day: seconds from the first."""
     origin: int | None = None
     before: int | None = None
@@ -297,7 +290,7 @@ def _no_stamp(table: TextTable, number: int, lines: Sequence[str], time: int, ro
 # ---- writing -------------------------------------------------------------------------------------
 
 
-def _header_line(recording: Recording, path: Path) -> str:
+def _make_header(recording: Recording, path: Path) -> str:
     text = io.StringIO()
     cells = ("time [s]", *(f"{channel.name} [{channel.unit}]" for channel in recording.channels))
     csv.writer(text, lineterminator="\n").writerow(cells)
@@ -307,11 +300,11 @@ def _header_line(recording: Recording, path: Path) -> str:
         try:
             found = cells_of(line, ",")
             columns = columns_of(str(path), found, [None] * len(found), [NUMBER] * len(found))
-            if _time_column(path, TextHeader(columns, ",", ".", 1, 2), AS_WRITTEN) == 0:
+            if _find_time_column(path, TextHeader(columns, ",", ".", 1, 2), AS_WRITTEN) == 0:
                 read_back = tuple(Channel(column.name, column.unit or "") for column in columns[1:])
         except InputError as error:
             raise InputError(f"cannot write this recording: {error}") from error
-    if read_back != recording.channels or any(_si_unit(channel.unit) != channel.unit for channel in read_back):
+    if read_back != recording.channels or any(si_unit(channel.unit) != channel.unit for channel in read_back):
         raise InputError(
             f"cannot write {path}: a header does not hold the names and units {recording.channels}: "
             "give one-line names and SI units"

@@ -1,7 +1,7 @@
-"""Excel workbooks (.xlsx): the first sheet with numbers is read as the text table that it would be, row by row.
+"""Excel workbooks (.xlsx): the first sheet with numbers is read as if it were a text.
 
-Header, units, time and channels are found as in a text (`opid.signals.logs.csv`).
-Cells of the time may be dates. A workbook is read whole when it is opened.
+Header, units, time and channels are found as in a text (`opid.signals.logs.csv`), and the time may be dates. A workbook
+is read whole when it is opened.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from datetime import date, datetime, time, timedelta
 from pathlib import Path
 
 from opid.errors import InputError
-from opid.signals.log import Log
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.csv import log_of_lines
 
@@ -23,7 +22,7 @@ def open_excel(path: Path, settings: LogSettings) -> Log:
 
     with python_calamine.CalamineWorkbook.from_path(path) as workbook:
         for name in workbook.sheet_names:
-            lines, has_numbers = _lines(workbook.get_sheet_by_name(name))
+            lines, has_numbers = _read_lines(workbook.get_sheet_by_name(name))
             if has_numbers:
                 others = len(workbook.sheet_names) - 1
                 remarks = (f"the sheet {name!r} is read, the first with numbers",) if others else ()
@@ -31,17 +30,17 @@ def open_excel(path: Path, settings: LogSettings) -> Log:
     raise InputError(f"{path} has no sheet with numbers: save the table itself, not a chart of it")
 
 
-def _lines(sheet: object) -> tuple[list[str], bool]:
-    """The rows of a sheet as lines of cells between tabs, and whether there are numbers in it."""
+def _read_lines(sheet: object) -> tuple[list[str], bool]:
+    """The rows of a sheet as lines whose cells are separated by tabs, and whether it holds numbers."""
     lines, has_numbers = [], False
     for row in sheet.iter_rows():  # type: ignore[attr-defined]
         has_numbers = has_numbers or any(type(cell) in (int, float) for cell in row)
-        line = "\t".join(map(_text, row))
+        line = "\t".join(map(_as_text, row))
         lines.append(line if line.strip() else "")
     return lines, has_numbers
 
 
-def _text(cell: object) -> str:
+def _as_text(cell: object) -> str:
     if type(cell) is float:
         return str(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
     if isinstance(cell, timedelta):

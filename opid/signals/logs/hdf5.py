@@ -3,10 +3,10 @@
 opid's own layout: one group for each recording, with the attributes `opid_layout` = 1, `fs` (Hz), `start_s` (s),
 `names`, `units` (SI) and `history`, and one dataset `samples` (n_samples, n_channels), float64.
 
-Others: the datasets of a group that share a length are channels, a dataset n x m is m of them. The rate is an attribute
-`fs`, `sampling_rate`, `dt`, ... of the dataset, its group or a group above, or a scalar dataset of such a name; or a
-dataset `time` holds the stamps. Units are attributes `unit` or `units`. Links to other files, data kept in other files
-and virtual datasets are not followed: nothing but the file that was named is opened.
+Others: the datasets of a group that share a length are channels, and a dataset n x m is m channels. The rate is an
+attribute `fs`, `sampling_rate`, `dt`, ... of the dataset, its group or a group above, or a scalar dataset of such a
+name; or a dataset `time` holds the stamps. Units are attributes `unit` or `units`. Links to other files, data in other
+files and virtual datasets are not followed: only the named file is opened.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +23,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
 from opid.signals.files import write_whole
-from opid.signals.log import Log
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader, writer
 from opid.signals.logs.named_arrays import NamedArray, NamedGroup, tracks_of
 from opid.signals.recording import Recording
@@ -43,7 +43,7 @@ def open_hdf5(path: Path, settings: LogSettings) -> Log:
     """Open an HDF5 log; its samples are read in slices, so that it may be larger than memory."""
     elsewhere: list[str] = []
     with open_file(path) as file:
-        groups = list(_groups(path, file, {}, elsewhere))
+        groups = list(_find_groups(path, file, {}, elsewhere))
     if not any(group.arrays for group in groups):
         links = f", only links to data elsewhere ({', '.join(elsewhere[:3])}), which are not followed"
         raise InputError(
@@ -70,7 +70,7 @@ def write_hdf5(recording: Recording, path: Path) -> None:
                 coded = [value.encode() for value in values]
                 if any(b"\0" in each for each in coded):
                     raise ValueError(f"a NUL in {key}")
-                # texts of one length have no lengths and addresses that could be wrong in a damaged file
+                # texts of fixed length store no lengths and addresses that could be wrong in a damaged file
                 text = h5py.string_dtype(length=max(1, *map(len, coded), 1))
                 if len(coded) * text.itemsize > _HEADER_BYTES:
                     group.create_dataset(key, data=np.array(coded, dtype=text))
@@ -91,7 +91,7 @@ def open_file(path: Path) -> AbstractContextManager[Any]:
 
 
 def members(group: h5py.Group, elsewhere: list[str]) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
-    """Yield name and object of what lies in a group itself, not behind a link to another group or file."""
+    """Yield names and objects that a group holds itself, not by links; append those in other files to `elsewhere`."""
     import h5py
 
     for name in group:
@@ -107,22 +107,22 @@ def members(group: h5py.Group, elsewhere: list[str]) -> Iterator[tuple[str, h5py
 
 
 def texts_of(value: object) -> tuple[str, ...]:
-    """Return the texts that a value of HDF5 holds, one or several; none where it holds something else."""
+    """Return the texts in a value of HDF5; none where it holds something else."""
     found = np.asarray(value).reshape(-1).tolist()
     texts = [each.decode("utf-8", "replace") if isinstance(each, bytes) else each for each in found]
     return tuple(texts) if all(isinstance(text, str) for text in texts) else ()
 
 
-def _groups(
+def _find_groups(
     path: Path, group: h5py.Group, above: Mapping[str, float], elsewhere: list[str], seen: set[Any] | None = None
 ) -> Iterator[NamedGroup]:
-    """The group itself and those in it; `above` are the numbers that groups above it state."""
+    """The group and the groups in it; `above` are the numbers that the groups above it state."""
     import h5py
 
     seen = set() if seen is None else seen
-    own, texts = _attributes(group)
+    own, texts = _read_attributes(group)
     if "opid_layout" in own:
-        yield _recording(path, group, own, texts)
+        yield _read_recording(path, group, own, texts)
         return
     arrays, within = [], []
     for name, member in members(group, elsewhere):
@@ -135,17 +135,17 @@ def _groups(
             if member.shape == () or member.shape == (1,):
                 own[name] = float(np.asarray(member[()]).reshape(-1)[0])
             elif len(member.shape) <= 2 and min(member.shape) > 0:
-                arrays.append(NamedArray(name, member.shape, _reading(member.name), *_attributes(member)))
+                arrays.append(NamedArray(name, member.shape, partial(_read, member.name), *_read_attributes(member)))
         elif name.casefold() in _TEXT_KEYS and _is_text(member):
             texts[name] = texts_of(member[()])
     stated = {**above, **own}
     yield NamedGroup(group.name.strip("/"), tuple(arrays), stated, texts)
     for each in within:
-        yield from _groups(path, each, stated, elsewhere, seen)
+        yield from _find_groups(path, each, stated, elsewhere, seen)
 
 
-def _attributes(member: h5py.Group | h5py.Dataset) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
-    """The attributes that are one number, and those that are names, units or a history."""
+def _read_attributes(member: h5py.Group | h5py.Dataset) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
+    """The attributes that are one number each, and those that are names, units or a history."""
     numbers, texts = {}, {}
     for name in member.attrs:
         header = member.attrs.get_id(name)
@@ -162,14 +162,14 @@ def _is_text(member: h5py.Group | h5py.Dataset) -> bool:
     return isinstance(member, h5py.Dataset) and h5py.check_string_dtype(member.dtype) is not None
 
 
-def _reading(name: str) -> Any:
-    return lambda file, key: file[name][key]
+def _read(name: str, file: Any, key: tuple[slice, ...]) -> np.ndarray:
+    return file[name][key]
 
 
-def _recording(
+def _read_recording(
     path: Path, group: h5py.Group, numbers: dict[str, float], texts: dict[str, tuple[str, ...]]
 ) -> NamedGroup:
-    """A recording as `write_hdf5` leaves it."""
+    """The group of a recording that `write_hdf5` wrote."""
     layout = numbers["opid_layout"]
     if layout != _LAYOUT:
         raise InputError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")
@@ -187,6 +187,6 @@ def _recording(
     if not {"fs", "start_s"} <= set(numbers):
         raise InputError(f"{path} {group.name} states no fs or no start_s: export the log again")
     own = {key: texts[key] for key in ("names", "units")}
-    array = NamedArray("samples", shape, _reading(samples.name), texts=own, time_axis=0)
+    array = NamedArray("samples", shape, partial(_read, samples.name), texts=own, time_axis=0)
     history = {"history": texts.get("history", ())}
     return NamedGroup(group.name.strip("/"), (array,), numbers, history, alone=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import GAP, JITTER_LIMIT
-from opid.signals.log import Log, LoggedChannel, Rows, Track, make_distinct, rows_in_steps
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
 
@@ -23,18 +22,12 @@ _BLOCK = "ChannelDataBlock"
 _EXPRESSIONS = ("SampleRate", "TimeCodeScale")  # texts that the library would evaluate
 _PLAIN = re.compile(r"\s*[\d.eE+-]{1,24}\s*(/\s*[\d.eE+-]{1,24}\s*)?")
 _TICK_S = 1 / 32768
-_SET = datetime(2000, 1, 1, tzinfo=UTC)  # such recorders did not exist before: an earlier clock was never set
-_TICKS_OF_ROUNDING = 1.25  # the last stamp of a block and the first of the next are cut to whole ticks
+_SET = datetime(2000, 1, 1, tzinfo=UTC)  # such recorders are younger: a clock that shows less was never set
+_TICKS_OF_ROUNDING = 1.25  # between blocks: the last stamp of one and the first of the next are whole ticks
 
 
-@dataclass
-class _Blocks:
-    """Where the blocks of a channel stand in the file, and the times of their first and last samples, in ticks."""
-
-    offsets: list[int] = field(default_factory=list)  # bytes from the beginning of the file
-    sizes: list[int] = field(default_factory=list)  # bytes
-    starts: list[int] = field(default_factory=list)
-    ends: list[int] = field(default_factory=list)
+# offset in the file and size, bytes, and the times of the first and the last sample, ticks
+_StampedBlock = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,23 +37,22 @@ class _Sensor:
     path: Path
     dtype: np.dtype  # of a row, one field for each subchannel
     offsets: np.ndarray
-    rows: np.ndarray  # (n_blocks + 1,) number of the first row of each block, and of all rows
+    rows: np.ndarray  # (n_blocks + 1,) index of the first row of each block, and the number of all rows
     start_s: FloatArray  # (n_blocks,)
     end_s: FloatArray
     calibrations: Any  # counts -> units, for each subchannel
-    compensated: bool
+    is_compensated: bool
 
 
 @reader(".ide", name="IDE", needs="idelib", extra="ide", magic=(_EBML,))
 def open_ide(path: Path, settings: LogSettings) -> Log:
-    """Open a recording of an enDAQ or Slam Stick recorder: each of its channels is a track, its subchannels in units.
+    """Open a recording of an enDAQ or Slam Stick recorder: each of its channels is a track of subchannels.
 
-    Times count from the moment at which the recorder's clock began, which the file states in whole seconds of UTC. It
-    stamps the first and the last sample of each block, in ticks of 1/32768 s. Where no step from one block to the next
-    is a gap and all blocks have the same rate, the rows are equally spaced on the sensor's own clock, whose rate is the
-    slope of the line through the stamps of the blocks, drawn between the medians of their first and last thirds: the
-    first block's are often some milliseconds off.
-    Elsewhere each row has a stamp, interpolated in its block, and what is irregular shows.
+    Times count from the start of the recorder's clock, which the file states in whole seconds of UTC. The first and the
+    last sample of each block have stamps in ticks of 1/32768 s. Where all blocks have one rate and no gap between them,
+    the rows are equally spaced on the sensor's own clock. Its rate is the slope of the line through the medians of the
+    first and the last third of the blocks' stamps, for those of the first block are often some milliseconds wrong.
+    Otherwise the stamp of each row is interpolated in its block, so that irregular blocks show.
     """
     from idelib.importer import openFile
 
@@ -68,37 +60,37 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
         _require_plain_numbers(path, stream)
         stream.seek(0)
         dataset = openFile(stream, quiet=True)
-        blocks = _blocks_of(path, stream, dataset)
+        blocks = _find_blocks(path, dataset)
         held = {number: channel for number, channel in dataset.channels.items() if number in blocks}
         names = make_distinct(channel.name or f"Channel {number}" for number, channel in held.items())
         tracks = tuple(
-            _track(name, _sensor(path, dataset, channel, blocks[number]), channel)
+            _make_track(name, _read_sensor(path, dataset, channel, blocks[number]), channel)
             for name, (number, channel) in zip(names, held.items(), strict=True)
         )
-        zero = _zero(dataset)
+        zero = _read_zero(dataset)
     return Log(path, "IDE", tracks, zero)
 
 
-# ---- what the file holds ---------------------------------------------------------------------------
+# ---- content of the file ---------------------------------------------------------------------------
 
 
 def _require_plain_numbers(path: Path, stream: Any) -> None:
-    """Refuse rates and scales that are no numbers or fractions: the library evaluates such texts."""
+    """Raise an error where a rate or a scale is no number or fraction: the library would evaluate its text as code."""
     from idelib.dataset import loadSchema
 
     for element in loadSchema("mide_ide.xml").load(stream, headers=True):
         if element.name == _BLOCK:
             return
-        for part in _inside(element):
-            if part.name in _EXPRESSIONS and not _PLAIN.fullmatch(_text(part.value)):
+        for part in _walk(element):
+            if part.name in _EXPRESSIONS and not _PLAIN.fullmatch(_as_text(part.value)):
                 raise InputError(
-                    f"{path} states {_text(part.value)[:40]!r} as a {part.name}, where a number is needed: "
+                    f"{path} states {_as_text(part.value)[:40]!r} as a {part.name}, where a number is needed: "
                     "it is damaged; copy it from the recorder again"
                 )
 
 
-def _zero(dataset: Any) -> datetime | None:
-    """When the recorder's clock began, None where it was not set."""
+def _read_zero(dataset: Any) -> datetime | None:
+    """When the recorder's clock began; None where it was not set."""
     since_1970_s = dataset.sessions[0].utcStartTime if dataset.sessions else None
     if not isinstance(since_1970_s, int | float) or not 0 < since_1970_s < 1 << 33:
         return None
@@ -106,24 +98,24 @@ def _zero(dataset: Any) -> datetime | None:
     return zero if zero >= _SET else None
 
 
-def _inside(element: Any) -> Iterator[Any]:
+def _walk(element: Any) -> Iterator[Any]:
     yield element
     if isinstance(element.value, list):
         for part in element.value:
-            yield from _inside(part)
+            yield from _walk(part)
 
 
-def _text(value: Any) -> str:
+def _as_text(value: Any) -> str:
     return value.decode("latin-1") if isinstance(value, bytes | bytearray) else str(value)
 
 
-def _blocks_of(path: Path, stream: Any, dataset: Any) -> dict[int, _Blocks]:
-    """The blocks of each channel; those that correct others (of a thermometer) are given to the library, too."""
+def _find_blocks(path: Path, dataset: Any) -> dict[int, list[_StampedBlock]]:
+    """The blocks of each channel; the library gets those that correct others, like those of a thermometer."""
     parser = dataset._parsers[_BLOCK]
     correcting = {
         each.channelId for each in dataset.transforms.values() if getattr(each, "channelId", None) is not None
     }
-    found: dict[int, _Blocks] = {}
+    found: dict[int, list[_StampedBlock]] = {}
     size = path.stat().st_size
     end = 0
     for element in dataset.ebmldoc:
@@ -144,7 +136,7 @@ def _blocks_of(path: Path, stream: Any, dataset: Any) -> dict[int, _Blocks]:
     return found
 
 
-def _add_block(element: Any, modulus: dict[int, int], found: dict[int, _Blocks]) -> int | None:
+def _add_block(element: Any, modulus: dict[int, int], found: dict[int, list[_StampedBlock]]) -> int | None:
     number: int | None = None
     start: tuple[int, bool] | None = None
     end: tuple[int, bool] | None = None
@@ -160,25 +152,23 @@ def _add_block(element: Any, modulus: dict[int, int], found: dict[int, _Blocks])
             payload = part
     if number is None or start is None or payload is None:
         return None
-    blocks = found.setdefault(number, _Blocks())
+    blocks = found.setdefault(number, [])
     wrap = modulus.get(number, 1 << 24)
-    first = _unwrap(start, blocks.ends[-1] if blocks.ends else 0, wrap)
-    blocks.offsets.append(payload.payloadOffset)
-    blocks.sizes.append(payload.size)
-    blocks.starts.append(first)
-    blocks.ends.append(_unwrap(end, first, wrap) if end is not None else first)
+    first = _unwrap(start, blocks[-1][-1] if blocks else 0, wrap)
+    last = first if end is None else _unwrap(end, first, wrap)
+    blocks.append((payload.payloadOffset, payload.size, first, last))
     return number
 
 
 def _unwrap(stamp: tuple[int, bool], before: int, wrap: int) -> int:
-    """A stamp of old recorders begins again at 0 now and then: the first that is not before the last one."""
+    """The ticks of a stamp that is not before another; those of old recorders begin again at 0 now and then."""
     ticks, wraps = stamp
     if not wraps or ticks >= wrap or wrap <= 0:
         return ticks
     return ticks + -(-max(before - ticks, 0) // wrap) * wrap
 
 
-def _sensor(path: Path, dataset: Any, channel: Any, blocks: _Blocks) -> _Sensor:
+def _read_sensor(path: Path, dataset: Any, channel: Any, blocks: Sequence[_StampedBlock]) -> _Sensor:
     from idelib.parsers import ChannelDataBlock
 
     form = channel.parser.format
@@ -189,7 +179,8 @@ def _sensor(path: Path, dataset: Any, channel: Any, blocks: _Blocks) -> _Sensor:
     order, letters = (form[0], form[1:]) if form[0] in "<>=" else ("=", form)
     types = [np.dtype(ChannelDataBlock.TO_NP_TYPESTR[letter]).newbyteorder(order) for letter in letters]
     dtype = np.dtype([(str(i), each) for i, each in enumerate(types)])
-    counts = np.array(blocks.sizes) // dtype.itemsize
+    offsets, sizes, starts, ends = np.array(blocks, dtype=np.int64).T
+    counts = sizes // dtype.itemsize
     if channel.singleSample:
         counts = np.minimum(counts, 1)
     kept = counts > 0
@@ -198,25 +189,25 @@ def _sensor(path: Path, dataset: Any, channel: Any, blocks: _Blocks) -> _Sensor:
     return _Sensor(
         path,
         dtype,
-        np.array(blocks.offsets)[kept],
+        offsets[kept],
         np.concatenate([[0], np.cumsum(counts[kept])]),
-        np.array(blocks.starts, dtype=np.float64)[kept] * tick_s,
-        np.array(blocks.ends, dtype=np.float64)[kept] * tick_s,
+        starts[kept] * tick_s,
+        ends[kept] * tick_s,
         calibrations,
         any(_compensates(dataset, each) for each in calibrations),
     )
 
 
 def _compensates(dataset: Any, calibration: Any) -> bool:
-    """Whether what corrects the calibration was recorded, too."""
+    """Whether the channel that corrects a calibration was recorded as well."""
     number = getattr(calibration, "channelId", None)
     return number in dataset.channels and len(dataset.channels[number].getSession()) > 0
 
 
-# ---- its clock and its rows ------------------------------------------------------------------------
+# ---- clock and rows of a sensor --------------------------------------------------------------------
 
 
-def _track(name: str, sensor: _Sensor, channel: Any) -> Track:
+def _make_track(name: str, sensor: _Sensor, channel: Any) -> Track:
     subchannels = channel.children
     own = [
         (each.displayName if each.name == f"{channel.name}:{each.id:02d}" else each.name) or f"{each.id}"
@@ -225,15 +216,15 @@ def _track(name: str, sensor: _Sensor, channel: Any) -> Track:
     units = [each.units[1] or None for each in subchannels]
     channels = tuple(LoggedChannel(plain, unit) for plain, unit in zip(make_distinct(own), units, strict=True))
     n = int(sensor.rows[-1])
-    line = _uniform(sensor)
+    line = _fit_uniform_clock(sensor)
     if line is None:
-        return Track(channels, _rows(sensor, with_stamps=True), n_samples=n, name=name)
+        return Track(channels, _make_rows(sensor, with_stamps=True), n_samples=n, name=name)
     fs, start_s = line
-    return Track(channels, _rows(sensor, with_stamps=False), fs=fs, start_s=start_s, n_samples=n, name=name)
+    return Track(channels, _make_rows(sensor, with_stamps=False), fs=fs, start_s=start_s, n_samples=n, name=name)
 
 
-def _uniform(sensor: _Sensor) -> tuple[float, float] | None:
-    """Rate and start of rows without a gap between blocks; None where there is one, or no rate follows from them."""
+def _fit_uniform_clock(sensor: _Sensor) -> tuple[float, float] | None:
+    """Rate and start of equally spaced rows; None where there is a gap between blocks, or their rates differ."""
     counts = np.diff(sensor.rows)
     several = counts > 1
     if not several.any():
@@ -255,21 +246,21 @@ def _uniform(sensor: _Sensor) -> tuple[float, float] | None:
     return 1 / float(slope), float(np.median(times - slope * rows))
 
 
-def _rows(sensor: _Sensor, *, with_stamps: bool) -> Rows:
+def _make_rows(sensor: _Sensor, *, with_stamps: bool) -> Rows:
     def read(stream: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
-        raw = _raw(stream, sensor, first, last)
+        raw = _read_raw(stream, sensor, first, last)
         values = []
         for column in columns:
             values.append(np.empty(last - first))
             calibration = sensor.calibrations[column]
-            calibration.inplace(raw[str(column)], out=values[-1], noBivariates=not sensor.compensated)
-        return values, _stamps(sensor, first, last) if with_stamps else None
+            calibration.inplace(raw[str(column)], out=values[-1], noBivariates=not sensor.is_compensated)
+        return values, _interpolate_stamps(sensor, first, last) if with_stamps else None
 
     return rows_in_steps(int(sensor.rows[-1]), read, lambda: sensor.path.open("rb"))
 
 
-def _raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:
-    """Some rows as they are written, of whatever blocks they lie in."""
+def _read_raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:
+    """Some rows as they are written, from all blocks that hold them."""
     low = int(np.searchsorted(sensor.rows, first, side="right")) - 1
     parts = []
     for block in range(low, len(sensor.offsets)):
@@ -282,8 +273,8 @@ def _raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _stamps(sensor: _Sensor, first: int, last: int) -> FloatArray:
-    """Times of some rows, each block's samples spread from its first stamp to its last."""
+def _interpolate_stamps(sensor: _Sensor, first: int, last: int) -> FloatArray:
+    """Times of some rows: those of a block are equally spaced from its first stamp to its last."""
     rows = np.arange(first, last)
     block = np.searchsorted(sensor.rows, rows, side="right") - 1
     counts = np.diff(sensor.rows)

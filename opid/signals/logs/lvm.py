@@ -1,7 +1,7 @@
-"""Logs of LabVIEW as text: a header for the file, then one for each segment, and one line for each sample below it.
+"""Logs of LabVIEW as text: a header of the file, then segments of a header and one line for each sample.
 
-After "Specification for the LabVIEW Measurement File (.lvm)", National Instruments, white paper 4139. The usual library
-(lvm_read) holds all of a file in memory and unpickles what lies beside it, so it is not used.
+They follow "Specification for the LabVIEW Measurement File (.lvm)", National Instruments, white paper 4139. The usual
+library (lvm_read) holds the whole file in memory and unpickles files beside it, so it is not used.
 """
 
 from __future__ import annotations
@@ -16,12 +16,18 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.log import Block, Log, LoggedChannel, Track, rows_from_start
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_from_start
 from opid.signals.logs import reader
-from opid.signals.logs.text.lines import BYTES_AT_ONCE, lines_of, with_encoding
 from opid.signals.logs.text.stamps import moment, nanoseconds
-from opid.signals.logs.text.table import MOST_COLUMNS, TextTable, number_of, numbers_of
+from opid.signals.logs.text.table import (
+    BYTES_AT_ONCE,
+    MOST_COLUMNS,
+    TextTable,
+    lines_of,
+    number_of,
+    numbers_of,
+    with_encoding,
+)
 from opid.signals.recording import FloatArray
 
 _END = "***End_of_Header***"
@@ -54,39 +60,40 @@ class _Segment:
     entries: dict[str, list[str]]
 
     def entry(self, key: str, channel: int) -> str:
-        """What is said of a channel, counted from 0; empty for nothing."""
+        """The entry of a channel, counted from 0; empty where there is none."""
         cells = self.entries.get(key, [])
         return cells[channel].strip() if channel < len(cells) else ""
 
 
 @dataclass(frozen=True)
 class _Clock:
-    """Channels of a segment with one time column, None where only a period is stated."""
+    """Channels of a segment that share a clock."""
 
-    x: int | None
+    x: int | None  # column of their times, None where only a period is stated
     columns: tuple[int, ...]  # of their values
     channels: tuple[int, ...]  # their numbers among the channels of the file, from 0
     later_s: float = 0.0  # than the clock that began first
-    is_beside: bool = False  # the rows are those of a channel of another period
+    shares_rows: bool = False  # with channels of another period
 
 
 @reader(".lvm", name="LabVIEW LVM", magic=(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"), text=True)
 def open_lvm(path: Path, settings: LogSettings) -> Log:
-    """Open a LabVIEW measurement file; its segments follow one another as their times of day say.
+    """Open a LabVIEW measurement file; its segments are put on one time axis by their times of day.
 
-    Stamps are the X values, as `Delta_X` is often rounded; where there are none, X0 and its multiples. They count from
-    Date and Time of the first segment (the earliest of its channels'), or of the file, or from LabVIEW's zero in 1904
-    where they are so large: `Time_Pref` is no guide, "Absolute" stands above X values of either kind.
+    Stamps are the X values, because `Delta_X` is often rounded; without X values they are X0 plus multiples of
+    `Delta_X`. They count from the earliest Date and Time of the channels of the first segment, or of the file, or from
+    LabVIEW's zero in 1904 where they are large enough. `Time_Pref` decides nothing, for "Absolute" stands above both
+    kinds of X values.
     """
     settings, remarks = with_encoding(path, settings)
-    with _numbered_lines(path, settings.encoding, _HEAD_BYTES) as numbered:
-        file = _file_header(path, numbered, settings)
-        segment = _segment_header(file, numbered)
+    with _number_lines(path, settings.encoding, _HEAD_BYTES) as numbered:
+        file = _read_file_header(path, numbered, settings)
+        segment = _read_segment_header(file, numbered)
         if segment is None:
             raise InputError(f"{path} has no segment of data below its header: it is cut off; export the log again")
         first = next(numbered, (0, ""))[1].split(file.separator)
-    clocks, zero = _on_one_axis(file, segment, _clocks(file, segment), first, settings)
-    tracks = tuple(_track(file, segment, clock, settings, len(clocks)) for clock in clocks)
+    clocks, zero = _put_on_one_axis(file, segment, _find_clocks(file, segment), first, settings)
+    tracks = tuple(_make_track(file, segment, clock, settings, len(clocks)) for clock in clocks)
     return Log(path, "LabVIEW LVM", tracks, zero, remarks=remarks)
 
 
@@ -94,14 +101,14 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
 
 
 @contextmanager
-def _numbered_lines(path: Path, encoding: str | None, bytes_at_once: int) -> Iterator[Iterator[tuple[int, str]]]:
-    """Number the lines of the file from 1; the file is closed at the end, also where its text is refused."""
+def _number_lines(path: Path, encoding: str | None, bytes_at_once: int) -> Iterator[Iterator[tuple[int, str]]]:
+    """Number the lines of the file from 1; the file is closed at the end, also after an error."""
     with closing(lines_of(path, encoding, bytes_at_once=bytes_at_once)) as blocks:
         yield enumerate(chain.from_iterable(blocks), start=1)
 
 
-def _header_lines(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """The lines of a header up to its end; what other programs put between special marks is left out."""
+def _read_header(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """The lines of a header up to its end, without those that other programs put between special marks."""
     special = False
     for at, (number, line) in enumerate(numbered):
         if at > _MOST_HEADER_LINES:
@@ -113,8 +120,8 @@ def _header_lines(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[t
             yield number, line
 
 
-def _file_header(path: Path, numbered: Iterator[tuple[int, str]], settings: LogSettings) -> _File:
-    lines = [line for _, line in _header_lines(path, numbered)]
+def _read_file_header(path: Path, numbered: Iterator[tuple[int, str]], settings: LogSettings) -> _File:
+    lines = [line for _, line in _read_header(path, numbered)]
     # the separator stands behind its own name: "Separator,Comma"
     separator = next((line[9:10] for line in lines if line.startswith("Separator")), "") or "\t"
     found = {key: value for key, _, value in (line.partition(separator) for line in lines)}
@@ -129,10 +136,10 @@ def _file_header(path: Path, numbered: Iterator[tuple[int, str]], settings: LogS
     return _File(path, settings.encoding, settings.delimiter or separator, decimal, x_columns, began)
 
 
-def _segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segment | None:
+def _read_segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segment | None:
     """The next header of a segment, its column names included; None at the end of the file."""
     entries: dict[str, list[str]] = {}
-    for _, line in _header_lines(file.path, numbered):
+    for _, line in _read_header(file.path, numbered):
         if line.strip(file.separator + " "):
             key, *values = line.split(file.separator)
             entries[key.strip()] = values
@@ -156,12 +163,12 @@ def _segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segmen
     return _Segment(number, tuple(cells[:n]), int(written), entries)
 
 
-def _clocks(file: _File, segment: _Segment) -> list[_Clock]:
-    """The channels of each clock: all of them, but for those whose time columns, or stated periods, differ."""
+def _find_clocks(file: _File, segment: _Segment) -> list[_Clock]:
+    """The clocks of a segment: channels with equal time columns, or equal stated periods, share one."""
     n = segment.n_channels
     if file.x_columns != "multi":
         # one column of X is that of the first channel
-        periods = [_period(file, segment, channel) for channel in range(n)]
+        periods = [_read_period(file, segment, channel) for channel in range(n)]
         usual = next((period for period in periods if period is not None), None)
         of_period: dict[float | None, list[int]] = {periods[0] or usual: []}
         for channel, period in enumerate(periods):
@@ -169,7 +176,7 @@ def _clocks(file: _File, segment: _Segment) -> list[_Clock]:
         x = 0 if file.x_columns == "one" else None
         own_x = [x, *[None] * (len(of_period) - 1)]
         return [
-            _Clock(column, tuple(each + 1 for each in own), tuple(own), is_beside=len(of_period) > 1)
+            _Clock(column, tuple(each + 1 for each in own), tuple(own), shares_rows=len(of_period) > 1)
             for column, own in zip(own_x, of_period.values(), strict=True)
         ]
     alike: dict[tuple[str, ...], list[int]] = {}
@@ -179,17 +186,17 @@ def _clocks(file: _File, segment: _Segment) -> list[_Clock]:
     return [_Clock(2 * own[0], tuple(2 * each + 1 for each in own), tuple(own)) for own in alike.values()]
 
 
-def _period(file: _File, segment: _Segment, channel: int) -> float | None:
+def _read_period(file: _File, segment: _Segment, channel: int) -> float | None:
     """The period that is stated for a channel, s; None where there is none."""
     period = number_of(segment.entry("Delta_X", channel), file.decimal)
     return period if period is not None and np.isfinite(period) and period > 0 else None
 
 
-def _on_one_axis(
+def _put_on_one_axis(
     file: _File, segment: _Segment, clocks: Sequence[_Clock], first: Sequence[str], settings: LogSettings
 ) -> tuple[list[_Clock], datetime | None]:
-    """The clocks with their times from the earliest zero of them all, and that; None where one zero is not known."""
-    zeros = [_zero(file, segment, clock, first, settings) for clock in clocks]
+    """The clocks with times from the earliest of their zeros, and that zero; None where a zero is not known."""
+    zeros = [_find_zero(file, segment, clock, first, settings) for clock in clocks]
     known = [zero for zero in zeros if zero is not None]
     if len(known) < len(clocks) or len({zero.tzinfo for zero in known}) > 1:
         return list(clocks), None
@@ -198,10 +205,10 @@ def _on_one_axis(
     return [replace(clock, later_s=later_s) for clock, later_s in zip(clocks, later, strict=True)], earliest
 
 
-def _zero(
+def _find_zero(
     file: _File, segment: _Segment, clock: _Clock, first: Sequence[str], settings: LogSettings
 ) -> datetime | None:
-    """When X is zero, by the cells of the first row and the headers; at a rate that is given, when that row was."""
+    """The moment at which X is zero, by the first row and the headers; where a rate is given, that of the first row."""
     channel = clock.channels[0]
     cell = segment.entry("X0", channel) if clock.x is None else "".join(first[clock.x : clock.x + 1])
     x = number_of(cell, file.decimal)
@@ -216,14 +223,14 @@ def _zero(
 # ---- samples -------------------------------------------------------------------------------------
 
 
-def _track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings, n_clocks: int) -> Track:
+def _make_track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings, n_clocks: int) -> Track:
     names = [segment.names[column] for column in clock.columns]
     if len(set(names)) < len(names):  # LabVIEW calls all channels of an untitled signal alike
         names = [f"{name} {channel + 1}" for name, channel in zip(names, clock.channels, strict=True)]
     units = [segment.entry("Y_Unit_Label", channel) or None for channel in clock.channels]
 
     def blocks(chosen: Sequence[int]) -> Iterator[Block]:
-        return _blocks(file, clock, [clock.columns[each] for each in chosen], stamped=settings.fs_hz is None)
+        return _read_blocks(file, clock, [clock.columns[each] for each in chosen], stamped=settings.fs_hz is None)
 
     return Track(
         tuple(LoggedChannel(name, unit) for name, unit in zip(names, units, strict=True)),
@@ -231,18 +238,18 @@ def _track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings,
         fs=settings.fs_hz,
         start_s=clock.later_s if settings.fs_hz else 0.0,
         name=f"clock {clock.channels[0] + 1}" if n_clocks > 1 else "",
-        locate=lambda row: f"line {_line_of_row(file, row)}",
+        locate=lambda row: f"line {_find_line(file, row)}",
     )
 
 
-def _pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
-    """Segment, number of the first line and lines of samples, some at a time."""
-    with _numbered_lines(file.path, file.encoding, BYTES_AT_ONCE) as numbered:
-        for _ in _header_lines(file.path, numbered):
+def _read_pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
+    """Yield the lines of samples in blocks, each with its segment and the number of its first line."""
+    with _number_lines(file.path, file.encoding, BYTES_AT_ONCE) as numbered:
+        for _ in _read_header(file.path, numbered):
             pass
         blank = file.separator + " "
         names: tuple[str, ...] | None = None
-        while (segment := _segment_header(file, numbered)) is not None:
+        while (segment := _read_segment_header(file, numbered)) is not None:
             if names not in (None, segment.names):
                 raise InputError(
                     f"{file.path} line {segment.line}: this segment has other channels than the first: "
@@ -261,11 +268,11 @@ def _pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
                 yield segment, first, lines
 
 
-def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool) -> Iterator[Block]:
+def _read_blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool) -> Iterator[Block]:
     begun: int | None = None  # when the first segment began, ns
     segment: _Segment | None = None
     offset, last, row, ended = clock.later_s, -np.inf, 0, False
-    for piece, number, lines in _pieces(file):
+    for piece, number, lines in _read_pieces(file):
         table = TextTable(file.path, file.encoding, file.separator, file.decimal, number, piece.names, True, clock.x)
         values = numbers_of(table, number, lines, [*wanted, *([] if clock.x is None else [clock.x])])
         if not stamped:
@@ -275,11 +282,11 @@ def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool)
         row = 0 if new else row
         x = _make_stamps(file, piece, clock, row, len(values)) if clock.x is None else values[:, -1]
         row += len(values)
-        if clock.is_beside:  # channels with more samples go on
-            values, ended = _before_the_end(file, number, values, ended=ended and not new)
+        if clock.shares_rows:  # the channels with more samples continue
+            values, ended = _cut_at_end(file, number, values, ended=ended and not new)
             x = x[: len(values)]
         held = ~np.isnan(x)
-        if file.x_columns == "multi":  # the longer channels go on
+        if file.x_columns == "multi":  # the longer channels continue
             values, x = values[held], x[held]
         elif not held.all():
             at = number + int(np.argmin(held))
@@ -287,15 +294,15 @@ def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool)
         if not x.size:
             continue
         if new and begun is None:
-            begun = _begin(piece, clock)
+            begun = _read_begin(piece, clock)
         elif new:
-            offset = clock.later_s + (0.0 if x[0] + clock.later_s > last else _later(file, piece, clock, begun))
+            offset = clock.later_s + (0.0 if x[0] + clock.later_s > last else _find_offset(file, piece, clock, begun))
         last = float(x[-1] + offset)
         yield Block(values[:, : len(wanted)], x + offset)
 
 
 def _make_stamps(file: _File, segment: _Segment, clock: _Clock, row: int, n: int) -> FloatArray:
-    """X values of the n rows from `row` on where the file has only the first and their distance."""
+    """X values of the n rows from `row` on, where the file only states the first one and their distance."""
     stated = [segment.entry(key, clock.channels[0]) for key in ("X0", "Delta_X")]
     first, period = (number_of(cell, file.decimal) for cell in stated)
     if first is None or period is None or not (np.isfinite(first) and np.isfinite(period) and period > 0):
@@ -306,8 +313,8 @@ def _make_stamps(file: _File, segment: _Segment, clock: _Clock, row: int, n: int
     return first + period * np.arange(row, row + n, dtype=np.float64)
 
 
-def _before_the_end(file: _File, number: int, values: FloatArray, *, ended: bool) -> tuple[FloatArray, bool]:
-    """The rows before those that are empty for all channels of a clock, and whether there were such."""
+def _cut_at_end(file: _File, number: int, values: FloatArray, *, ended: bool) -> tuple[FloatArray, bool]:
+    """The rows before the first one that is empty for all channels of a clock, and whether there is such a row."""
     full = np.asarray(~np.isnan(values).all(axis=1)) if values.shape[1] else np.ones(len(values), dtype=bool)
     n = 0 if ended else len(full) if full.all() else int(np.argmin(full))
     if full[n:].any():
@@ -318,8 +325,8 @@ def _before_the_end(file: _File, number: int, values: FloatArray, *, ended: bool
     return values[:n], n < len(full)
 
 
-def _begin(segment: _Segment, clock: _Clock) -> int | None:
-    """When a segment began, ns; None where it does not say."""
+def _read_begin(segment: _Segment, clock: _Clock) -> int | None:
+    """When a segment began, ns; None where it does not say so."""
     stamp = f"{segment.entry('Date', clock.channels[0])} {segment.entry('Time', clock.channels[0])}"
     try:
         return int(nanoseconds([stamp])[0])
@@ -327,9 +334,9 @@ def _begin(segment: _Segment, clock: _Clock) -> int | None:
         return None
 
 
-def _later(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> float:
-    """How much later than the first segment one began, s."""
-    begin = _begin(segment, clock)
+def _find_offset(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> float:
+    """How much later than the first segment this one began, s."""
+    begin = _read_begin(segment, clock)
     if begin is None or begun is None:
         raise InputError(
             f"{file.path} line {segment.line}: the segment does not go on where the one before ends, and Date and Time "
@@ -338,8 +345,8 @@ def _later(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> 
     return 1e-9 * (begin - begun)
 
 
-def _line_of_row(file: _File, row: int) -> int:
-    for _, number, lines in _pieces(file):
+def _find_line(file: _File, row: int) -> int:
+    for _, number, lines in _read_pieces(file):
         if row < len(lines):
             return number + row
         row -= len(lines)

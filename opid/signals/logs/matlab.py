@@ -1,22 +1,23 @@
 """MATLAB files (.mat) of version 4 to 7.3: how time, rate, names and units are found among the variables.
 
-- The variables of the file stand together, and so do the fields of a struct, and of each element of a struct array.
-- `time` or `t` (or `time` of the table [log]), a vector, holds the stamps; every other numeric vector of that length is
-  a channel, and a matrix n x m gives the channels name_1 to name_m.
+- The variables of the file belong together, and so do the fields of a struct, and of each element of a struct array.
+- The vector `time` or `t` (or `time` of the table [log]) holds the stamps; every other numeric vector of that length is
+  a channel, and a matrix n x m is the channels name_1 to name_m.
 - Without stamps a scalar `fs`, `Fs`, `srate`, `sampling_rate`, ... is the rate, or `dt`, `Ts`, ... the interval; a
-  struct without one has that of the file.
+  struct that states none has the rate of the file.
 - `Channel_1_Data` beside a struct `Channel_1_Header` has its `SignalName` and `Unit`, and the rate of `File_Header`.
 - `names` (or `labels`, `channels`, ...) and `units` (or `unit`) are texts, one for each channel or one for all; a name
-  may carry its unit in brackets.
+  may have its unit in brackets.
 
-The table [log] (`time`, `time_unit`, `fs_hz`, `names`, `unit`) overrides what is found. Versions up to 7.2 are read
-whole when they are opened, their compression allows nothing else; version 7.3 is HDF5 and read in slices.
+The table [log] (`time`, `time_unit`, `fs_hz`, `names`, `unit`) overrides what is found. Files up to version 7.2 are
+compressed, so they are read whole when they are opened; version 7.3 is HDF5 and read in slices.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +25,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
-from opid.signals.log import Log
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.hdf5 import SIGNATURE, members, open_file
 from opid.signals.logs.named_arrays import DEEPEST, NamedArray, NamedGroup, groups_of_values, tracks_of
@@ -44,10 +44,10 @@ def open_matlab(path: Path, settings: LogSettings) -> Log:
         head = file.read(520)
     if SIGNATURE in (head[:8], head[512:520]):
         with open_file(path) as content:
-            groups = list(_groups_of_hdf5(content, content, "", {}, set()))
+            groups = list(_find_groups(content, content, "", {}, set()))
         tracks = tracks_of(path, groups, settings, lambda: open_file(path))
     else:
-        groups = list(groups_of_values(_variables(path), "", {}))
+        groups = list(groups_of_values(_read_variables(path), "", {}))
         tracks = tracks_of(path, groups, settings, nullcontext)
     if not tracks:
         raise InputError(f"{path} holds no vectors or matrices of numbers: save the signals themselves, not objects")
@@ -57,8 +57,8 @@ def open_matlab(path: Path, settings: LogSettings) -> Log:
 # ---- up to version 7.2 ---------------------------------------------------------------------------
 
 
-def _variables(path: Path) -> dict[str, Any]:
-    """The variables that may be signals, or say something of them."""
+def _read_variables(path: Path) -> dict[str, Any]:
+    """The variables that may be signals or describe them."""
     from scipy.io import loadmat, whosmat
 
     listed = whosmat(path, appendmat=False)
@@ -76,58 +76,55 @@ def _variables(path: Path) -> dict[str, Any]:
 # ---- version 7.3 ---------------------------------------------------------------------------------
 
 
-def _groups_of_hdf5(
+def _find_groups(
     file: h5py.File, group: h5py.Group, name: str, above: Mapping[str, float], seen: set[int], depth: int = 0
 ) -> Iterator[NamedGroup]:
-    """The group of some variables or fields; matrices lie transposed in such a file."""
+    """The group of some variables or fields, and those of the structs in it; matrices are stored transposed."""
     import h5py
 
     arrays, numbers, within = [], {}, {}
     texts: dict[str, tuple[str, ...]] = {}
     for key, member in members(group, []):
         if key.startswith("#") or hash(member.id) in seen:
-            continue  # "#refs#" holds what cells and struct arrays refer to
+            continue  # "#refs#" holds the elements of cells and struct arrays
         seen.add(hash(member.id))
         if isinstance(member, h5py.Group):
             within[key] = member
         elif member.shape is None or "MATLAB_empty" in member.attrs:
             continue
-        elif _class_of(member) == b"char":
-            texts[key] = (_text(member),)
+        elif _read_class(member) == b"char":
+            texts[key] = (_read_text(member),)
         elif h5py.check_ref_dtype(member.dtype) is h5py.Reference:
             if key.casefold() in (*NAME_KEYS, *UNIT_KEYS):
                 referred = [file[each] for each in member[()].reshape(-1) if each]
-                texts[key] = tuple(_text(each) for each in referred if isinstance(each, h5py.Dataset))
+                texts[key] = tuple(_read_text(each) for each in referred if isinstance(each, h5py.Dataset))
         elif member.dtype.kind in "fiub" and member.size == 1:
             numbers[key] = float(np.asarray(member[()]).reshape(-1)[0])
         elif member.dtype.kind in "fiub" and member.size and len(member.shape) <= 2:
             shape = tuple(length for length in member.shape[::-1] if length > 1)
-            arrays.append(NamedArray(key, shape, _reading(member.name, member.shape)))
+            arrays.append(NamedArray(key, shape, partial(_read, member.name, member.shape)))
     stated = {**above, **numbers}
     yield NamedGroup(name, tuple(arrays), stated, texts)
     for key, fields in within.items():
         if depth < DEEPEST:
-            yield from _groups_of_hdf5(file, fields, f"{name}/{key}".strip("/"), stated, seen, depth + 1)
+            yield from _find_groups(file, fields, f"{name}/{key}".strip("/"), stated, seen, depth + 1)
 
 
-def _reading(name: str, shape: tuple[int, ...]) -> Any:
-    def read(file: Any, key: tuple[slice, ...]) -> np.ndarray:
-        if len(shape) == 2 and len(key) == 1:  # a vector is a matrix with one row or column
-            return file[name][(0, key[0]) if shape[0] == 1 else (key[0], 0)]
-        return file[name][key[::-1]].T
-
-    return read
+def _read(name: str, shape: tuple[int, ...], file: Any, key: tuple[slice, ...]) -> np.ndarray:
+    if len(shape) == 2 and len(key) == 1:  # a vector is a matrix with one row or column
+        return file[name][(0, key[0]) if shape[0] == 1 else (key[0], 0)]
+    return file[name][key[::-1]].T
 
 
-def _class_of(member: h5py.Dataset) -> object:
-    """Its class in MATLAB: a text of fixed length, any other is not read."""
+def _read_class(member: h5py.Dataset) -> object:
+    """Its class in MATLAB, where that is stored as a text of fixed length."""
     name = "MATLAB_class"
     fixed = name in member.attrs and member.attrs.get_id(name).dtype.kind == "S" and not member.attrs.get_id(name).shape
     return member.attrs[name] if fixed else None
 
 
-def _text(member: h5py.Dataset) -> str:
-    """A text: its characters as 16-bit numbers."""
+def _read_text(member: h5py.Dataset) -> str:
+    """A text, whose characters are stored as 16-bit numbers."""
     if member.dtype.kind not in "ui":
         return ""
     codes = np.asarray(member[()]).astype(np.uint16).reshape(-1)

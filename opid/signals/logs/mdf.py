@@ -1,4 +1,4 @@
-"""ASAM MDF: measurement files of vehicle recorders; each channel group is a track with its master as clock."""
+"""ASAM MDF: measurement files of vehicle recorders; each channel group is a track, and its master channel the clock."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.log import Log, LoggedChannel, Rows, Track, make_distinct, rows_in_steps
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 
 _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
 _HEADER_BYTES = 64
-_FLAGS_AT = 60  # version 4 states there what its recorder left undone
+_FLAGS_AT = 60  # version 4 states there what its recorder did not finish
 _NO_MASTER, _TIME = 0, 1  # kinds of master channels
 _VARIABLE_LENGTH = 1  # a kind of channel
 _FLOAT = 5  # the last of the kinds of data that are numbers
@@ -28,39 +27,37 @@ _LOCAL_TIME = 1  # a flag of the header
 
 @reader(".mf4", ".mdf", name="MDF", needs="asammdf", extra="mdf", magic=(_FINISHED, _UNFINISHED))
 def open_mdf(path: Path, settings: LogSettings) -> Log:
-    """Open a measurement of ASAM MDF 3 or 4: a track for each channel group, its master channel gives the stamps.
+    """Open a measurement of ASAM MDF 3 or 4: each channel group is a track whose stamps are its master channel.
 
-    Times count from the start of the measurement that the header states. Texts, arrays and whatever else is no number
-    for each record are left out; values that the file marks as invalid are NaN. The library makes an empty temporary
-    file while it reads, and in it puts in order what a recorder wrote unsorted.
+    Times count from the start of the measurement that the header states. Texts, arrays and other channels that are not
+    one number for each record are left out; values that the file marks as invalid are NaN. While it reads, the library
+    keeps an empty temporary file, in which it sorts the records of recorders that wrote them unsorted.
     """
     with path.open("rb") as stream:
         _require_finished(path, stream.read(_HEADER_BYTES))
     tracks = []
     with _open(path) as file:
-        names = make_distinct((_name(group) for group in file.groups), unnamed="group")
+        names = make_distinct((_name_group(group) for group in file.groups), unnamed="group")
         for index, name in enumerate(names):
-            numbers = _numbers(file, index)
+            numbers = _find_channels(file, index)
             if numbers:
-                tracks.append(_track(path, file, index, numbers, name))
-        zero = _zero(file.header)
+                tracks.append(_make_track(path, file, index, numbers, name))
+        zero = _read_zero(file.header)
     return Log(path, "MDF", tuple(tracks), zero)
 
 
-def _zero(header: Any) -> datetime | None:
-    """When the measurement began, None where that is not set.
+def _read_zero(header: Any) -> datetime | None:
+    """When the measurement began; None where that is not set.
 
-    Version 3 writes the recorder's time of day; what it writes in nanoseconds is read as local time or as UTC, so only
-    their fraction of a second is of use. The library would invent the present moment where it cannot read these.
+    Version 3 writes the recorder's time of day, and nanoseconds that programs read as local time or as UTC: only their
+    fraction of a second is reliable. Where the library cannot read these it would return the present moment.
     """
     since_1970_ns = int(getattr(header, "abs_time", 0) or 0)
     if hasattr(header, "time_flags"):
+        if not since_1970_ns:
+            return None
         zone = None if header.time_flags & _LOCAL_TIME else UTC
-        return (
-            datetime(1970, 1, 1, tzinfo=zone) + timedelta(microseconds=round(since_1970_ns / 1000))
-            if since_1970_ns
-            else None
-        )
+        return datetime(1970, 1, 1, tzinfo=zone) + timedelta(microseconds=round(since_1970_ns / 1000))
     text = f"{header.date.decode('latin-1')} {header.time.decode('latin-1')}".replace("\0", "").strip()
     try:
         began = datetime.strptime(text, "%d:%m:%Y %H:%M:%S")
@@ -87,12 +84,12 @@ def _open(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _name(group: Any) -> str:
+def _name_group(group: Any) -> str:
     return str(getattr(group.channel_group, "acq_name", "") or getattr(group.channel_group, "comment", "") or "")
 
 
-def _numbers(file: Any, group: int) -> dict[int, LoggedChannel]:
-    """The channels of a group that hold one number for each record, by their indices in it."""
+def _find_channels(file: Any, group: int) -> dict[int, LoggedChannel]:
+    """The channels of a group that hold one number for each record, by their indices in the group."""
     held = file.groups[group]
     if not held.channel_group.cycles_nr:
         return {}
@@ -117,31 +114,31 @@ def _may_be_number(held: Any, index: int) -> bool:
     )
 
 
-def _track(path: Path, file: Any, group: int, numbers: Mapping[int, LoggedChannel], name: str) -> Track:
+def _make_track(path: Path, file: Any, group: int, numbers: Mapping[int, LoggedChannel], name: str) -> Track:
     names = make_distinct(channel.name for channel in numbers.values())
     channels = tuple(replace(channel, name=own) for own, channel in zip(names, numbers.values(), strict=True))
     n = int(file.groups[group].channel_group.cycles_nr)
-    return Track(channels, _rows(path, group, tuple(numbers), n, _has_time(file, group)), n_samples=n, name=name)
+    return Track(channels, _make_rows(path, group, tuple(numbers), n, _has_time(file, group)), n_samples=n, name=name)
 
 
 def _has_time(file: Any, group: int) -> bool:
     master = file.masters_db.get(group)
     if master is None:
         return False
-    kind = getattr(file.groups[group].channels[master], "sync_type", _TIME)  # version 3 knows the time only
+    kind = getattr(file.groups[group].channels[master], "sync_type", _TIME)  # in version 3 it always is the time
     return kind in (_NO_MASTER, _TIME)
 
 
-def _rows(path: Path, group: int, indices: Sequence[int], n: int, has_time: bool) -> Rows:
+def _make_rows(path: Path, group: int, indices: Sequence[int], n: int, has_time: bool) -> Rows:
     def read(file: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
         records = {"record_offset": first, "record_count": last - first}
         stamps = np.array(file.get_master(group, **records), dtype=np.float64) if has_time else None
-        return [_values(file, group, indices[column], records) for column in columns], stamps
+        return [_read_values(file, group, indices[column], records) for column in columns], stamps
 
     return rows_in_steps(n, read, partial(_open, path))
 
 
-def _values(file: Any, group: int, index: int, records: Mapping[str, int]) -> np.ndarray:
-    """The physical values of some records, NaN where they are marked as invalid: the library would drop these."""
+def _read_values(file: Any, group: int, index: int, records: Mapping[str, int]) -> np.ndarray:
+    """The physical values of some records, NaN where they are marked as invalid; the library would leave these out."""
     values, invalid = file.get(group=group, index=index, samples_only=True, ignore_invalidation_bits=True, **records)
     return values if invalid is None else np.where(invalid, np.nan, values)

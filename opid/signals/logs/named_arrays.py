@@ -1,10 +1,11 @@
-"""Named arrays of a file (MATLAB, HDF5) -> tracks: which is the time, what the rate, and what a channel."""
+"""From the named arrays of a file (MATLAB, HDF5) to tracks: which one is the time, which the rate, which a channel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from opid.signals.column_names import (
     RATE_NAMES,
     START_NAMES,
     UNIT_KEYS,
-    find_key,
+    find_value,
     require_names,
     require_rate,
     seconds_per_unit,
@@ -25,17 +26,16 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import LoggedChannel, Rows, Track, make_distinct, rows_in_steps
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
 
 CONSTANTS = 16
-"""Arrays of fewer rows are constants (a range, a position) where there are longer ones."""
+"""Arrays of fewer rows are constants (a range, a position) where there are longer arrays."""
 
 MOST_CHANNELS = 10_000
 """No logger has more; a header that says so lies."""
 
 DEEPEST = 8
-"""Structs within structs beyond which nothing is looked for."""
+"""Structs that are nested deeper than this are not read."""
 
 _DATA, _HEADER = "_data", "_header"
 _SIGNAL_KEYS = ("signalname", "signal_name", "channelname", "channel_name")
@@ -50,9 +50,9 @@ class NamedArray:
         name: as it is written.
         shape: (n,) or (n, m).
         read: (opened file, one slice for each dimension) -> the numbers there.
-        numbers: stated beside it: its rate.
-        texts: stated beside it: its unit, the names of its columns.
-        time_axis: which dimension is the time, where that is known.
+        numbers: stated with it, like its rate.
+        texts: stated with it, like its unit and the names of its columns.
+        time_axis: the dimension that is the time, where that is known.
     """
 
     name: str
@@ -72,7 +72,7 @@ class NamedGroup:
         arrays: in the order of the file.
         numbers: stated for all of them: the rate, `start_s`.
         texts: stated for all of them: names and units.
-        alone: whether it is a recording by itself, never joined with others.
+        alone: whether it is a recording of its own that is never joined with others.
     """
 
     name: str
@@ -106,20 +106,20 @@ class _Bundle:
 def groups_of_values(
     values: Mapping[str, Any], name: str, above: Mapping[str, float], depth: int = 0
 ) -> Iterator[NamedGroup]:
-    """Yield the group of some variables or fields held in memory, and those of the structs among them."""
+    """Yield the group of some variables or fields in memory, and the groups of the structs among them."""
     arrays, numbers, texts, within = [], {}, {}, {}
     for key, value in values.items():
         if isinstance(value, dict):
             within[key] = value
-        elif (said := _texts_in(value)) is not None:
-            texts[key] = said
+        elif (found := _as_texts(value)) is not None:
+            texts[key] = found
         elif (isinstance(value, np.ndarray) and value.dtype == object) or isinstance(value, list):
             structs = [each for each in value if isinstance(each, dict)] if np.ndim(value) <= 1 else []
             within |= {f"{key}_{number}": each for number, each in enumerate(structs, start=1)}
         elif np.size(value) == 1 and np.asarray(value).dtype.kind in "fiub":
             numbers[key] = float(np.asarray(value).reshape(-1)[0])
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size and value.ndim <= 2:
-            arrays.append(NamedArray(key, value.shape, _read_from(value)))
+            arrays.append(NamedArray(key, value.shape, partial(_read_from, value)))
     stated = {**above, **numbers}
     yield NamedGroup(name, tuple(arrays), stated, texts)
     for key, fields in within.items():
@@ -135,12 +135,12 @@ def tracks_of(
 ) -> tuple[Track, ...]:
     """Return the tracks of a file's groups of arrays.
 
-    In each group, the array called `time` or `t` (or `settings.time`) holds the stamps, and every other array of its
-    length is a channel, a matrix one for each column. Where there is none, arrays of one length and one stated rate
-    make a track. Of a matrix, the time is the dimension that fits the stamps or the names, else the longer one.
+    In each group, the array called `time` or `t` (or `settings.time`) holds the stamps. Every other array of its length
+    is a channel, a matrix is one channel for each column. Without stamps, arrays of one length and one stated rate make
+    a track. The time runs along the dimension of a matrix that fits the stamps or the names, else along the longer one.
     """
-    groups = _with_headers(groups)
-    bundles = [bundle for group in groups for bundle in _bundles(path, group, settings)]
+    groups = _apply_headers(groups)
+    bundles = [bundle for group in groups for bundle in _bundle_arrays(path, group, settings)]
     if settings.time is not None and not any(bundle.time for bundle in bundles):
         arrays = [array.name for group in groups for array in group.arrays]
         known = nearest(str(settings.time), arrays[:20]) if arrays else "it holds no array of numbers"
@@ -154,17 +154,17 @@ def tracks_of(
         channels = tuple(LoggedChannel(column.name, column.unit) for column in bundle.columns)
         rate = "stamps" if bundle.time else f"{bundle.n} samples" if bundle.fs is None else f"{bundle.fs:g} Hz"
         name = bundle.group.name if stated else f"{bundle.group.name} {rate}".strip()
-        rows = _rows(bundle, open_file, _seconds(path, bundle, settings))
+        rows = _make_rows(bundle, open_file, _find_time_unit(path, bundle, settings))
         fs = None if bundle.time else bundle.fs
         name = name if len(bundles) > 1 else ""
         tracks.append(Track(channels, rows, fs, bundle.start_s, bundle.n, name, locate=lambda row: f"sample {row + 1}"))
     return tuple(tracks)
 
 
-def _with_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
-    """The groups, `Channel_1_Data` named by `Channel_1_Header` beside it, with the rate of `File_Header`.
+def _apply_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
+    """The groups with the names of `Channel_1_Header` for `Channel_1_Data`, and with the rate of `File_Header`.
 
-    So catman and other recorders' programs write MATLAB files; numbers stand there as texts.
+    Catman and other programs of recorders write MATLAB files in this way, with numbers as texts.
     """
     headers = {group.name.casefold(): group for group in groups if group.name.casefold().endswith(_HEADER)}
     if not headers:
@@ -177,52 +177,52 @@ def _with_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
             stem = array.name.casefold().removesuffix(_DATA)
             header = headers.get(f"{inside}{stem}{_HEADER}") if array.name.casefold().endswith(_DATA) else None
             if header is not None:
-                name = next(iter(_texts(header.texts, (*_SIGNAL_KEYS, *NAME_KEYS))), "") or array.name[: -len(_DATA)]
+                name = (
+                    next(iter(_find_texts(header.texts, (*_SIGNAL_KEYS, *NAME_KEYS))), "") or array.name[: -len(_DATA)]
+                )
                 units = {key: text for key, text in header.texts.items() if key.casefold() in UNIT_KEYS}
-                array = replace(array, name=name, texts={**units, **array.texts}, numbers=_numbers_of(header))
+                array = replace(array, name=name, texts={**units, **array.texts}, numbers=_read_numbers(header))
             arrays.append(array)
         if arrays != list(group.arrays):
             names = make_distinct(array.name for array in arrays)
             arrays = [replace(array, name=name) for array, name in zip(arrays, names, strict=True)]
         of_file = headers.get(f"{inside}file{_HEADER}")
-        numbers = {**(_numbers_of(of_file) if of_file else {}), **group.numbers}
+        numbers = {**(_read_numbers(of_file) if of_file else {}), **group.numbers}
         result.append(replace(group, arrays=tuple(arrays), numbers=numbers))
     return result
 
 
-def _numbers_of(header: NamedGroup) -> dict[str, float]:
-    """The rate, interval and start of a header, where a text holds them too."""
-    said = {key: _number(text[0]) for key, text in header.texts.items() if len(text) == 1}
-    every = {**{key: number for key, number in said.items() if number is not None}, **header.numbers}
+def _read_numbers(header: NamedGroup) -> dict[str, float]:
+    """The rate, interval and start of a header; they may stand there as texts."""
+    numbers: dict[str, float] = {}
+    for key, texts in header.texts.items():
+        if len(texts) == 1:
+            with suppress(ValueError):
+                numbers[key] = float(texts[0].strip().replace(",", "."))
     wanted = (*RATE_NAMES, *INTERVAL_NAMES, *START_NAMES)
-    return {key: number for key, number in every.items() if key.casefold() in wanted}
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text.strip().replace(",", "."))
-    except ValueError:
-        return None
+    return {key: number for key, number in {**numbers, **header.numbers}.items() if key.casefold() in wanted}
 
 
 # ---- which arrays belong together ----------------------------------------------------------------
 
 
-def _bundles(path: Path, group: NamedGroup, settings: LogSettings) -> Iterator[_Bundle]:
-    time = _time(group, settings)
+def _bundle_arrays(path: Path, group: NamedGroup, settings: LogSettings) -> Iterator[_Bundle]:
+    time = _find_time(group, settings)
     arrays = [array for array in group.arrays if array is not time]
     if time is not None:
         n = max(time.shape)
-        fitting = [(array, axis) for array in arrays if (axis := _axis(array, group, n)) is not None]
+        fitting = [(array, axis) for array in arrays if (axis := _find_time_axis(array, group, n)) is not None]
         if fitting:
-            stamps = _Column(time, int(np.argmax(time.shape)), 0, *_with_unit(time, time.name))
-            yield _Bundle(group, n, stamps, None, 0.0, _columns(path, group, fitting))
+            name, unit = split_unit(time.name)
+            unit = next(iter(_find_texts(time.texts, UNIT_KEYS)), None) or unit
+            stamps = _Column(time, int(np.argmax(time.shape)), 0, name, unit)
+            yield _Bundle(group, n, stamps, None, 0.0, _make_columns(path, group, fitting))
         return
     lengths = {array.name: max(array.shape) for array in arrays}
     least = CONSTANTS if max(lengths.values(), default=0) >= CONSTANTS else 2
     alike: dict[tuple[int, float | None], list[tuple[NamedArray, int]]] = {}
     for array in arrays:
-        axis = _axis(array, group, None)
+        axis = _find_time_axis(array, group, None)
         if axis is None or array.shape[axis] < (1 if group.alone else least):
             continue
         fs = settings.fs_hz or stated_rate(array.numbers) or stated_rate(group.numbers)
@@ -231,15 +231,14 @@ def _bundles(path: Path, group: NamedGroup, settings: LogSettings) -> Iterator[_
         where = f"{path}{f' ({group.name})' if group.name else ''}"
         fs = None if fs is None else require_rate(fs, where=where)
         alike.setdefault((array.shape[axis], fs), []).append((array, axis))
-    begin = find_key(group.numbers, START_NAMES)
-    start_s = float(group.numbers[begin]) if begin else 0.0
+    start_s = float(find_value(group.numbers, START_NAMES) or 0.0)
     if not np.isfinite(start_s):
         raise InputError(f"{path} states that it begins at {start_s} s: export the log again")
     for (n, fs), fitting in alike.items():
-        yield _Bundle(group, n, None, fs, start_s, _columns(path, group, fitting))
+        yield _Bundle(group, n, None, fs, start_s, _make_columns(path, group, fitting))
 
 
-def _time(group: NamedGroup, settings: LogSettings) -> NamedArray | None:
+def _find_time(group: NamedGroup, settings: LogSettings) -> NamedArray | None:
     vectors = {array.name: array for array in group.arrays if len(array.shape) == 1 or 1 in array.shape}
     if isinstance(settings.time, int):
         numbered = group.arrays[settings.time - 1 : settings.time] if settings.time > 0 else ()
@@ -250,20 +249,20 @@ def _time(group: NamedGroup, settings: LogSettings) -> NamedArray | None:
     return None if found is None or max(vectors[found].shape) < 2 or len(group.arrays) < 2 else vectors[found]
 
 
-def _axis(array: NamedArray, group: NamedGroup, n: int | None) -> int | None:
-    """Which dimension is the time, of n stamps where there are any; None where it does not fit."""
+def _find_time_axis(array: NamedArray, group: NamedGroup, n: int | None) -> int | None:
+    """The dimension along which the time runs, with n stamps where there are any; None where none fits."""
     if array.time_axis is not None:
         return array.time_axis
     if n is not None:
         return next((axis for axis, length in enumerate(array.shape) if length == n), None)
     if len(array.shape) == 2:
-        count = len(_texts(array.texts, NAME_KEYS) or _texts(group.texts, NAME_KEYS))
+        count = len(_find_texts(array.texts, NAME_KEYS) or _find_texts(group.texts, NAME_KEYS))
         if count in array.shape and array.shape[0] != array.shape[1]:
             return 1 - array.shape.index(count)
     return int(np.argmax(array.shape))
 
 
-def _columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, int]]) -> tuple[_Column, ...]:
+def _make_columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, int]]) -> tuple[_Column, ...]:
     counts = [array.shape[1 - axis] if len(array.shape) == 2 else 1 for array, axis in fitting]
     if sum(counts) > MOST_CHANNELS:
         raise InputError(
@@ -272,7 +271,7 @@ def _columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, 
         )
     columns = []
     for (array, axis), count in zip(fitting, counts, strict=True):
-        own_names, own_units = _texts(array.texts, NAME_KEYS), _texts(array.texts, UNIT_KEYS)
+        own_names, own_units = _find_texts(array.texts, NAME_KEYS), _find_texts(array.texts, UNIT_KEYS)
         for number in range(count):
             name = array.name if count == 1 else f"{split_unit(array.name)[0]}_{number + 1}"
             name = own_names[number] if len(own_names) == count else name
@@ -281,8 +280,8 @@ def _columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, 
             if len(own_units) in (1, count):
                 unit = own_units[number % len(own_units)] or unit
             columns.append(_Column(array, axis, number, name, unit or split_unit(array.name)[1]))
-    # the group's names are those of a matrix, or of its one channel; a list may begin with the time
-    names, units = (_texts(group.texts, keys) for keys in (NAME_KEYS, UNIT_KEYS))
+    # the names of the group are those of a matrix or of its one channel; the first may be that of the time
+    names, units = (_find_texts(group.texts, keys) for keys in (NAME_KEYS, UNIT_KEYS))
     names, units = (texts[1:] if len(texts) == len(columns) + 1 else texts for texts in (names, units))
     if len(names) == len(columns):
         split = [split_unit(name) for name in names]
@@ -298,18 +297,12 @@ def _columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, 
     return tuple(columns)
 
 
-def _with_unit(array: NamedArray, name: str) -> tuple[str, str | None]:
-    plain, unit = split_unit(name)
-    return plain, next(iter(_texts(array.texts, UNIT_KEYS)), None) or unit
-
-
-def _texts(texts: Mapping[str, tuple[str, ...]], keys: Sequence[str]) -> tuple[str, ...]:
-    found = find_key(texts, keys)
-    return () if found is None else texts[found]
+def _find_texts(texts: Mapping[str, tuple[str, ...]], keys: Sequence[str]) -> tuple[str, ...]:
+    return find_value(texts, keys) or ()
 
 
 def _join_sensors(bundles: Sequence[_Bundle]) -> list[_Bundle]:
-    """Groups of one channel each (one group for each sensor), of one rate and length, put side by side."""
+    """The bundles, with sensors that have a group each joined where they share rate, length and start."""
     result: list[_Bundle] = []
     for bundle in bundles:
         if bundle.time or bundle.group.alone or len(bundle.columns) != 1 or not bundle.group.name:
@@ -320,17 +313,13 @@ def _join_sensors(bundles: Sequence[_Bundle]) -> list[_Bundle]:
         name = f"{bundle.group.name}/{column.name}" if written else column.name
         name = bundle.group.name if written and column.name.casefold() in _PLAIN else name
         own = replace(bundle, group=NamedGroup("sensors", ()), columns=(replace(column, name=name),))
-        key = (own.n, own.fs, own.start_s)
-        same = [i for i, other in enumerate(result) if not other.group.arrays and key == _key(other)]
-        if same:
-            result[same[0]] = replace(result[same[0]], columns=result[same[0]].columns + own.columns)
+        for i, other in enumerate(result):
+            if not other.group.arrays and (other.n, other.fs, other.start_s) == (own.n, own.fs, own.start_s):
+                result[i] = replace(other, columns=other.columns + own.columns)
+                break
         else:
             result.append(own)
     return result
-
-
-def _key(bundle: _Bundle) -> tuple[int, float | None, float]:
-    return bundle.n, bundle.fs, bundle.start_s
 
 
 def _rename(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bundle:
@@ -349,29 +338,29 @@ def _rename(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bu
     return replace(bundle, columns=tuple(columns))
 
 
-# ---- their rows ----------------------------------------------------------------------------------
+# ---- rows ----------------------------------------------------------------------------------------
 
 
-def _seconds(path: Path, bundle: _Bundle, settings: LogSettings) -> float:
+def _find_time_unit(path: Path, bundle: _Bundle, settings: LogSettings) -> float:
     if bundle.time is None or settings.fs_hz:
         return 1.0
     return seconds_per_unit(settings.time_unit or bundle.time.unit, where=str(path))
 
 
-def _rows(bundle: _Bundle, open_file: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:
+def _make_rows(bundle: _Bundle, open_file: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:
     def read(file: Any, wanted: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
         columns = [bundle.columns[index] for index in wanted]
-        held = {id(each.array): _stretch(file, each, first, last) for each in columns}
+        held = {id(each.array): _read_stretch(file, each, first, last) for each in columns}
         stamps = None
         if bundle.time is not None:
-            stamps = _stretch(file, bundle.time, first, last)[:, 0].astype(np.float64) * seconds
+            stamps = _read_stretch(file, bundle.time, first, last)[:, 0].astype(np.float64) * seconds
         return [held[id(each.array)][:, each.number] for each in columns], stamps
 
-    # a matrix is read with all its columns: in most files those of a row lie side by side
+    # a matrix is read with all its columns, for in most files the numbers of a row are neighbours
     return rows_in_steps(bundle.n, read, open_file, width=len(bundle.columns))
 
 
-def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray:
+def _read_stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray:
     """All columns of an array from one row to another, (last - first, m)."""
     rows = slice(first, last)
     if len(column.array.shape) == 1:
@@ -384,11 +373,11 @@ def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray
 # ---- values in memory ----------------------------------------------------------------------------
 
 
-def _read_from(values: np.ndarray) -> Any:
-    return lambda _, key: values[key]
+def _read_from(values: np.ndarray, _: object, key: tuple[slice, ...]) -> np.ndarray:
+    return values[key]
 
 
-def _texts_in(value: object) -> tuple[str, ...] | None:
+def _as_texts(value: object) -> tuple[str, ...] | None:
     if isinstance(value, str):
         return (value.strip(),)
     if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype.kind in "OU" and value.ndim == 1):

@@ -1,7 +1,7 @@
-"""NumPy archives (.npz), as `numpy.savez` writes them; what their arrays are is found as in MATLAB files.
+"""NumPy archives (.npz), as `numpy.savez` writes them; time, rate, names and units are found as in MATLAB files.
 
 `time` or `t` holds the stamps; without it `fs`, `dt`, ... is the rate. `names` and `units` are arrays of texts. Arrays
-of Python objects are pickles, which could run code: they are not read. An archive is read whole when it is opened.
+of Python objects are not read, for they are pickles and could run code. An archive is read whole when it is opened.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from opid.errors import InputError
-from opid.signals.log import Log
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.named_arrays import groups_of_values, tracks_of
 
@@ -48,7 +47,7 @@ def _is_pickled(archive: Any, name: str) -> bool:
 
 
 def _plain(values: np.ndarray) -> Any:
-    """Fields by name, texts of bytes and single texts as such."""
+    """The values, with fields as a dictionary and a single text as a str."""
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if values.dtype.names:

@@ -20,7 +20,7 @@ import numpy as np
 from opid.errors import InputError, nearest
 from opid.signals.column_names import (
     UNIT_KEYS,
-    find_key,
+    find_value,
     require_names,
     require_rate,
     seconds_per_unit,
@@ -28,8 +28,7 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Rows, Track, rows_at_once
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
 
@@ -37,22 +36,16 @@ if TYPE_CHECKING:
     import pyarrow
 
 _TICKS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_BUFFER_BYTES = 1 << 20  # bytes of each column, so that a file of one row group is not held whole
+_BUFFER_BYTES = 1 << 20  # of each column, so that a file of one row group is not held in memory as a whole
 
 
 @dataclass(frozen=True)
 class _Time:
-    """The column of the stamps.
+    """The column of the stamps."""
 
-    Args:
-        column: its number in the file.
-        seconds: what one unit of it is.
-        first: subtracted, in its unit.
-    """
-
-    column: int
-    seconds: float
-    first: int = 0
+    column: int  # its index in the file
+    seconds: float  # in one unit of it
+    first: int = 0  # subtracted, in its unit
 
 
 @reader(".parquet", ".pq", name="Parquet", needs="pyarrow", extra="parquet", magic=(b"PAR1",))
@@ -63,8 +56,9 @@ def open_parquet(path: Path, settings: LogSettings) -> Log:
         _require_distinct(path, schema.names)
         columns = [number for number, field in enumerate(schema) if _is_number(field.type)]
         metadata = _decode(schema.metadata or {})
-        time = _time(path, file, columns, metadata, settings)
-    units = _units_of_frame(metadata)
+        time = _find_time(path, file, columns, metadata, settings)
+    stored = _read_frame_attributes(metadata).get("units")
+    units = {str(key): str(value) for key, value in stored.items()} if isinstance(stored, dict) else {}
     names = [schema.names[number] for number in columns]
     if settings.names:
         require_names(path, settings.names, len(columns), "column(s) of numbers, the time among them")
@@ -75,16 +69,11 @@ def open_parquet(path: Path, settings: LogSettings) -> Log:
             continue
         plain, unit = split_unit(name)
         own = _decode(schema.field(number).metadata or {})
-        key = find_key(own, UNIT_KEYS)
-        written = schema.names[number]
-        channels.append(LoggedChannel(plain, (own[key] if key else None) or unit or units.get(written)))
+        channels.append(LoggedChannel(plain, find_value(own, UNIT_KEYS) or unit or units.get(schema.names[number])))
         numbers.append(number)
-    rate = None
-    if time is None:
-        rate = settings.fs_hz or stated_rate(_numbers(metadata))
-        rate = None if rate is None else require_rate(rate, where=str(path))
-    rows = _rows(path, numbers, time, n)
-    return Log(path, "Parquet", (Track(tuple(channels), rows, rate, 0.0, n),))
+    fs = (settings.fs_hz or stated_rate(_find_numbers(metadata))) if time is None else None
+    fs = None if fs is None else require_rate(fs, where=str(path))
+    return Log(path, "Parquet", (Track(tuple(channels), _make_rows(path, numbers, time, n), fs, 0.0, n),))
 
 
 def _open(path: Path) -> Any:
@@ -99,7 +88,7 @@ def _require_distinct(path: Path, names: Sequence[str]) -> None:
         raise InputError(f"{path} has {names.count(twice)} columns {twice!r}: rename all but one")
 
 
-# ---- what the columns are ------------------------------------------------------------------------
+# ---- columns -------------------------------------------------------------------------------------
 
 
 def _is_number(kind: pyarrow.DataType) -> bool:
@@ -110,7 +99,7 @@ def _is_number(kind: pyarrow.DataType) -> bool:
 
 
 def _ticks(kind: pyarrow.DataType) -> float | None:
-    """What one tick of a type of time is, s; None of any other type."""
+    """The length of one tick of a type of time, s; None for any other type."""
     from pyarrow import types
 
     if types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind):
@@ -118,13 +107,13 @@ def _ticks(kind: pyarrow.DataType) -> float | None:
     return None
 
 
-def _time(
+def _find_time(
     path: Path, file: Any, columns: Sequence[int], metadata: Mapping[str, str], settings: LogSettings
 ) -> _Time | None:
     from pyarrow import types
 
     schema = file.schema_arrow
-    number = _time_column(path, schema, columns, metadata, settings)
+    number = _find_time_column(path, schema, columns, metadata, settings)
     if number is None:
         return None
     kind = schema.field(number).type
@@ -136,12 +125,11 @@ def _time(
             first = (batch.column(0)[0].value if batch is not None and batch.num_rows else 0) or 0
         return _Time(number, ticks, first)
     own = _decode(schema.field(number).metadata or {})
-    key = find_key(own, UNIT_KEYS)
-    unit = settings.time_unit or (own[key] if key else None) or split_unit(schema.names[number])[1]
+    unit = settings.time_unit or find_value(own, UNIT_KEYS) or split_unit(schema.names[number])[1]
     return _Time(number, 1.0 if settings.fs_hz else seconds_per_unit(unit, where=str(path)))
 
 
-def _time_column(
+def _find_time_column(
     path: Path, schema: pyarrow.Schema, columns: Sequence[int], metadata: Mapping[str, str], settings: LogSettings
 ) -> int | None:
     names = list(settings.names) if len(settings.names) == len(columns) else [schema.names[each] for each in columns]
@@ -158,7 +146,8 @@ def _time_column(
     known = time_name(names)
     if known is not None:
         return columns[names.index(known)]
-    index = [name for name in _index_of_frame(metadata) if name in schema.names]
+    stored = _read_frame_entry(metadata, "index_columns")
+    index = [name for name in (stored if isinstance(stored, list) else ()) if name in schema.names]
     if len(index) == 1 and schema.names.index(index[0]) in columns:
         return schema.names.index(index[0])
     stamps = [number for number in columns if _ticks(schema.field(number).type) is not None]
@@ -169,48 +158,39 @@ def _decode(metadata: Mapping[bytes, bytes]) -> dict[str, str]:
     return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
 
 
-def _numbers(metadata: Mapping[str, str]) -> dict[str, float]:
-    """What of the metadata is a number, that in pandas' `DataFrame.attrs` included."""
+def _find_numbers(metadata: Mapping[str, str]) -> dict[str, float]:
+    """The metadata that are numbers, those in pandas' `DataFrame.attrs` included."""
     found = {}
-    for key, value in [*_attributes_of_frame(metadata).items(), *metadata.items()]:
+    for key, value in [*_read_frame_attributes(metadata).items(), *metadata.items()]:
         with suppress(TypeError, ValueError):
             found[key] = float(value)
     return found
 
 
-def _frame(metadata: Mapping[str, str]) -> dict[str, Any]:
+def _read_frame_entry(metadata: Mapping[str, str], key: str) -> object:
+    """What pandas stored of its frame under a key, None where there is nothing."""
     with suppress(ValueError, RecursionError):
         found = json.loads(metadata.get("pandas", "{}"))
-        return found if isinstance(found, dict) else {}
-    return {}
+        return found.get(key) if isinstance(found, dict) else None
+    return None
 
 
-def _index_of_frame(metadata: Mapping[str, str]) -> list[str]:
-    columns = _frame(metadata).get("index_columns")
-    return [each for each in columns if isinstance(each, str)] if isinstance(columns, list) else []
-
-
-def _attributes_of_frame(metadata: Mapping[str, str]) -> dict[str, Any]:
-    attributes = _frame(metadata).get("attributes")
+def _read_frame_attributes(metadata: Mapping[str, str]) -> dict[str, Any]:
+    attributes = _read_frame_entry(metadata, "attributes")
     return attributes if isinstance(attributes, dict) else {}
 
 
-def _units_of_frame(metadata: Mapping[str, str]) -> dict[str, str]:
-    units = _attributes_of_frame(metadata).get("units")
-    return {str(key): str(value) for key, value in units.items()} if isinstance(units, dict) else {}
+# ---- rows ----------------------------------------------------------------------------------------
 
 
-# ---- their rows ----------------------------------------------------------------------------------
-
-
-def _rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Rows:
+def _make_rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Rows:
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         end = n if stop is None else min(stop, n)
         wanted = [numbers[column] for column in columns]
         with _open(path) as file:
             schema = file.schema_arrow
             read = [schema.names[number] for number in dict.fromkeys([*wanted, *([time.column] if time else [])])]
-            first, groups = _groups(file.metadata, start, end)
+            first, groups = _choose_groups(file.metadata, start, end)
             if start >= end or not read:
                 return
             size = rows_at_once(len(read))
@@ -221,10 +201,10 @@ def _rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Row
                 if batch.num_rows:
                     samples = np.empty((batch.num_rows, len(wanted)))
                     for index, number in enumerate(wanted):
-                        samples[:, index] = _values(batch.column(schema.names[number]))
+                        samples[:, index] = _read_values(batch.column(schema.names[number]))
                     stamps = None
                     if time is not None:
-                        stamps = _values(batch.column(schema.names[time.column]), time.first) * time.seconds
+                        stamps = _read_values(batch.column(schema.names[time.column]), time.first) * time.seconds
                     yield Block(samples, stamps)
                 if first >= end:
                     return
@@ -234,8 +214,8 @@ def _rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Row
     return rows
 
 
-def _groups(metadata: Any, start: int, end: int) -> tuple[int, list[int]]:
-    """Number of the first row of the row groups that hold the rows wanted, and those groups."""
+def _choose_groups(metadata: Any, start: int, end: int) -> tuple[int, list[int]]:
+    """The row groups that hold the wanted rows, and the index of their first row."""
     begin, first = 0, 0
     wanted: list[int] = []
     for group in range(metadata.num_row_groups):
@@ -247,8 +227,8 @@ def _groups(metadata: Any, start: int, end: int) -> tuple[int, list[int]]:
     return first, wanted
 
 
-def _values(column: pyarrow.Array, first: int = 0) -> FloatArray:
-    """The numbers of a column, less `first`; NaN where one is missing."""
+def _read_values(column: pyarrow.Array, first: int = 0) -> FloatArray:
+    """The numbers of a column minus `first`; NaN where one is missing."""
     import pyarrow
     from pyarrow import types
 

@@ -1,9 +1,9 @@
 """Universal files (UFF, UNV): the time histories of data sets 58, in ASCII or binary (58b).
 
-Each data set is a channel; those of one spacing, start and length share a track. The channel is called by ID line 1
-where that distinguishes the sets, else by node and direction; its unit is the label of the ordinate. The increment of
-the time has six digits in such files: the rate is the plainest number that rounds to it. What is written are 58b
-files of double precision; exact rate and start stand in ID line 2, which other programs show as a remark.
+Each data set is a channel; those of one spacing, start and length share a track. The name of a channel is ID line 1
+where that distinguishes the sets, else its node and direction; its unit is the label of the ordinate. The increment of
+the time has six digits in such files: the rate is the number of fewest decimals that rounds to it. Files are written as
+58b in double precision, with the exact rate and start in ID line 2, which other programs show as a remark.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from opid.errors import InputError
 from opid.signals.clock import plain_number
 from opid.signals.column_names import require_names, require_rate, seconds_per_unit, split_unit
 from opid.signals.files import write_whole
-from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_of_array
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Rows, Track, rows_of_array
 from opid.signals.logs import reader, writer
 from opid.signals.recording import Recording
 
@@ -51,25 +50,27 @@ _REMARK = re.compile(r"opid: fs_hz=(\S+) start_s=(\S+)")
 def open_uff(path: Path, settings: LogSettings) -> Log:
     """Open a universal file; a data set is read whole when one of its samples is wanted.
 
-    The date in ID line 3 is that of the function's making, not of its first sample: the zero of the times is not known.
+    The date in ID line 3 is that of the processing, not of the first sample, so the zero of the times is not known.
     """
     import pyuff
 
     _require_closed(path)
     file = pyuff.UFF(str(path))
     kinds = [int(kind) for kind in file.get_set_types()]
-    headers = {number: _header(path, file, number) for number, kind in enumerate(kinds) if kind == 58}
+    headers = {number: _read_header(path, file, number) for number, kind in enumerate(kinds) if kind == 58}
     histories = {number: header for number, header in headers.items() if _is_history(header)}
     if not histories:
-        raise InputError(f"{path} holds no time histories, but {_contents(kinds, headers)}: export the time histories")
-    channels = _channels(path, histories, settings)
+        raise InputError(
+            f"{path} holds no time histories, but {_describe_contents(kinds, headers)}: export the time histories"
+        )
+    channels = _name_channels(path, histories, settings)
     clocks: dict[tuple[Any, ...], list[int]] = {}
     for number, header in histories.items():
-        clocks.setdefault(_clock(path, number, header, settings), []).append(number)
+        clocks.setdefault(_read_clock(path, number, header, settings), []).append(number)
     tracks = []
     for index, ((fs, start_s, n, own), sets) in enumerate(clocks.items(), start=1):
         name = f"set {own + 1}" if own is not None else f"clock {index}"
-        rows = _rows(path, [histories[number] for number in sets], sets, settings)
+        rows = _make_rows(path, [histories[number] for number in sets], sets, settings)
         own_channels = tuple(channels[number] for number in sets)
         name = name if len(clocks) > 1 else ""
         tracks.append(Track(own_channels, rows, fs, start_s, n, name, locate=lambda row: f"sample {row + 1}"))
@@ -114,11 +115,11 @@ def _fits(text: str, most: int) -> bool:
     return 0 < len(text) <= most and text == text.strip() and text.isprintable() and text.upper() != "NONE"
 
 
-# ---- what the headers say ------------------------------------------------------------------------
+# ---- headers -------------------------------------------------------------------------------------
 
 
 def _require_closed(path: Path) -> None:
-    """A data set that the file's end cuts off would be left out without a word."""
+    """Raise an error where the last data set is cut off: the library would silently leave it out."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 4096))
         end = file.read().rstrip(b" \r\n\0\x1a")
@@ -126,7 +127,7 @@ def _require_closed(path: Path) -> None:
         raise InputError(f"{path} is cut off: its last data set is not closed (by a line -1); copy or export it again")
 
 
-def _header(path: Path, file: Any, number: int) -> dict[str, Any]:
+def _read_header(path: Path, file: Any, number: int) -> dict[str, Any]:
     try:
         return file.read_sets(number, header_only=True)
     except Exception as error:  # pyuff raises nothing more specific
@@ -140,19 +141,19 @@ def _is_history(header: Mapping[str, Any]) -> bool:
     return header["func_type"] == 1 or (header["func_type"] == 0 and time)
 
 
-def _contents(kinds: Sequence[int], headers: Mapping[int, Mapping[str, Any]]) -> str:
+def _describe_contents(kinds: Sequence[int], headers: Mapping[int, Mapping[str, Any]]) -> str:
     words = [_KINDS.get(each["func_type"], f"functions of type {each['func_type']}") for each in headers.values()]
     words += [f"data set {kind}" for kind in kinds if kind not in (0, 58)]
     counted = [f"{words.count(word)} x {word}" for word in dict.fromkeys(words)]
     return ", ".join(counted) or "no data set that is whole"
 
 
-def _channels(
+def _name_channels(
     path: Path, histories: Mapping[int, Mapping[str, Any]], settings: LogSettings
 ) -> dict[int, LoggedChannel]:
     """Name and unit of each time history."""
     lines = [str(header["id1"]).strip() for header in histories.values()]
-    positions = [_position(header) for header in histories.values()]
+    positions = [_describe_position(header) for header in histories.values()]
     candidates = [lines, positions, [f"channel_{number}" for number in range(1, len(histories) + 1)]]
     names = next(
         each
@@ -168,7 +169,7 @@ def _channels(
     return channels
 
 
-def _position(header: Mapping[str, Any]) -> str:
+def _describe_position(header: Mapping[str, Any]) -> str:
     entity = str(header["rsp_ent_name"]).strip()
     direction = _DIRECTIONS.get(header["rsp_dir"], "")
     if entity.upper() in ("", "NONE"):
@@ -176,22 +177,22 @@ def _position(header: Mapping[str, Any]) -> str:
     return f"{entity}:{header['rsp_node']}{direction}"
 
 
-def _clock(
+def _read_clock(
     path: Path, number: int, header: Mapping[str, Any], settings: LogSettings
 ) -> tuple[float | None, float, int, int | None]:
-    """Rate (None for stamps), start, length; and for stamps the number of the set, which has its own."""
+    """Rate (None for stamps), start and length; for stamps also the number of the set, whose clock is its own."""
     n = header["num_pts"]
     where = f"{path}, data set {number + 1},"
     if n < 1:
         raise InputError(f"{where} says that it holds {n} samples: export the log again")
     if header["abscissa_spacing"] == 0:
         return None, 0.0, n, number
-    seconds = _seconds(path, header, settings)
+    seconds = _find_time_unit(path, header, settings)
     increment_s = header["abscissa_inc"] * seconds
     fs = require_rate(settings.fs_hz or (1 / increment_s if increment_s else 0.0), where=where)
     if settings.fs_hz:
         return fs, header["abscissa_min"] * seconds, n, None
-    digits = f"{increment_s:.5e}"  # most programs write it so: half of the last digit is not known
+    digits = f"{increment_s:.5e}"  # as most programs write it: it may be wrong by half of the last digit
     plain = plain_number(fs, fs * 0.5e-5 / float(digits[:7])) if float(digits) == increment_s else fs
     start_s = header["abscissa_min"] * seconds
     if not np.isfinite(start_s):
@@ -204,16 +205,16 @@ def _clock(
     return plain, start_s, n, None
 
 
-def _seconds(path: Path, header: Mapping[str, Any], settings: LogSettings) -> float:
+def _find_time_unit(path: Path, header: Mapping[str, Any], settings: LogSettings) -> float:
     label = str(header["abscissa_axis_units_lab"]).strip()
     known = settings.time_unit or (None if label.upper() in ("", "NONE") else label)
     return seconds_per_unit(known, where=str(path))
 
 
-# ---- its samples ---------------------------------------------------------------------------------
+# ---- samples -------------------------------------------------------------------------------------
 
 
-def _rows(path: Path, headers: Sequence[Mapping[str, Any]], sets: Sequence[int], settings: LogSettings) -> Rows:
+def _make_rows(path: Path, headers: Sequence[Mapping[str, Any]], sets: Sequence[int], settings: LogSettings) -> Rows:
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         import pyuff
 
@@ -222,17 +223,17 @@ def _rows(path: Path, headers: Sequence[Mapping[str, Any]], sets: Sequence[int],
         samples = np.empty((n, len(columns)))
         stamps = None
         for index, column in enumerate(columns or [0]):
-            found = _data_set(path, file, sets[column], n)
+            found = _read_data_set(path, file, sets[column], n)
             if columns:
                 samples[:, index] = found["data"][:n]
             if headers[0]["abscissa_spacing"] == 0:
-                stamps = found["x"][:n] * _seconds(path, headers[0], settings)
+                stamps = found["x"][:n] * _find_time_unit(path, headers[0], settings)
         yield from rows_of_array(samples, stamps)(range(len(columns)), start, stop)
 
     return rows
 
 
-def _data_set(path: Path, file: Any, number: int, n: int) -> dict[str, Any]:
+def _read_data_set(path: Path, file: Any, number: int, n: int) -> dict[str, Any]:
     try:
         found = file.read_sets(number)
     except Exception as error:  # pyuff raises nothing more specific
@@ -240,7 +241,7 @@ def _data_set(path: Path, file: Any, number: int, n: int) -> dict[str, Any]:
             f"{path}: data set {number + 1} cannot be read: it is damaged, export the log again"
         ) from error
     held = found["data"].size
-    # some programs put a line end behind the binary numbers
+    # some programs write a line end after the binary numbers
     if not n <= held <= n + 1:
         raise InputError(
             f"{path}: data set {number + 1} says that it holds {n} samples, {held} are there: export the log again"

@@ -1,8 +1,8 @@
 """WAV files: whole numbers or floats of any number of channels, as instrument-grade recorders write them.
 
-A WAV file states neither unit nor scale. Its samples are parts of its full scale, from -1 to 1; `full_scale` of the
-table [log] says what 1 stands for, in `unit`. The chunks are walked here and not by a library: those at hand read
-24-bit files, what most recorders write, only whole, and warn about every remark that a recorder adds.
+A WAV file states neither unit nor scale. Its samples are fractions of its full scale, from -1 to 1; `full_scale` of the
+table [log] is the value that 1 stands for, in `unit`. The chunks are read here and not by a library: scipy reads files
+of 24 bits, which most recorders write, only as a whole, and warns about every remark that a recorder adds.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.column_names import require_names, require_rate, split_unit
-from opid.signals.log import Log, LoggedChannel, Rows, Track, rows_in_steps
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
 
 MOST_CHUNKS = 10_000
-"""Chunks before the samples beyond which a file is damaged."""
+"""A file with more chunks before its samples is damaged."""
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 _CODES = {2: "ADPCM", 6: "A-law", 7: "mu-law", 0x55: "MP3"}
@@ -50,23 +49,23 @@ def open_wav(path: Path, settings: LogSettings) -> Log:
     """Open a WAV file (RIFF, RIFX or RF64) of 8 to 32-bit integers or 32 or 64-bit floats; it is read in slices."""
     if settings.unit is not None and settings.full_scale is None:
         raise InputError(
-            f"{path} holds parts of its full scale: give full_scale in [log], what its full scale stands for in "
+            f"{path} holds fractions of its full scale: give full_scale in [log], the value of its full scale in "
             f"{settings.unit} (1 where floats are in {settings.unit} themselves)"
         )
     with path.open("rb") as file:
-        form, begin, size = _header(path, file)
+        form, begin, size = _read_header(path, file)
     fs = require_rate(settings.fs_hz or form.fs, where=str(path))
     names = settings.names or tuple(f"channel_{number + 1}" for number in range(form.n_channels))
     require_names(path, names, form.n_channels)
     channels = tuple(LoggedChannel(*split_unit(name)) for name in names)
     n = size // form.frame
     scale = (settings.full_scale or 1.0) / (1.0 if form.code == _FLOAT else 2.0 ** (8 * form.width - 1))
-    track = Track(channels, _rows(path, form, begin, n, scale), fs, 0.0, n, locate=lambda row: f"sample {row + 1}")
+    track = Track(channels, _make_rows(path, form, begin, n, scale), fs, 0.0, n, locate=lambda row: f"sample {row + 1}")
     return Log(path, "WAV", (track,))
 
 
-def _header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
-    """Form of the samples, where they begin and how many bytes they are."""
+def _read_header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
+    """Form of the samples, the position of the first one, and their size, both in bytes."""
     file_size = path.stat().st_size
     order = ">" if file.read(12)[:4] == b"RIFX" else "<"
     file.seek(8)
@@ -80,9 +79,9 @@ def _header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
             break
         name, size = head[:4], struct.unpack(order + "I", head[4:])[0]
         if name == b"ds64":
-            long_size = struct.unpack("<Q", _exactly(path, file, 16)[8:])[0]
+            long_size = struct.unpack("<Q", _read_exactly(path, file, 16)[8:])[0]
         elif name == b"fmt ":
-            form = _form(path, _exactly(path, file, min(size, 40)), order)
+            form = _read_form(path, _read_exactly(path, file, min(size, 40)), order)
         elif name == b"data":
             if form is None:
                 raise InputError(f"{path} has samples before its format is stated: export the log again")
@@ -98,7 +97,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
     raise InputError(f"{path} has no samples (no chunk `data`): it is cut off or damaged; copy it again")
 
 
-def _form(path: Path, chunk: bytes, order: str) -> _Form:
+def _read_form(path: Path, chunk: bytes, order: str) -> _Form:
     if len(chunk) < 16:
         raise InputError(f"{path} has a format chunk of {len(chunk)} bytes, 16 are needed: export the log again")
     code, n_channels, fs, _, frame, bits = struct.unpack(order + "HHIIHH", chunk[:16])
@@ -118,26 +117,26 @@ def _form(path: Path, chunk: bytes, order: str) -> _Form:
     return form
 
 
-def _exactly(path: Path, file: BinaryIO, size: int) -> bytes:
+def _read_exactly(path: Path, file: BinaryIO, size: int) -> bytes:
     data = file.read(size)
     if len(data) < size:
         raise InputError(f"{path} is cut off: {size} bytes were to follow, {len(data)} do; copy it again")
     return data
 
 
-def _rows(path: Path, form: _Form, begin: int, n: int, scale: float) -> Rows:
+def _make_rows(path: Path, form: _Form, begin: int, n: int, scale: float) -> Rows:
     def read(file: BinaryIO, columns: Sequence[int], first: int, last: int) -> tuple[list[FloatArray], None]:
         file.seek(begin + first * form.frame)
-        values = _samples(_exactly(path, file, (last - first) * form.frame), form)
+        values = _decode_samples(_read_exactly(path, file, (last - first) * form.frame), form)
         return [values[:, column] * scale for column in columns], None
 
     return rows_in_steps(n, read, lambda: path.open("rb"), width=form.n_channels)
 
 
-def _samples(raw: bytes, form: _Form) -> FloatArray:
-    """The numbers of some rows as they are written, 8 bits (which have no sign) centred, (n, n_channels)."""
+def _decode_samples(raw: bytes, form: _Form) -> FloatArray:
+    """The numbers of some rows as they are written, (n, n_channels); those of 8 bits, without a sign, are centred."""
     if form.code == _PCM and form.width == 3:
-        # the upper three bytes of a 32-bit number
+        # put into the upper three bytes of 32-bit numbers
         wide = np.zeros((len(raw) // 3, 4), dtype=np.uint8)
         upper = slice(1, 4) if form.order == "<" else slice(0, 3)
         wide[:, upper] = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 3)

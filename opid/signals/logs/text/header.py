@@ -1,4 +1,4 @@
-"""Where the table of a text begins, what sets its columns apart, and what they are called."""
+"""Where the table of a text begins, what separates its columns, and what they are called."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 
 from opid.errors import InputError
 from opid.signals.column_names import split_unit, time_name
-from opid.signals.log_settings import LogSettings
+from opid.signals.log import LogSettings
 from opid.signals.logs.text.stamps import is_stamp, looks_dated
 from opid.signals.logs.text.table import BLANKS, COMMENTS, MOST_COLUMNS, cells_of, has_thousands_mark, is_row, number_of
-from opid.signals.units import to_si
+from opid.signals.units import si_unit
 
 EXAMPLE = "`time [s],lower_z [m/s^2],upper_z [m/s^2]`"
 
@@ -25,7 +25,7 @@ _LAYOUTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", 
 _LAYOUTS += [(BLANKS, "."), (BLANKS, ","), (",", ",")]
 _ROWS_TO_TELL = 60
 _RULE = re.compile(r"[-=_+|*\s]+")
-# behind an underscore these cannot be part of a name; upper_z, pump_in and imu_g are names
+# after an underscore these are units, never a part of a name; upper_z, pump_in and imu_g are names
 _UNDERSCORE_UNITS = frozenset(("mg", "ug", "mm", "mV", "kN", "Hz", "kHz", "rpm", "deg", "dps", "degC", "kPa", "MPa"))
 
 
@@ -49,11 +49,11 @@ class TextHeader:
     """What was found above the numbers.
 
     Args:
-        columns: all of them.
+        columns: all columns.
         delimiter: between them.
         decimal: "." or ",".
-        line: of the header, 0 where there is none.
-        first_line: of the numbers, or where they would begin.
+        line: number of the header's line, 0 where there is none.
+        first_line: number of the first line of numbers.
     """
 
     columns: tuple[Column, ...]
@@ -64,18 +64,18 @@ class TextHeader:
 
 
 def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHeader:
-    """Return what the first lines of a text say of its table."""
+    """Return what the first lines of a text say about its table."""
     skipped = settings.skip_lines or 0
     numbered = [(at, line) for at, line in enumerate(lines, start=1) if at > skipped and line.strip()]
     if not numbered:
         raise InputError(f"{path} has no header and no samples: begin with {EXAMPLE}")
-    delimiter, decimal = _layout(path, [line for _, line in numbered][-_ROWS_TO_TELL:], settings)
+    delimiter, decimal = _find_layout(path, [line for _, line in numbered][-_ROWS_TO_TELL:], settings)
     rows = [(at, cells_or_text(line, delimiter)) for at, line in numbered if is_row(line, delimiter)]
     remarks = [(at, line) for at, line in numbered if line.lstrip().startswith(COMMENTS)]
-    kinds = _kinds([cells for _, cells in rows[-_ROWS_TO_TELL:]], decimal)[0]
+    kinds = _find_kinds([cells for _, cells in rows[-_ROWS_TO_TELL:]], decimal)[0]
     if kinds is None:
-        return _without_rows(path, numbered, delimiter, decimal, settings)
-    begin = 0 if settings.names and settings.skip_lines is not None else _first_row(rows, kinds, decimal)
+        return _read_header_alone(path, numbered, delimiter, decimal, settings)
+    begin = 0 if settings.names and settings.skip_lines is not None else _find_first_row(rows, kinds, decimal)
     first = rows[begin][0]
     above = [(at, line) for at, line in numbered if at < first and is_row(line, delimiter)]
     if settings.names:
@@ -87,8 +87,10 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
             )
         units: list[str | None] = [None] * len(kinds)
     else:
-        line, cells, units = _names(path, above, [each for each in remarks if each[0] < first], first, kinds, delimiter)
-    if len(cells) > 1 and not cells[0] and _counts([own[0] for _, own in rows[begin:]]):
+        line, cells, units = _find_header(
+            path, above, [each for each in remarks if each[0] < first], first, kinds, delimiter
+        )
+    if len(cells) > 1 and not cells[0] and _is_counting([own[0] for _, own in rows[begin:]]):
         cells, kinds = ["column 1", *cells[1:]], (INDEX, *kinds[1:])
     columns = columns_of(f"{path} line {line}" if line else str(path), cells, units, kinds)
     return TextHeader(columns, delimiter, decimal, line, first)
@@ -97,7 +99,7 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
 def columns_of(
     where: str, cells: Sequence[str], units: Sequence[str | None], kinds: Sequence[str]
 ) -> tuple[Column, ...]:
-    """Return the columns behind the cells of a header."""
+    """Return the columns that the cells of a header describe."""
     columns = []
     for number, (cell, unit, kind) in enumerate(zip(cells, units, kinds, strict=True), start=1):
         name, own = (cell, unit) if unit else name_and_unit(cell)
@@ -115,7 +117,7 @@ def columns_of(
 
 
 def name_and_unit(cell: str) -> tuple[str, str | None]:
-    """Split a cell of a header into name and unit, None where there is none.
+    """Split a cell of a header into name and unit; None where there is no unit.
 
     >>> name_and_unit("upper_z (m/(s^2))"), name_and_unit("Time / ms"), name_and_unit("time_ms")
     (('upper_z', 'm/(s^2)'), ('Time', 'ms'), ('time_ms', 'ms'))
@@ -129,16 +131,16 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
         return "", cell[1:-1].strip() or None
     for mark in (" / ", ", "):
         name, found, unit = cell.partition(mark) if mark == " / " else cell.rpartition(mark)
-        if found and _is_unit(unit.strip()):
+        if found and si_unit(unit.strip()):
             return name.strip(), unit.strip()
     stem, found, unit = cell.rpartition("_")
-    if found and stem and _is_unit(unit) and (unit in _UNDERSCORE_UNITS or re.search(r"[/^²°]", unit)):
+    if found and stem and si_unit(unit) and (unit in _UNDERSCORE_UNITS or re.search(r"[/^²°]", unit)):
         return cell, unit
     return cell, None
 
 
 def cells_or_text(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line, or the line as one cell if it is none of a table."""
+    """Return the cells of a line, or the line as one cell if it is no line of a table."""
     try:
         return cells_of(line, delimiter)
     except InputError:
@@ -148,7 +150,7 @@ def cells_or_text(line: str, delimiter: str) -> list[str]:
 # ---- where the rows begin ------------------------------------------------------------------------
 
 
-def _layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tuple[str, str]:
+def _find_layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tuple[str, str]:
     """The delimiter and the decimal with which most cells of the last lines are numbers."""
     own = settings.delimiter
     if own is not None and (len(own) != 1 or own.isalnum() or own in '+-."\n\r'):
@@ -166,18 +168,18 @@ def _layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tuple[st
         if delimiter != BLANKS and own is None and delimiter not in "".join(lines) and (delimiter, decimal) != found:
             continue
         rows = [cells_or_text(line, delimiter) for line in lines if is_row(line, delimiter)]
-        kinds, score = _kinds(rows, decimal)
+        kinds, score = _find_kinds(rows, decimal)
         if kinds is not None and score > best:
             best, found = score, (delimiter, decimal)
-    return found if best or own is not None else (_of_header(lines), found[1])
+    return found if best or own is not None else (_guess_delimiter(lines), found[1])
 
 
-def _of_header(lines: Sequence[str]) -> str:
-    """The delimiter of a header that no numbers follow: most cells win, the comma on a tie."""
+def _guess_delimiter(lines: Sequence[str]) -> str:
+    """The delimiter of a header without numbers below it: the one that makes most cells, the comma on a tie."""
     return max((",", ";", "\t", "|"), key=lambda mark: len(cells_or_text(lines[0], mark)))
 
 
-def _kind(cell: str, decimal: str) -> str:
+def _classify(cell: str, decimal: str) -> str:
     if not cell:
         return EMPTY
     # a number with a thousands mark is refused where it is read
@@ -188,40 +190,40 @@ def _kind(cell: str, decimal: str) -> str:
     return STAMP if is_stamp(cell) else UNREAD if ":" in cell else DATE
 
 
-def _kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...] | None, int]:
-    """What the columns hold in most rows, None where no column holds numbers, and how many cells speak for it."""
-    found = [tuple(_kind(cell, decimal) for cell in cells) for cells in rows]
+def _find_kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...] | None, int]:
+    """The kinds of the columns in most rows, None where no column holds numbers; and the weight of these rows."""
+    found = [tuple(_classify(cell, decimal) for cell in cells) for cells in rows]
     best, most = None, 0
     for count in dict.fromkeys(map(len, found)):
         of_count = [kinds for kinds in found if len(kinds) == count]
         plain = [kinds for kinds in of_count if TEXT not in kinds]
         candidates = [kinds for kinds, _ in Counter(set(of_count) - set(plain)).most_common()]
         if plain:
-            candidates.append(tuple(_usual(column) for column in zip(*plain, strict=True)))
+            candidates.append(tuple(_find_most_common(column) for column in zip(*plain, strict=True)))
         for kinds in candidates:
-            speaking = sum(kind in (NUMBER, STAMP, UNREAD) for kind in kinds)
-            # a title may pass for a row of texts and a number, hardly for one of numbers alone
-            weight = (1 if TEXT in kinds else 3) * sum(_matches(each, kinds) for each in of_count) * speaking
+            n_numbers = sum(kind in (NUMBER, STAMP, UNREAD) for kind in kinds)
+            # a title may look like a row of texts and a number, but hardly like a row of numbers alone
+            weight = (1 if TEXT in kinds else 3) * sum(_is_match(each, kinds) for each in of_count) * n_numbers
             if weight >= most and weight > 0:
                 best, most = kinds, weight
     return best, most
 
 
-def _usual(kinds: Sequence[str]) -> str:
+def _find_most_common(kinds: Sequence[str]) -> str:
     held = Counter(kind for kind in kinds if kind != EMPTY)
     return held.most_common(1)[0][0] if held else EMPTY
 
 
-def _matches(kinds: Sequence[str], usual: Sequence[str]) -> bool:
+def _is_match(kinds: Sequence[str], usual: Sequence[str]) -> bool:
     return len(kinds) == len(usual) and all(
         kind in (EMPTY, own) or own == EMPTY for kind, own in zip(kinds, usual, strict=True)
     )
 
 
-def _first_row(rows: Sequence[tuple[int, list[str]]], kinds: Sequence[str], decimal: str) -> int:
-    """Which row is the first of numbers; one with a fault is, if it begins as the others do."""
-    found = [tuple(_kind(cell, decimal) for cell in cells) for _, cells in rows]
-    begin = next(at for at, own in enumerate(found) if _matches(own, kinds) and {NUMBER, STAMP} & set(own))
+def _find_first_row(rows: Sequence[tuple[int, list[str]]], kinds: Sequence[str], decimal: str) -> int:
+    """The index of the first row of numbers; a faulty row counts if it begins like the others."""
+    found = [tuple(_classify(cell, decimal) for cell in cells) for _, cells in rows]
+    begin = next(at for at, own in enumerate(found) if _is_match(own, kinds) and {NUMBER, STAMP} & set(own))
     while begin and len(found[begin - 1]) == len(kinds) and found[begin - 1][0] == kinds[0] in (NUMBER, STAMP):
         begin -= 1
     return begin
@@ -230,7 +232,7 @@ def _first_row(rows: Sequence[tuple[int, list[str]]], kinds: Sequence[str], deci
 # ---- names ---------------------------------------------------------------------------------------
 
 
-def _names(
+def _find_header(
     path: Path,
     above: Sequence[tuple[int, str]],
     remarks: Sequence[tuple[int, str]],
@@ -238,14 +240,14 @@ def _names(
     kinds: Sequence[str],
     delimiter: str,
 ) -> tuple[int, list[str], list[str | None]]:
-    """Line, cells and units of the header: of the line above the rows, or of two, or of a remark, or none."""
+    """Line, cells and units of the header: the line above the rows, or two lines, or a remark, or none."""
     n = len(kinds)
     above = [each for each in above if not _RULE.fullmatch(each[1])]
     plain: list[str | None] = [None] * n
     if above:
         at, text = above[-1]
-        cells = _cells_of_header(text, kinds, delimiter)
-        before = _cells_of_header(above[-2][1], kinds, delimiter) if len(above) > 1 else None
+        cells = _split_header(text, kinds, delimiter)
+        before = _split_header(above[-2][1], kinds, delimiter) if len(above) > 1 else None
         if cells and before and _are_units(cells) and all(before[:-1]) and not _are_units(before):
             return above[-2][0], before, [cell.strip("[]() ") or None for cell in cells]
         if cells is None:
@@ -258,34 +260,34 @@ def _names(
     if remarks:  # numpy.savetxt and others write the header as a remark
         at, text = remarks[-1]
         bare = text.lstrip().lstrip("#%/ ")
-        cells = _cells_of_header(bare, kinds, delimiter)
+        cells = _split_header(bare, kinds, delimiter)
         if cells and ("[" in bare or "(" in bare or time_name([name_and_unit(cells[0])[0]])):
             return at, cells, plain
     return 0, [f"column {number}" for number in range(1, n + 1)], plain
 
 
-def _cells_of_header(text: str, kinds: Sequence[str], delimiter: str) -> list[str] | None:
-    """The cells of a header, one for each column; they may be set apart by something else than the numbers are."""
+def _split_header(text: str, kinds: Sequence[str], delimiter: str) -> list[str] | None:
+    """The cells of a header, one for each column; their delimiter may differ from that of the numbers."""
     splits = [cells_or_text(text, delimiter)]
     if len(kinds) > 1:
         splits += [cells_or_text(text, other) for other in (",", ";", "\t", "|")]
         splits.append(re.split(r"\s{2,}|\t", text.strip()))
     if delimiter == BLANKS:
-        # names and their units are set apart by blanks too
+        # blanks also separate names from their units
         joined = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?', text)
         splits.append([cell.strip('"') for cell in joined])
     return next((matched for cells in splits if (matched := _match_columns(cells, kinds)) is not None), None)
 
 
-def _counts(cells: Sequence[str]) -> bool:
-    """Whether cells are whole numbers that go up by one."""
+def _is_counting(cells: Sequence[str]) -> bool:
+    """Whether cells are whole numbers that increase by one."""
     if len(cells) < 2 or not all(re.fullmatch(r"\d{1,15}", cell, re.ASCII) for cell in cells):
         return False
     return [int(cell) for cell in cells] == list(range(int(cells[0]), int(cells[0]) + len(cells)))
 
 
 def _match_columns(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
-    """The cells if there is one for each column; a delimiter at the end of lines may make one more, or one less."""
+    """The cells where there is one for each column; a delimiter at the end of lines may make one more or one less."""
     if len(cells) == len(kinds) + 1 and not cells[-1]:
         return cells[:-1]
     if len(cells) == len(kinds) - 1 and kinds[-1] == EMPTY:
@@ -294,25 +296,17 @@ def _match_columns(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether a line holds units and no names: half of them known at least, none a name with a unit."""
+    """Whether the cells of a line are units and no names: at least half of them known, or all of them in brackets."""
     held = [cell for cell in cells if cell]
-    known = [_is_unit(cell.strip("[]() ")) for cell in held]
+    known = [si_unit(cell.strip("[]() ")) is not None for cell in held]
     bracketed = [cell[0] in "[(" and cell[-1] in "])" for cell in held]
     return bool(held) and (2 * sum(known) >= len(held) or all(bracketed))
 
 
-def _is_unit(text: str) -> bool:
-    try:
-        to_si(text)
-    except InputError:
-        return False
-    return True
-
-
-def _without_rows(
+def _read_header_alone(
     path: Path, numbered: Sequence[tuple[int, str]], delimiter: str, decimal: str, settings: LogSettings
 ) -> TextHeader:
-    """The header of a text without numbers: its first line."""
+    """The header of a text without numbers, which is its first line."""
     at, text = numbered[0]
     text = text.lstrip().lstrip("#%/ ")
     cells = list(settings.names) or cells_or_text(text, delimiter)

@@ -1,4 +1,4 @@
-"""Dates and times of day as loggers write them -> nanoseconds."""
+"""From dates and times of day, as loggers write them, to nanoseconds."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def is_stamp(cell: str) -> bool:
 
 
 def has_date(cell: str) -> bool:
-    """Return whether a stamp has a date, so that midnight does not take it back."""
+    """Return whether a stamp has a date, so that it does not go back at midnight."""
     found = _STAMP.fullmatch(cell.strip())
     return found is not None and bool(found["y"] or found["y2"])
 
 
 def looks_dated(cell: str) -> bool:
-    """Return whether a cell is a date or a time of day in any form, one that is not read here as well.
+    """Return whether a cell is a date or a time of day in any form, also in one that is not read here.
 
     >>> looks_dated("05/01/2024 11:59:59.0 PM"), looks_dated("01-May-2024 12:00:00"), looks_dated("1.5")
     (True, True, False)
@@ -49,7 +49,7 @@ def looks_dated(cell: str) -> bool:
 
 
 def moment(cell: str) -> datetime | None:
-    """Return the moment that a stamp states: in UTC where it has a zone; None where it has no date.
+    """Return the moment that a stamp states, in UTC where it has a time zone; None where it has no date.
 
     >>> str(moment("2024-05-01T12:00:00.5+02:00")), str(moment("1.5.2024 12:00:00")), moment("12:00:00")
     ('2024-05-01 10:00:00.500000+00:00', '2024-05-01 12:00:00', None)
@@ -71,13 +71,13 @@ def nanoseconds(cells: Sequence[str]) -> NDArray[np.int64]:
         cells: (n,) stamps as they are written, all in one form.
 
     Raises:
-        ValueError: one that is no stamp; its argument is the number of the cell.
+        ValueError: a cell that is no stamp; the argument of the error is its index.
 
     >>> np.diff(nanoseconds(["2024-05-01T23:59:59.998", "2024-05-02 00:00:00"])).tolist()
     [2000000]
     """
     plain = [cell.strip() for cell in cells]
-    # numpy parses these at once; it must not see other texts, as it reads "today" and warns of zones
+    # numpy parses these all at once; it gets no other texts, because it reads "today" and warns of time zones
     if all(map(_ISO.fullmatch, plain)):
         try:
             days = np.array([cell[:29] for cell in plain], dtype="datetime64[ns]")
@@ -107,10 +107,11 @@ def _nanoseconds(cell: str, at: int) -> int:
 
 
 def past_midnight(stamps: NDArray[np.int64], before: int | None) -> NDArray[np.int64]:
-    """Return times of day that go on past midnight: one that is half a day or more early is of the next day.
+    """Return times of day that continue past midnight: one that is half a day or more earlier is of the next day.
 
     Args:
         stamps: (n,) times of day, ns.
+        before: the last stamp before them, ns; None where they are the first.
 
     >>> hour = DAY_NS // 24
     >>> (past_midnight(np.array([23 * hour, 0, hour]), None) / hour).tolist()

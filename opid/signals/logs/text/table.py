@@ -1,32 +1,53 @@
-"""The numbers of a table in a text, block by block: by numpy's parser, cell by cell where a fault is to be named."""
+"""A text as lines, rows, cells and numbers, block by block; compressed or not, in any encoding.
+
+Numbers are read by numpy's parser, and cell by cell where a fault has to be named.
+"""
 
 from __future__ import annotations
 
+import codecs
 import csv
+import gzip
+import io
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice, repeat
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.logs.text.lines import lines_of
+from opid.signals.log import LogSettings
 from opid.signals.recording import FloatArray
 
+LONGEST_LINE = 1 << 20
+"""A file with longer lines is no table: these are characters of 40,000 numbers of full precision."""
+
+BYTES_AT_ONCE = 1 << 20
+"""A block of text: 1 MiB, which is about 4 MiB as lines and numbers."""
+
+HEAD_BYTES = 1 << 17
+"""The beginning of a text that shows its encoding and its header."""
+
 MOST_COLUMNS = 4096
-"""More is a matrix that was written across: a line for each channel."""
+"""More columns are a transposed matrix, with a line for each channel."""
 
 BLANKS = " "
-"""The delimiter of columns that are set apart by any number of blanks or tabs."""
+"""The delimiter of columns with any number of blanks or tabs between them."""
 
 COMMENTS = ("#", "%", "//")
-"""What lines begin with that are remarks."""
+"""Lines that begin with one of these are remarks."""
 
 MISSING = frozenset(("", "nan", "+nan", "-nan", "na", "n/a", "null", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"))
-"""What stands where a logger had no value, without regard to case; the last four are those of Windows."""
+"""Cells in place of a missing value, in any case; the last four are those of Windows."""
 
+_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_WESTERN = frozenset(  # found in headers in Western Europe, but rarely in damaged bytes: not ÿ, þ or ð
+    "ÄÖÜäöüßÁÀÂÃÅÆÇÉÈÊËÍÌÎÏÑÓÒÔÕØÚÙÛáàâãåæçéèêëíìîïñóòôõøúùûŒœ°²³µ±·×½§€–—’“”…™®©"
+)
+_LATIN = "°²³µ".encode("latin-1")
 _LINES_AT_ONCE = 1 << 15
 _NUMBERS_BEGIN = frozenset("0123456789+-.")
 # 1,234.5 or 1,234,567 but not 1,234, which may be a decimal comma; a blank may be a delimiter, unless decimals follow
@@ -44,18 +65,18 @@ _INFINITE = frozenset(("inf", "+inf", "-inf", "infinity", "+infinity", "-infinit
 
 @dataclass(frozen=True)
 class TextTable:
-    """Where the numbers of a text stand.
+    """A table of numbers in a text.
 
     Args:
         path: the file.
-        encoding: of the text, None for what it says itself.
-        delimiter: one character, `BLANKS` for runs of blanks.
+        encoding: of the text; None where its first bytes decide.
+        delimiter: one character, `BLANKS` for any number of blanks.
         decimal: "." or ",".
-        first_line: of the numbers, counted from 1.
+        first_line: number of the first line of numbers, counted from 1.
         names: of all columns, for messages.
-        more: whether cells may follow those of the columns, like the comments of a LabVIEW file.
-        time: number of the column with the time, from 0, for messages.
-        content: its lines, header and all, where they are in memory; None where the file is the text.
+        more: whether other cells may follow those of the columns, like the comments of a LabVIEW file.
+        time: index of the column with the time, for messages.
+        content: all lines of the text, header included, where they are in memory; None where they are in the file.
     """
 
     path: Path
@@ -69,6 +90,113 @@ class TextTable:
     content: tuple[str, ...] | None = None
 
 
+# ---- lines -----------------------------------------------------------------------------------------
+
+
+def lines_of(
+    path: Path, encoding: str | None = None, *, bytes_at_once: int = BYTES_AT_ONCE
+) -> Generator[list[str], None, None]:
+    r"""Yield the lines of a text, block by block, without their ends (\n, \r\n or \r)."""
+    number, rest = 0, ""  # complete lines so far, and the beginning of the next
+    with _open(path) as file:
+        data = file.read(bytes_at_once)
+        # an explicit encoding of UTF-8 must not keep the mark as a part of the first name
+        marked = next((own for mark, own in _MARKS.items() if data.startswith(mark)), "utf-8")
+        known = marked if encoding is None or marked.startswith(encoding.lower()) else encoding
+        decoder = io.IncrementalNewlineDecoder(_make_decoder(known), translate=True)
+        while True:
+            try:
+                text = decoder.decode(data, final=not data)
+            except UnicodeDecodeError as error:
+                raise _describe_undecoded(path, number, error, known, stated=encoding is not None) from error
+            except UnicodeError as error:
+                raise InputError(f"{path} is not {known} text ({error}): give another `encoding` in [log]") from error
+            if "\0" in text:
+                line = number + 1 + text[: text.index("\0")].count("\n")
+                raise InputError(
+                    f"{path} line {line} is binary or UTF-16 without its mark, not text: export the log as UTF-8 text, "
+                    "or give `encoding` in [log]"
+                )
+            lines = (rest + text).split("\n")
+            rest = lines.pop() if data else ""
+            for at, line_text in enumerate((*lines, rest) if len(rest) + len(text) > LONGEST_LINE else (), start=1):
+                if len(line_text) > LONGEST_LINE:
+                    raise InputError(
+                        f"{path} line {number + at} has more than {LONGEST_LINE} characters, as no log has: "
+                        "write one line for each sample, one column for each channel"
+                    )
+            if not data and lines[-1:] == [""]:
+                lines.pop()  # nothing follows the end of the last line
+            number += len(lines)
+            if lines:
+                yield lines
+            if not data:
+                return
+            data = file.read(bytes_at_once)
+
+
+def with_encoding(path: Path, settings: LogSettings) -> tuple[LogSettings, tuple[str, ...]]:
+    """Return the settings, with the encoding that was found in the text where they state none; and a remark on it."""
+    encoding = None if settings.encoding else encoding_of(path)
+    if encoding is None:
+        return settings, ()
+    return replace(settings, encoding=encoding), (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+
+
+def encoding_of(path: Path) -> str | None:
+    """Return "cp1252" (Windows in Western Europe) where the beginning of a text is written so; None for any other.
+
+    Such a text is no UTF-8, has no UTF-8 characters, and consists of ASCII and characters that are usual in headers.
+    """
+    with _open(path) as file:
+        head = file.read(HEAD_BYTES)
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut
+        return None
+    except UnicodeDecodeError:
+        pass
+    if any(map(head.startswith, _MARKS)) or not head.decode("utf-8", "ignore").isascii():
+        return None
+    try:
+        text = head.decode("cp1252")
+    except UnicodeDecodeError:
+        return None
+    return "cp1252" if all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text else None
+
+
+def _open(path: Path) -> IO[bytes] | gzip.GzipFile:
+    if path.suffix.lower() == ".gz":
+        return gzip.open(path, "rb")
+    return path.open("rb")
+
+
+def _make_decoder(encoding: str) -> codecs.IncrementalDecoder:
+    try:
+        # a wrapper refuses encodings of other things than text, like "hex"
+        io.TextIOWrapper(io.BytesIO(), encoding=encoding).detach()
+        return codecs.getincrementaldecoder(encoding)()
+    except (LookupError, ValueError) as error:
+        raise InputError(
+            f"the encoding {encoding!r} is not known: give one like 'utf-8', 'latin-1', 'cp1252'"
+        ) from error
+
+
+def _describe_undecoded(
+    path: Path, number: int, error: UnicodeDecodeError, encoding: str, *, stated: bool
+) -> InputError:
+    byte = error.object[error.start]
+    line = number + 1 + error.object[: error.start].count(b"\n")
+    name = "UTF-8" if encoding in ("utf-8", "utf-8-sig") else encoding
+    remedy = "give another `encoding` in [log]" if stated else "give `encoding` in [log], or export the log as UTF-8"
+    if not stated and byte in _LATIN and name == "UTF-8":
+        sign = bytes([byte]).decode("latin-1")
+        remedy = f"""if that stands for {sign!r}, give encoding = "latin-1" in [log], or export the log as UTF-8"""
+    return InputError(f"{path} line {line} is not {name} text (byte 0x{byte:02x}): {remedy}")
+
+
+# ---- rows and cells --------------------------------------------------------------------------------
+
+
 def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
     """Yield the lines of a table in blocks, each with the number of its first line."""
     number = 1
@@ -80,18 +208,18 @@ def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
 
 
 def is_row(line: str, delimiter: str) -> bool:
-    """Return whether a line is a row: neither blank nor a remark."""
+    """Return whether a line is a row, neither blank nor a remark."""
     bare = line.strip(" " if delimiter == "\t" else None)
     return bool(bare) and not bare.startswith(COMMENTS)
 
 
 def rows_of(lines: Sequence[str], delimiter: str) -> list[str]:
-    """Return those lines that are rows."""
+    """Return the lines that are rows."""
     return [line for line in lines if line[:1] in _NUMBERS_BEGIN or is_row(line, delimiter)]
 
 
 def line_of_row(table: TextTable, row: int) -> int:
-    """Return the number of the line in which a row of a table stands."""
+    """Return the number of the line that holds a row of a table."""
     numbers = (
         number + at
         for number, lines in table_lines(table)
@@ -102,7 +230,7 @@ def line_of_row(table: TextTable, row: int) -> int:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line with this delimiter, quotes and the blanks around them removed.
+    """Return the cells of a line with this delimiter, without quotes and the blanks around them.
 
     >>> cells_of('0, 1 ,"a, b"', ",")
     ['0', '1', 'a, b']
@@ -128,7 +256,7 @@ def numbers_of(table: TextTable, number: int, lines: Sequence[str], columns: Seq
         return np.empty((len(rows), 0))
     values = _parse(table, rows, columns)
     if values is None:
-        values = _cell_by_cell(table, number, lines, columns)
+        values = _read_cell_by_cell(table, number, lines, columns)
     values[np.isinf(values)] = np.nan  # an overload is no value either
     return values
 
@@ -139,20 +267,20 @@ def column_of(table: TextTable, number: int, lines: Sequence[str], column: int) 
     if _is_even(table, rows):
         separator = None if table.delimiter == BLANKS else table.delimiter
         return [row.split(separator, column + 1)[column] for row in rows]
-    return [cells[column] for _, cells in _numbered_rows(table, number, lines)]
+    return [cells[column] for _, cells in _number_rows(table, number, lines)]
 
 
 def require_cells(table: TextTable, number: int, lines: Sequence[str]) -> None:
-    """Raise the error that names the first line with too few or too many cells, if there is one."""
+    """Raise an error that names the first line with too few or too many cells, if there is one."""
     if not _is_even(table, rows_of(lines, table.delimiter)):
-        for _ in _numbered_rows(table, number, lines):
+        for _ in _number_rows(table, number, lines):
             pass
 
 
 def number_of(cell: str, decimal: str) -> float | None:
-    """Return the number, written with this decimal mark, that a cell holds.
+    """Return the number, with this decimal mark, in a cell.
 
-    NaN where the cell says that there is none, None where it holds something else.
+    It is NaN where the cell says that a value is missing, and None where the cell holds something else.
 
     >>> number_of("1,5", ","), number_of("1_000", "."), number_of(" ", ".")
     (1.5, None, nan)
@@ -166,7 +294,7 @@ def number_of(cell: str, decimal: str) -> float | None:
         if "." in bare or not bare[-1].isdigit():
             return None
         bare = bare.replace(",", ".")
-    # Python reads 1_000 as a thousand, and the digits of every script; no logger writes these
+    # Python also reads 1_000 as a thousand, and the digits of every script; no logger writes these
     if "_" in bare or not bare.isascii():
         return None
     try:
@@ -175,13 +303,13 @@ def number_of(cell: str, decimal: str) -> float | None:
         return None
 
 
-def has_thousands_mark(cell: str, decimal: str, *, perhaps: bool = False) -> bool:
-    """Return whether a cell holds a number whose thousands are set apart.
+def has_thousands_mark(cell: str, decimal: str, *, allow_ambiguous: bool = False) -> bool:
+    """Return whether a cell holds a number with marks between its thousands.
 
     >>> has_thousands_mark("1,234.5", "."), has_thousands_mark("1.234,5", ","), has_thousands_mark("1,234", ".")
     (True, True, False)
     """
-    return bool(_THOUSANDS[decimal].fullmatch(cell) or (perhaps and _GROUPED.fullmatch(cell)))
+    return bool(_THOUSANDS[decimal].fullmatch(cell) or (allow_ambiguous and _GROUPED.fullmatch(cell)))
 
 
 def _split_blocks(lines: Sequence[str]) -> Iterator[list[str]]:
@@ -204,16 +332,16 @@ def _is_even(table: TextTable, rows: Sequence[str]) -> bool:
 
 
 def _parse(table: TextTable, rows: list[str], columns: Sequence[int]) -> FloatArray | None:
-    """The numbers by numpy's parser, which knows neither empty cells nor line numbers; None where it fails."""
+    """The numbers by numpy's parser, which reads no empty cells and names no lines; None where it fails."""
     mark = table.delimiter
     if mark == table.decimal:
         return None
     even = _is_even(table, rows)
     if table.decimal == ",":
-        # a point is then not a decimal, and must not be read as one
+        # a point is no decimal mark then, and must not be read as one
         rows = "\n".join(rows).replace(".", "_").replace(",", ".").split("\n")
     if not even:
-        # numpy counts quoted cells, but only if it is to parse all of them
+        # numpy counts quoted cells only where it parses all of them
         values = None if table.more else _load(rows, mark, None)
         return values[:, list(columns)] if values is not None and values.shape[1] == len(table.names) else None
     values = _load(rows, mark, columns)
@@ -242,8 +370,8 @@ def _load(rows: Sequence[str], delimiter: str, columns: Sequence[int] | None) ->
 # ---- cell by cell --------------------------------------------------------------------------------
 
 
-def _numbered_rows(table: TextTable, number: int, lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of each row, and the error of the first with a wrong count of them."""
+def _number_rows(table: TextTable, number: int, lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of each row; an error at the first row with a wrong number of cells."""
     n = len(table.names)
     for at, line in enumerate(lines, start=number):
         if not is_row(line, table.delimiter):
@@ -260,19 +388,19 @@ def _numbered_rows(table: TextTable, number: int, lines: Sequence[str]) -> Itera
         yield at, cells
 
 
-def _cell_by_cell(table: TextTable, number: int, lines: Sequence[str], columns: Sequence[int]) -> FloatArray:
+def _read_cell_by_cell(table: TextTable, number: int, lines: Sequence[str], columns: Sequence[int]) -> FloatArray:
     values = []
-    for at, cells in _numbered_rows(table, number, lines):
+    for at, cells in _number_rows(table, number, lines):
         own = [number_of(cells[column], table.decimal) for column in columns]
         if None in own:
             column = columns[own.index(None)]
-            fault = _fault(cells[column], table.decimal, is_time=column == table.time)
+            fault = _describe_fault(cells[column], table.decimal, is_time=column == table.time)
             raise InputError(f"{table.path} line {at}, column {table.names[column]!r}: {fault}")
         values.append(own)
     return np.array(values, dtype=np.float64)
 
 
-def _fault(cell: str, decimal: str, *, is_time: bool) -> str:
+def _describe_fault(cell: str, decimal: str, *, is_time: bool) -> str:
     other = "," if decimal == "." else "."
     if has_thousands_mark(cell, decimal) or has_thousands_mark(cell, other):
         return f"{cell[:40]!r} has a mark between the thousands: export the log again without it"
