@@ -138,8 +138,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=80, help="gears, counted from 0")
     parser.add_argument("--first", type=int, default=0, help="the first of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--kind", choices=KINDS, help="the gears of one kind alone")
     given = parser.parse_args()
-    jobs, outcomes = [Job(seed) for seed in range(given.first, given.seeds)], []
+    jobs = [job for job in map(Job, range(given.first, given.seeds)) if given.kind in (None, job.kind)]
+    outcomes = []
     with ProcessPoolExecutor(given.jobs) as pool:
         for each in pool.map(run, jobs):
             outcomes.append(each)
