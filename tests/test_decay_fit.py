@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.modal.decay.fit import fit_decays, predict_decay, solve_slow_flow
+from opid.modal.decay.fit import predict_decay, solve_slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
 from opid.modal.power_laws import harmonic_factor
 
@@ -123,8 +123,6 @@ def test_bad_input_is_refused(clean):
     decay = free_decay(clean, fs=FS)
     with pytest.raises(InputError, match="at least one"):
         law_of_decays([])
-    with pytest.raises(InputError, match="at least one"):
-        fit_decays([])
     with pytest.raises(InputError, match="damping_order is 6"):
         law_of_decays([decay], damping_order=6)
     with pytest.raises(InputError, match="different modes"):

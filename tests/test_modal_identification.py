@@ -97,7 +97,7 @@ def test_each_test_may_have_linear_modes_of_its_own():
     assert abs(corrected.stiffness[3].value / K3 - 1) < 0.02
 
 
-def test_free_decays_give_the_law_where_no_force_was_measured():
+def test_free_decays_give_the_law_where_no_force_was_measured(monkeypatch):
     rng = np.random.default_rng(6)
     n = round(3 * FS)
     motion = modal_response(softening(FOUR, 3), np.r_[beat(60.0, whole_s=0.76), np.zeros(n)], fs=FS, drive_point="a")
@@ -106,9 +106,8 @@ def test_free_decays_give_the_law_where_no_force_was_measured():
     channels = tuple(Channel(name, "m/s^2") for name in FOUR.sensors)
     decay = modal_test(Recording(noisy, fs=FS, channels=channels), FOUR, name="decay")
     truth = measured(softening(FOUR, 3), beat(45.0), rng, name="truth")
-    found = identify_modes(
-        study([StudyTest(decay, "decay"), StudyTest(truth, "truth")], stiffness_order=3, damping_order=2)
-    )
+    given = study([StudyTest(decay, "decay"), StudyTest(truth, "truth")], stiffness_order=3, damping_order=2)
+    found = identify_modes(given)
     assert not found.fits
     assert [each.mode for each in found.decays] == [3]
     law = found.decay_laws[3]
@@ -117,6 +116,16 @@ def test_free_decays_give_the_law_where_no_force_was_measured():
     assert abs(found.decays[0].damping_low.value / ZETA - 1) < 0.1
     done = found.truth_tests[0].sensors["a"]
     assert done.nrmse_nonlinear < 0.1 < done.nrmse_linear
+
+    # a warning that the law of a single decay repeats stands once
+    of_decay = replace(found.decays[0], warnings=("too little range",))
+    of_law = replace(law, warnings=("too little range", "of both"))
+    monkeypatch.setattr("opid.modal.identification.decay_of", lambda *_, **__: of_decay)
+    monkeypatch.setattr("opid.modal.identification.law_of_decays", lambda *_, **__: of_law)
+    assert [each for each in identify_modes(given).all_warnings if "decay" in each] == [
+        "free decay 'decay' of mode 3: too little range",
+        "the free decays of mode 3 together: of both",
+    ]
 
 
 def test_the_thresholds_of_the_study_decide_which_modes_are_nonlinear(two_modes):

@@ -4,7 +4,7 @@ from made_beats import FOUR, ONE, beat, measured, softening
 
 from opid.errors import InputError
 from opid.modal.linear.modes import modal_test
-from opid.modal.model import NonlinearModalModel, comparison, truth_test
+from opid.modal.model import NonlinearModalModel, compare_models, truth_test
 from opid.modal.power_laws import power_law
 
 
@@ -23,7 +23,7 @@ def test_the_true_model_passes_and_the_linear_one_over_predicts():
 def test_figures_are_what_they_say():
     rng = np.random.default_rng(1)
     measured_, one, two = rng.standard_normal((3, 500))
-    found = comparison(measured_, one, two)
+    found = compare_models(measured_, one, two)
     assert found.peak_ratio_linear == pytest.approx(np.abs(two).max() / np.abs(measured_).max())
     assert found.nrmse_nonlinear == pytest.approx(np.linalg.norm(one - measured_) / np.linalg.norm(measured_))
 

@@ -1,4 +1,4 @@
-"""From a modal study to the nonlinear modal model (Pacini Fig. 4), with what it rests on and what to doubt about it."""
+"""From a modal study to the nonlinear modal model (Pacini Fig. 4) with its fits, truth tests and warnings."""
 
 from __future__ import annotations
 
@@ -27,29 +27,23 @@ from opid.signals.health.inspection import inspect
 
 logger = logging.getLogger(__name__)
 
-MOST_MISSED = 0.3
-"""Of the motion of a sensor, rms, that the model may miss in a truth test before it is said."""
-
-BEYOND = 1.1
-"""Times the largest amplitude fitted: a truth test that goes further asks the polynomials to extrapolate."""
-
 Say = Callable[[str], None]
 
 
 def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalIdentification:
     """Identify the nonlinear modal model of a structure and try it on the truth tests.
 
-    Each nonlinear mode is fitted by itself to the tests that move it, in its band (`fit_coefficients`); free decays
+    Each nonlinear mode is fitted by itself to the tests that move it, in its band (`fit_coefficients`). Free decays
     give the law of a mode that no forced test moves. The modes together, with their laws, are the model.
 
     Args:
-        study: linear modes, which are nonlinear, and the tests.
+        study: linear modes, the numbers of the nonlinear ones, and the tests.
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: shapes that cannot filter modes, or tests that cannot be used; everything is said at once.
+        InputError: shapes that cannot filter modes, or tests that cannot be used; one error names all of them.
         NotDeterminedError: no mode is named as nonlinear and there are no levels to compare. Where levels were compared
-            the result has them, and says in `not_determined` why there is no law.
+            but show no law, the result holds the levels, and its `not_determined` gives the reason.
     """
     if not isinstance(study, ModalStudy):
         raise InputError(f"study is of type {type(study).__name__}: give a ModalStudy, as read_study makes one")
@@ -61,7 +55,9 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     named = {each.mode for each in study.of_use("fit", "decay") if each.mode is not None}
     nonlinear = study.nonlinear or tuple(sorted({*nonlinear_modes(shifts), *named}))
     if not nonlinear and not shifts:
-        raise NotDeterminedError(_nothing_nonlinear(shifts))
+        raise NotDeterminedError(
+            'no mode is named as nonlinear: name some (nonlinear = [7, 11]), or give two tests with use = "level"'
+        )
     study = replace(study, nonlinear=nonlinear)
     decays, decay_laws, of_decays = _decays(study, say)
     fits, of_fits = _fits(study, decay_laws, of_decays, say)
@@ -105,10 +101,10 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
 def make_model(
     modes: LinearModes, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw] | None = None
 ) -> NonlinearModalModel:
-    """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode they belong to.
+    """Return the modes with their laws; corrections of k0 and c0 change the frequency and damping of their mode.
 
-    A correction found with other linear properties (tests may have modes of their own) is left aside. The laws of
-    decays, by the number of the mode, are of those that no forced test moves.
+    A correction that was found with other linear properties is not used, for tests may have modes of their own.
+    `decay_laws`, by the number of the mode, serve the modes that no forced test moves.
     """
     stiffness, damping = modes.stiffness(), modes.damping()
     laws = {fit.mode: fit.law for fit in fits}
@@ -126,7 +122,7 @@ def make_model(
 
 
 def warn_of_records(study: ModalStudy) -> Iterator[str]:
-    """Yield what is wrong with the records: sensors that are missing, channels that are clipped."""
+    """Yield warnings about the records: sensors are missing, channels are clipped, one level stands alone."""
     for each in study.tests:
         test = each.test
         missing = [sensor for sensor in test.modes.sensors if sensor not in test.sensors]
@@ -153,21 +149,15 @@ def _orders(study: ModalStudy) -> dict[str, Any]:
     return {"stiffness_order": study.stiffness_order, "damping_order": study.damping_order}
 
 
-def _nothing_nonlinear(shifts: Sequence[LevelShift]) -> str:
-    if not shifts:
-        return 'no mode is named as nonlinear: name some (nonlinear = [7, 11]), or give two tests with use = "level"'
-    return (
-        f"none of {len(shifts)} modes shifts with the level beyond its thresholds: the structure is linear at these "
-        "levels; excite it harder, or name the modes to fit (nonlinear = [7, 11])"
-    )
-
-
 def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
-    """Why there is no law at all: nothing to fit, or nothing that shifts."""
+    """Return why there is no law at all, "" where there is one: no test to fit, or no mode that shifts."""
     if study.nonlinear and study.of_use("fit", "decay"):
         return ""
     if not study.nonlinear:
-        return _nothing_nonlinear(shifts)
+        return (
+            f"none of {len(shifts)} modes shifts with the level beyond its thresholds: the structure is linear at "
+            "these levels; excite it harder, or name the modes to fit (nonlinear = [7, 11])"
+        )
     modes = ", ".join(str(mode) for mode in study.nonlinear)
     return f'no test has use = "fit" or "decay", which mode(s) {modes} need: give sine beats or free decays'
 
@@ -183,7 +173,7 @@ def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
 def _fits(
     study: ModalStudy, decay_laws: Mapping[int, DecayLaw], of_decays: Sequence[tuple[int, str]], say: Say
 ) -> tuple[tuple[ModeFit, ...], list[str]]:
-    """The fits of the modes that forced tests move, and what to doubt about the choice of tests."""
+    """Return the fits of the modes that forced tests move, and warnings about the choice of tests."""
     fits, faults, warnings = [], [], []
     given = study.of_use("fit")
     for mode in study.nonlinear if study.of_use("fit", "decay") else ():
@@ -212,7 +202,7 @@ def _fits(
 
 
 def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:
-    """Free decays of the nonlinear modes, the law that each mode's decays give together, and warnings by mode."""
+    """Return free decays of the nonlinear modes, the law that the decays of a mode give together, warnings by mode."""
     decays: list[Decay] = []
     warnings: list[tuple[int, str]] = []
     for each in study.of_use("decay") if study.nonlinear else ():
@@ -234,18 +224,21 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
             except NotDeterminedError as error:
                 warnings.append((mode, f"the free decays of mode {mode} give no law: {error}"))
                 continue
-            warnings += [(mode, f"the free decays of mode {mode} together: {text}") for text in laws[mode].warnings]
+            # the law of a single decay repeats warnings of that decay
+            of_decays = {text for decay in own for text in decay.warnings}
+            of_law = [text for text in laws[mode].warnings if text not in of_decays]
+            warnings += [(mode, f"the free decays of mode {mode} together: {text}") for text in of_law]
     return tuple(decays), laws, warnings
 
 
 def _corrects(fit: ModeFit, modes: LinearModes) -> bool:
-    """Whether the corrections of a fit belong to the linear properties that these modes have."""
+    """Return whether a fit was made with the linear properties of these modes, so that its corrections hold here."""
     given = (modes.frequency_hz[fit.mode - 1], modes.damping_ratio[fit.mode - 1])
     return bool(np.allclose(given, (fit.frequency_hz, fit.damping_ratio), rtol=1e-9, atol=0.0))
 
 
 def _first(coefficients: Mapping[int, Estimate]) -> float:
-    """The coefficient of the power 1, 0 where it was not fitted."""
+    """Return the coefficient of the power 1, 0 where it was not fitted."""
     return float(coefficients.get(1, Estimate()).value or 0.0)
 
 
@@ -277,7 +270,7 @@ def _warn_of_modes(modes: LinearModes) -> Iterator[str]:
 def _warn_of_truth_tests(
     study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], done: Sequence[TruthTest]
 ) -> Iterator[str]:
-    """The truth tests that go beyond the amplitudes that were fitted, and those that the model fails."""
+    """Yield which truth tests go beyond the amplitudes that were fitted, and which the model does not explain."""
     reached = {fit.mode: (fit.stiffness_curve.position[-1], fit.band_hz) for fit in fits}
     for mode in decay_laws.keys() - reached.keys():
         natural = float(study.modes.frequency_hz[mode - 1])
@@ -288,7 +281,7 @@ def _warn_of_truth_tests(
         except InputError as error:
             yield f"how far truth test {each.test.name!r} moves mode {mode} is not known: {error}"
             continue
-        if times > BEYOND:
+        if times > 1.1:
             yield (
                 f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests it was "
                 "fitted to: there its force is an extrapolation"
@@ -297,7 +290,7 @@ def _warn_of_truth_tests(
         missed = {name: figures.nrmse_nonlinear for name, figures in test.sensors.items()}
         worst = max(missed, key=lambda name: missed[name])
         median = float(np.median(list(missed.values())))
-        if missed[worst] > MOST_MISSED:
+        if missed[worst] > 0.3:
             yield (
                 f"truth test {test.name!r}: the nonlinear model misses {100 * missed[worst]:.0f} % of the motion of "
                 f"{worst!r} (median of all sensors {100 * median:.0f} %): do not use it there before you know why"

@@ -1,4 +1,4 @@
-"""The nonlinear modal model: a value that simulates itself under any force, and stands truth tests."""
+"""The nonlinear modal model: it can be simulated under any force, and compared with tests that no fit has seen."""
 
 from __future__ import annotations
 
@@ -18,15 +18,6 @@ from opid.mechanics.structure import Joint, Structure
 from opid.modal.linear.modes import LinearModes, ModalTest, force_projection
 from opid.signals.recording import Channel, FloatArray, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
-
-LARGEST_ANGLE = 0.1
-"""Of a time step at the highest natural frequency, rad: Runge-Kutta is then right to 1e-6 of the frequency."""
-
-ABOVE_MODES = 1.25
-"""Times the highest natural frequency: what is faster belongs to modes that the models do not have."""
-
-BELOW_MODES = 0.3
-"""Times the lowest elastic one: what is slower is offset and drift of the sensors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +79,15 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class TruthTest:
-    """A test that no fit has seen, beside what the models make of its force.
+    """A test that no fit has seen, and the responses of the models to its force.
 
     Args:
         name: of the test.
-        band_hz: what is compared, Hz; None for all of it.
+        band_hz: the band that is compared, Hz; None for all frequencies.
         measured: accelerations at the sensors, m/s^2.
         nonlinear: those of the nonlinear modal model, the same channels.
         linear: those of the linear model.
-        sensors: the figures, by the name of the sensor.
+        sensors: the comparison at each sensor, by its name.
     """
 
     name: str
@@ -108,7 +99,7 @@ class TruthTest:
 
     @property
     def worst_sensors(self) -> list[str]:
-        """Sensors with a figure, the one with the largest error of the nonlinear model first."""
+        """The sensors that were compared, the one with the largest error of the nonlinear model first."""
         return sorted(self.sensors, key=lambda name: -self.sensors[name].nrmse_nonlinear)
 
     def as_json(self) -> dict[str, Any]:
@@ -160,7 +151,8 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
         raise InputError(f"the force has shape {series.shape}: give one series of finite numbers, in N")
     loads = force_projection(model.modes, drive_point)[:, None]
     highest = 2 * np.pi * model.modes.frequency_hz.max()
-    steps = max(1, int(np.ceil(highest / fs / LARGEST_ANGLE)))
+    # with at most 0.1 rad of the fastest mode a step, Runge-Kutta keeps its frequency to 1e-6
+    steps = max(1, int(np.ceil(highest / fs / 0.1)))
     between = resampled(recording_from_arrays([series], ["force"], fs=fs, unit="N"), 2 * steps * fs)
     n_half_steps = 2 * (series.size - 1) * steps + 1
     return time_response(
@@ -174,7 +166,7 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
 
 
 def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
-    """Return measured, nonlinear and linear accelerations side by side, with peak ratio and NRMSE a sensor.
+    """Return measured, nonlinear and linear accelerations side by side, with peak ratio and NRMSE for each sensor.
 
     Both models are driven by the measured force. All three are compared from 0.3 times
     the lowest to 1.25 times the highest natural frequency of elastic modes.
@@ -201,25 +193,26 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
             f"lower amplitudes; fit tests of this level, or lower the orders ({error})"
         ) from error
     linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
-    top = ABOVE_MODES * float(test.modes.frequency_hz.max())
+    # above the band modes move that the models lack; below it sensors have offset and drift
+    top = 1.25 * float(test.modes.frequency_hz.max())
     elastic = test.modes.frequency_hz[test.modes.elastic]
-    low = BELOW_MODES * float(elastic.min()) if elastic.size else 0.0
+    low = 0.3 * float(elastic.min()) if elastic.size else 0.0
     band = (low, min(top, 0.5 * test.fs))
-    measured, nonlinear, linear = (_kept(each, sensors, band) for each in (test.recording, nonlinear, linear))
+    measured, nonlinear, linear = (_filter(each, sensors, band) for each in (test.recording, nonlinear, linear))
     dead = [sensor for sensor in sensors if not measured.channel(sensor).any()]
     if dead:
         raise InputError(f"sensor {dead[0]!r} of test {test.name!r} is zero throughout: leave its channel out")
     comparisons = {
-        sensor: comparison(measured.channel(sensor), nonlinear.channel(sensor), linear.channel(sensor))
+        sensor: compare_models(measured.channel(sensor), nonlinear.channel(sensor), linear.channel(sensor))
         for sensor in sensors
     }
     return TruthTest(test.name, band, measured, nonlinear, linear, comparisons)
 
 
-def comparison(measured: FloatArray, nonlinear: FloatArray, linear: FloatArray) -> Comparison:
-    """Return peak ratios and NRMSE of two models, from series of one length.
+def compare_models(measured: FloatArray, nonlinear: FloatArray, linear: FloatArray) -> Comparison:
+    """Return peak ratios and NRMSE of two models.
 
-    >>> comparison(np.array([1.0, -2.0]), np.array([1.0, -2.0]), np.array([2.0, -4.0]))
+    >>> compare_models(np.array([1.0, -2.0]), np.array([1.0, -2.0]), np.array([2.0, -4.0]))
     Comparison(peak_ratio_nonlinear=1.0, peak_ratio_linear=2.0, nrmse_nonlinear=0.0, nrmse_linear=1.0)
     """
     peak, rms = float(np.abs(measured).max()), float(np.sqrt(np.mean(measured**2)))
@@ -229,8 +222,8 @@ def comparison(measured: FloatArray, nonlinear: FloatArray, linear: FloatArray) 
     )
 
 
-def _kept(recording: Recording, sensors: list[str], band_hz: tuple[float, float]) -> Recording:
-    """Some channels within a band, without delay."""
+def _filter(recording: Recording, sensors: list[str], band_hz: tuple[float, float]) -> Recording:
+    """Return some channels within a band; the filter delays nothing."""
     samples = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
     spectrum = fft.rfft(samples, axis=0)
     frequency = fft.rfftfreq(len(samples), 1 / recording.fs)

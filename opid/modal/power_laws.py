@@ -1,7 +1,7 @@
 """The polynomials of a nonlinear mode as a `Law`: k_n q |q|^(n-1) and c_n q' |q'|^(n-1), n from 2 up.
 
-Eqs. (9) and (10) of Pacini as printed are even and constant at n = 1, which is no restoring force; eq. (11) has the
-columns meant. n = 1 is the linear part: it corrects k0 and c0 and belongs to the mode, not to its law.
+As printed, eqs. (9) and (10) of Pacini are even, and constant at n = 1, which is no restoring force; the columns of
+eq. (11) are right. n = 1 is the linear part: it corrects k0 and c0, and belongs to the mode, not to its law.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from opid.result import SummaryRow
 
 STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
 DAMPING_KINDS = {2: "quadratic_damping", 3: "cubic_damping", 4: "quartic_damping", 5: "quintic_damping"}
-HIGHEST_ORDER = 5
-"""That of the paper's second case; nothing higher was ever told apart from noise."""
+HIGHEST_ORDER = 5  # the paper's second case has it; no higher order could be told from noise
 
 
 def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> Law:
@@ -45,7 +44,7 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
 
 
 def make_fitted_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate]) -> Law:
-    """Return the law of the powers 2 and up among fitted coefficients; 1 is linear."""
+    """Return the law of fitted coefficients, of which the power 1, the linear part, is left out."""
     of_stiffness, of_damping = (
         {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)
     )

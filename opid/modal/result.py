@@ -1,4 +1,4 @@
-"""What the identification of a nonlinear modal model found, and how result.json says it: nothing computed."""
+"""The result of identifying a nonlinear modal model, and its content in result.json; nothing is computed here."""
 
 from __future__ import annotations
 
@@ -21,32 +21,26 @@ from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.modal/1"
 
-FORCED_ONLY = (
-    *("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass", "force_curves"),
-    *("frequency_at_hz", "damping_at"),
-)
-"""Keys of a mode in result.json that are null where only free decays show it."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModalIdentification(Result):
-    """A nonlinear modal model with what it rests on.
+    """A nonlinear modal model with its fits, its truth tests and the warnings about it.
 
     Args:
         title: of the study.
         modes: the linear modes.
         drive_point: the sensor where the force acts; None where no test has a force.
         tests: all tests, in modal coordinates.
-        fits: one a nonlinear mode.
+        fits: one for each nonlinear mode that forced tests move.
         model: the nonlinear modal model.
-        truth_tests: tests that no fit has seen.
-        decays: free decays, with the amplitude-dependent frequency and damping they show.
-        shifts: how frequency and damping of each mode move with the level, where tests were recorded for that.
+        truth_tests: tests that no fit has seen, compared with the model.
+        decays: free decays, with their frequency and damping over amplitude.
+        shifts: how frequency and damping of each mode move with the level, where level tests were given.
         condition_number: of the shapes.
         auto_mac: (n_modes, n_modes) modal assurance criterion of the shapes against each other.
-        warnings: what to doubt.
+        warnings: one sentence for each reason to doubt the result, those of decays included.
         not_determined: why there is no answer, "" if there is one.
-        settings: what it was made with.
+        settings: those of the study.
         decay_laws: the law that the free decays of a mode give together, by the number of the mode; the model has it
             where no forced test moves the mode.
     """
@@ -75,22 +69,8 @@ class ModalIdentification(Result):
 
     @property
     def all_warnings(self) -> list[str]:
-        """All warnings, those of modes, decays and their laws last, each once."""
-        # worded as by `identify_modes`, which says them too
-        of_decays = {
-            f"free decay {decay.name!r} of mode {decay.mode}: {text}": (decay.mode, text)
-            for decay in self.decays
-            for text in decay.warnings
-        }
-        of_laws = {
-            f"the free decays of mode {mode} together: {text}": (mode, text)
-            for mode, law in sorted(self.decay_laws.items())
-            for text in law.warnings
-        }
-        # the law of a single decay has that decay's warnings
-        twice = {text for text, said in of_laws.items() if said in of_decays.values()}
-        every = [*self.warnings, *(text for fit in self.fits for text in fit.warnings), *of_decays, *of_laws]
-        return [text for text in dict.fromkeys(every) if text not in twice]
+        """All warnings, those of the fits last, each once."""
+        return list(dict.fromkeys([*self.warnings, *(text for fit in self.fits for text in fit.warnings)]))
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the coefficients of each nonlinear mode; k1 and c1 of free decays are k0 and c0 themselves."""
@@ -106,10 +86,10 @@ class ModalIdentification(Result):
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, which docs/schemas/modal-1.schema.json describes.
 
-        A mode that only free decays show stands in `modes` with the same keys, after the others: `known_by` is "free
-        decays" instead of "forced tests", `k` and `c` are those of `decay_laws` (power 1 as for all `modes` the
-        correction of k0 and c0; in `decay_laws` and `decays` it is k0 and c0 itself), `tests` are its decays, and what
-        only forced tests give (`band_hz`, `force_curves`, ...) is null.
+        A mode that only free decays show has the same keys and follows the others in `modes`. Its `known_by` is "free
+        decays" instead of "forced tests", its `tests` are its decays, and its `k` and `c` are those of `decay_laws`.
+        There the power 1 is k0 and c0 itself, as in `decays`; in all `modes` it is their correction. Keys that only
+        forced tests can fill (`band_hz`, `force_curves`, ...) are null.
         """
         names = ("title", "drive_point", "condition_number", "auto_mac", "not_determined", "settings")
         of_decays = [_mode_of_decays(self, mode) for mode in self.modes_by_decays_alone]
@@ -133,10 +113,10 @@ class ModalIdentification(Result):
 
 
 def _mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
-    """A mode that only free decays show, with the keys of the others; null is what forced tests alone give."""
+    """Return a mode that only free decays show, with the keys of the others."""
     law, index = result.decay_laws[mode], result.modes.index(mode)
     linear = float(result.modes.stiffness()[index]), float(result.modes.damping()[index])
-    # k0 and c0 as corrections of those that are given
+    # the power 1 becomes a correction of the k0 and c0 that are given
     stiffness, damping = (
         {**found, 1: Estimate.normal(float(found[1].value or 0.0) - given, found[1].std)}
         for found, given in zip((law.stiffness, law.damping), linear, strict=True)
@@ -150,7 +130,8 @@ def _mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
         "damping_order": max(law.damping),
         "free_linear": True,
         **coefficients_json(stiffness, damping),
-        **dict.fromkeys(FORCED_ONLY),
+        **dict.fromkeys(("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass")),
+        **dict.fromkeys(("force_curves", "frequency_at_hz", "damping_at")),
         "tests": [decay.name for decay in result.decays if decay.mode == mode],
         "orders": [],
         "warnings": law.warnings,

@@ -14,8 +14,7 @@ from opid.modal.power_laws import HIGHEST_ORDER
 Use = Literal["fit", "truth", "level", "decay"]
 USES: tuple[Use, ...] = get_args(Use)
 
-THRESHOLDS = ("frequency_threshold", "damping_threshold")
-"""Names of the relative shifts from which a mode counts as nonlinear."""
+THRESHOLDS = ("frequency_threshold", "damping_threshold")  # the relative shifts from which a mode counts as nonlinear
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +23,8 @@ class StudyTest:
 
     Args:
         test: in modal coordinates.
-        use: "fit" and "truth" as they say, "level" for one of several levels that are compared mode by mode, "decay"
-            for a free decay (no force).
+        use: "fit" to fit laws to it, "truth" to compare the model with it, "level" for one of several levels that are
+            compared mode by mode, "decay" for a free decay (no force).
         mode: the nonlinear mode that the test is for, from 1; found from its response where None.
     """
 
@@ -46,7 +45,7 @@ class ModalStudy:
         drive_point: the sensor where the force acts; None where no test has a force.
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
         damping_order: N_d likewise.
-        free_linear: whether k0 and c0 are corrected in the fit; decided by the data where None.
+        free_linear: whether k0 and c0 are corrected in the fit; the data decide where None.
         frequency_threshold: relative shift of the natural frequency between level tests from which a mode counts as
             nonlinear, 0.002 for 0.2 %; see `level_shifts`.
         damping_threshold: likewise of the damping ratio, 0.15 for 15 %.

@@ -1,10 +1,10 @@
 """The law of a mode from its free decays alone: q'' + c0 q' + k0 q + sum c_n q'|q'|^(n-1) + sum k_n q|q|^(n-1) = 0.
 
 Start values come from the harmonic linearisation of frequency and damping over amplitude, which is linear in the
-coefficients; then amplitude and phase of each decay are fitted to the measured ones over all its time. They follow from
-a law without a time step, by harmonic balance and averaging: A' = -delta(A) A, phi' = omega(A), with the terms of
-second order in damping and in the drift of the frequency kept, so that the fundamental is right to some 1e-5 of the
-frequency for a shift of 3 % and a damping ratio of 1 %.
+coefficients. Then amplitude and phase of each decay are fitted to the measured ones over all its time. They follow from
+a law without time steps, by harmonic balance and averaging: A' = -delta(A) A, phi' = omega(A). The terms of second
+order in damping and in the drift of the frequency are kept: the frequency of the fundamental is then right to about
+1e-5 for a shift of 3 % and a damping ratio of 1 %.
 """
 
 from __future__ import annotations
@@ -24,22 +24,13 @@ from opid.modal.forced.restoring_fit import sum_lagged_products
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, harmonic_factor, make_fitted_law
 from opid.signals.recording import FloatArray
 
-DRIFT_ERROR = 0.1
-"""Fraction to which the drift of the frequency is known: it is that of a smooth curve."""
-
-IMPOSSIBLE = 1e8
-"""Error of a law that does not vibrate, or does not decay over all of the record, standard deviations."""
-
-LEAST_RANGE = 1.5
-"""Largest amplitude over the smallest, below which no law is looked for."""
-
-N_AMPLITUDES, N_ANGLES = 100, 24
-"""Amplitudes that harmonic balance is solved at, and angles of half a cycle: the other half is its mirror image."""
+IMPOSSIBLE = 1e8  # error of a law that does not vibrate or does not decay over all the record, standard deviations
+LEAST_RANGE = 1.5  # largest amplitude over the smallest, below which nonlinear terms are warned of
 
 
 @dataclass(frozen=True, eq=False)
 class DecayLaw:
-    """What free decays say of the restoring force of their mode, without any force measured.
+    """The restoring force of a mode from its free decays, without any measured force.
 
     Args:
         stiffness: k_n by its power n; 1 is k0. Force per unit mass (or modal force) over displacement^n.
@@ -50,9 +41,9 @@ class DecayLaw:
         frequency_hz: (n,) natural frequency at them, Hz.
         damping_ratio: (n,) damping ratio at them.
         covariance: of k0, k_2 ..., c0, c_2 ... in this order.
-        misfit: rms of what the law does not explain of amplitude and phase, over its standard deviation; 1 is noise.
-        phase_error: rms of that, rad (and relative amplitude).
-        warnings: what to doubt.
+        misfit: rms error of amplitude and phase over its standard deviation; 1 is noise.
+        phase_error: rms error of phase, rad, and of relative amplitude.
+        warnings: one sentence for each reason to doubt the law.
     """
 
     stiffness: dict[int, Estimate]
@@ -85,7 +76,7 @@ class DecayLaw:
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """How the fundamental A(t) cos phi(t) of a free decay moves, over its amplitude.
+    """The slow motion of the fundamental A(t) cos phi(t) of a free decay, as functions of its amplitude.
 
     Args:
         log_amplitude: (n,) logarithm of A, rising.
@@ -93,7 +84,7 @@ class Flow:
         rate: (n,) delta = -A'/A.
         natural: (n,) natural frequency, without the terms of second order.
         damping: (n,) c = 2 zeta omega.
-        drift: (n,) -delta' + j omega', as it enters the second derivative of A exp(j phi), times -1.
+        drift: (n,) delta' - j omega': (A exp(j phi))'' = -((omega + j delta)^2 + drift) A exp(j phi).
     """
 
     log_amplitude: FloatArray
@@ -119,7 +110,8 @@ def backbone(track: Track, derivative: int) -> tuple[FloatArray, FloatArray, Flo
     order = np.argsort(track.time_s)
     smooth = np.polyfit(track.time_s[order], rate[order], 1, w=1.0 / np.maximum(track.rate_std[order], 1e-300))[0]
     natural = np.sqrt(np.maximum(track.omega**2 - rate**2 + smooth + damping * rate, 1e-300))
-    drift_std = DRIFT_ERROR * (2 * derivative - 1) * track.chirp / track.omega
+    # the drift comes from a smooth curve and is known to a tenth
+    drift_std = 0.1 * (2 * derivative - 1) * track.chirp / track.omega
     return amplitude, natural, track.omega_std, damping, np.hypot(2.0 * track.rate_std, drift_std)
 
 
@@ -133,21 +125,19 @@ def fit_decays(
     """Fit one law to one or several free decays of a mode.
 
     The tracks are of accelerations, or of velocities (`derivative` 1) or displacements (0). An order of 1 is linear;
-    where it is None, that with the lowest Bayesian criterion is taken.
+    where an order is None, the one with the lowest Bayesian criterion is taken.
 
     Raises:
-        InputError: no decay at all, or orders outside 1 to 5.
+        InputError: orders outside 1 to 5.
         NotDeterminedError: fewer windows than coefficients, or a law that does not decay.
     """
-    if not tracks:
-        raise InputError("there is no free decay to fit a law to: give at least one")
     for word, order in (("stiffness_order", stiffness_order), ("damping_order", damping_order)):
         if order is not None and not 1 <= order <= HIGHEST_ORDER:
             raise InputError(f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}")
     amplitude, natural, natural_std, damping, damping_std = (
         np.concatenate(parts) for parts in zip(*(backbone(each, derivative) for each in tracks), strict=True)
     )
-    # in these units the coefficients of all powers are of one size
+    # in these units the coefficients of all powers have similar sizes
     length, rate = float(amplitude.max()), float(np.median(natural))
     level = amplitude / length
     warnings: tuple[str, ...] = ()
@@ -197,7 +187,7 @@ def fit_decays(
 
 
 def solve_slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Flow | None:
-    """Return the slow flow of a law from amplitude exp(low) to exp(high); None if it does not vibrate or not decay.
+    """Return the slow flow of a law from amplitude exp(low) to exp(high); None if it does not vibrate or decay.
 
     k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1).
 
@@ -205,9 +195,9 @@ def solve_slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Fl
     >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
     (0.01, 0.99995)
     """
-    log_amplitude = np.linspace(low, high, N_AMPLITUDES)
+    log_amplitude = np.linspace(low, high, 100)
     a = np.exp(log_amplitude)[:, None]
-    angle = np.pi * (np.arange(N_ANGLES) + 0.5) / N_ANGLES
+    angle = np.pi * (np.arange(24) + 0.5) / 24  # half a cycle, of which the other half is the mirror image
     cosine, sine = np.cos(angle), np.sin(angle)
     third_cosine, third_sine = np.cos(3.0 * angle), np.sin(3.0 * angle)
     in_phase, quadrature = np.zeros_like(a), np.zeros_like(a)
@@ -254,7 +244,7 @@ def predict_decay(
     log_amplitude = CubicSpline(own_time, fall)(time)
     by_time = CubicSpline(own_time, turned)(time)
     omega, rate = (np.interp(log_amplitude, flow.log_amplitude, each) for each in (flow.omega, flow.rate))
-    # A e^(j phi), differentiated: each time by -delta + j omega, the second time these two change as well
+    # each derivative of A e^(j phi) multiplies it by -delta + j omega; for the second one these change as well
     gain = (omega + 1j * rate) ** derivative
     if derivative == 2:
         gain = gain + np.interp(log_amplitude, flow.log_amplitude, flow.drift)
@@ -262,7 +252,7 @@ def predict_decay(
 
 
 def _higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:
-    """sum_n values_n x |x|^(n-1) from n = 2 on."""
+    """Return sum_n values_n x |x|^(n-1) from n = 2 on."""
     size, total = np.abs(x), np.zeros_like(x)
     for value in values[:0:-1]:
         total = (total + value) * size
@@ -274,7 +264,7 @@ def _harmonic(force: FloatArray, shape: FloatArray) -> FloatArray:
 
 
 def _linear_fit(level: FloatArray, y: FloatArray, std: FloatArray, order: int | None) -> FloatArray:
-    """Coefficients of y = sum_n value_n a_n level^(n-1), n = 1 .. order."""
+    """Return the coefficients of y = sum_n value_n a_n level^(n-1), n = 1 .. order."""
     std = np.maximum(std, 1e-12 * float(np.median(np.abs(y))) + 1e-300)
     best: tuple[float, FloatArray] = (np.inf, np.zeros(0))
     for trial in range(1, HIGHEST_ORDER + 1) if order is None else (order,):
@@ -283,7 +273,7 @@ def _linear_fit(level: FloatArray, y: FloatArray, std: FloatArray, order: int | 
         columns = np.column_stack([harmonic_factor(n) * level ** (n - 1) for n in range(1, trial + 1)])
         values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
         misfit = float(np.sum(((y - columns @ values) / std) ** 2))
-        # windows overlap by half: two of three are worth one
+        # windows overlap by half: three are worth about two
         n = 0.67 * level.size
         score = n * np.log(max(misfit / level.size, 0.5)) + trial * np.log(n)
         if score < best[0]:
@@ -295,7 +285,7 @@ def _linear_fit(level: FloatArray, y: FloatArray, std: FloatArray, order: int | 
 
 @dataclass(frozen=True, eq=False)
 class _Scaled:
-    """A track in units of length and rate, its times and phases from the first window on, and the root of its noise."""
+    """A track in units of length and rate, with times and phases from the first window on and the root of its noise."""
 
     time: FloatArray
     log_amplitude: FloatArray
@@ -304,14 +294,14 @@ class _Scaled:
 
     @classmethod
     def of(cls, track: Track, length: float, rate: float, derivative: int) -> _Scaled:
-        # below a small part of the diagonal no window is trusted
+        # a small addition to the diagonal limits the weight of every window
         noise = track.covariance + np.diag(1e-6 * np.diag(track.covariance) + 1e-14)
         logs = np.log(track.amplitude / (length * rate**derivative))
         time, root = (track.time_s - track.time_s[0]) * rate, np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
         return cls(time, logs, track.phase - track.phase[0], root)
 
     def errors(self, flow: Flow, start: float, shift: float, derivative: int) -> FloatArray | None:
-        """(2n,) what a law leaves of log-amplitude and phase, over its standard deviation."""
+        """Return the (2n,) errors of log-amplitude and phase of a law over their standard deviation."""
         from scipy.linalg import solve_triangular
 
         predicted = predict_decay(flow, self.time, start, derivative)
@@ -323,7 +313,7 @@ class _Scaled:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """k, c, then start and phase of each decay; their covariance, the flow of the law, and what it leaves."""
+    """A vector of k, c, then start and phase of each decay; its covariance, the flow of the law, and the misfit."""
 
     vector: FloatArray
     covariance: FloatArray
@@ -338,7 +328,7 @@ def _refine(
     tame: tuple[FloatArray, FloatArray],
     derivative: int,
 ) -> _Fit:
-    """Move the coefficients and the start of each decay until amplitude and phase are met over all of the time."""
+    """Fit the coefficients and the start of each decay to amplitude and phase over all of the time."""
     from scipy.optimize import least_squares
 
     low = min(float(each.log_amplitude.min()) for each in decays) - 0.7
@@ -359,7 +349,7 @@ def _refine(
     starts = [np.array([each.log_amplitude[0], 0.0]) for each in decays]
     start = np.concatenate([*guess, *starts])
     if np.abs(errors(start)).max() >= IMPOSSIBLE:
-        # the start values of all powers do not vibrate, or do not decay: the linear part alone does
+        # the law of the start values does not vibrate or decay: its linear part alone does
         start = np.concatenate([*tame, *starts])
     of_damping = np.full(n_k - n_s, max(abs(float(guess[1][0])), 1e-4))
     scale = np.concatenate([np.ones(n_s), of_damping, np.full(2 * len(decays), 0.1)])
@@ -374,7 +364,7 @@ def _refine(
 
 
 def _covariance(jacobian: FloatArray, errors: FloatArray, sizes: Sequence[int]) -> FloatArray:
-    """Covariance of the parameters: of white errors of their own size or, where larger, of errors that are correlated.
+    """Return the covariance of the parameters for white errors or, where that is larger, for correlated ones.
 
     The scores of windows up to the lag 2 n^(1/3) apart, amplitude and phase together, may be correlated.
     """

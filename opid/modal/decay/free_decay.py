@@ -25,21 +25,13 @@ from opid.signals.recording import FloatArray
 SCHEMA = "opid.decay/1"
 Quantity = Literal["displacement", "velocity", "acceleration"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
-"""In the order of their derivatives of the displacement."""
-PLAUSIBLE = (1e-30, 1e30)
-"""Peaks of a motion, in SI units, within which its square and the logarithm of its envelope are numbers."""
-
+"""The index of each is the number of its derivative of the displacement."""
 UNITS = ("m", "m/s", "m/s^2")
-DRAWN_POINTS = 20000
-BEATING = 4.0
-"""Largest part of the wiggle of frequency and damping at one period, in standard deviations, that is still noise."""
-POOR_MISFIT = 3.0
-DOMINANT = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Decay(Result):
-    """What one free decay shows of a mode.
+    """Frequency, damping and law of a mode from one free decay.
 
     Args:
         name: of the record.
@@ -52,9 +44,9 @@ class Decay(Result):
         amplitude_unit: "m kg^1/2" in modal coordinates, "m" for a raw channel.
         start_s: where the decay that was used begins, s from the first sample.
         stop_s: and where it ends.
-        time_s: (m,) for drawing, s; thinned.
+        time_s: (m,) times of the points that are plotted, s.
         signal: (m,) the record as given, in `signal_unit`.
-        envelope: (m,) amplitude of the fundamental in the same unit; nan outside what was used.
+        envelope: (m,) amplitude of the fundamental in the same unit; nan outside the stretch that was used.
         signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s" or "m/s^2".
         law: restoring force of the powers 2 and up, per unit mass (modal force in modal coordinates); None if no law
             was found.
@@ -62,12 +54,12 @@ class Decay(Result):
         damping: c_n by its power n, 1 is c0.
         frequency_low_hz: natural frequency in the limit of zero amplitude, Hz.
         damping_low: damping ratio in that limit.
-        residual_share: rms of what neither the mode nor what was fitted beside it explains, over that of the record.
-        law_misfit: rms of what the law leaves of amplitude and phase, over its standard deviation; nan without a law.
+        residual_share: rms of the residual over that of the record.
+        law_misfit: rms error of amplitude and phase by the law over its standard deviation; nan without a law.
         track: amplitude and phase as they were measured, for a law of several decays (`law_of_decays`).
         derivative: 2 where the signal is an acceleration, 1 a velocity, 0 a displacement.
-        warnings: what to doubt.
-        settings: what it was made with where `opid decay` made it: its options by their names, and `log`.
+        warnings: one sentence for each reason to doubt the result.
+        settings: of `opid decay`, if that made it: its options by their names, and `log`.
         files: that the record was read from.
     """
 
@@ -138,11 +130,11 @@ def decay_of(
     start_s: float | None = None,
     stop_s: float | None = None,
 ) -> Decay:
-    """Return what the free decay of a test shows of one of its modes, in modal coordinates.
+    """Return the free decay of one mode of a test, in modal coordinates, as `free_decay` does of a signal.
 
     Args:
-        test: the test; a force in it is not looked at, and must have ended.
-        mode: number of the mode, from 1; its linear frequency says where to look.
+        test: the test; a force in it is ignored, and must have ended.
+        mode: number of the mode, from 1; it is sought near its linear frequency.
         stiffness_order: as in `free_decay`.
         damping_order: likewise.
         start_s: likewise.
@@ -184,18 +176,19 @@ def free_decay(
 ) -> Decay:
     """Return frequency and damping over amplitude of a free decay, and the law of the mode, from one signal.
 
-    The largest impact of the record is looked for and left out; what follows is followed until it meets the noise or
-    the next impact. Amplitudes are of displacement, whatever was measured.
+    The largest impact of the record is found and left out; the decay after it is followed until it reaches the noise or
+    the next impact. Amplitudes are those of displacement, whichever quantity was measured.
 
     Args:
         samples: (n,) signal, in SI units.
         fs: sampling rate, Hz.
         quantity: "acceleration", "velocity" or "displacement".
-        near_hz: frequency of the mode, within a tenth, Hz; the mode that decays from the highest peak where None.
-        band_hz: where to look for it, Hz, instead of `near_hz`.
+        near_hz: frequency of the mode, within a tenth, Hz; where None, the strongest mode that decays is taken.
+        band_hz: band of the mode, Hz, instead of `near_hz`.
         start_s: start of the free decay, s from the first sample; found where None.
         stop_s: its end, likewise.
-        stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; by a criterion where None.
+        stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; where None, the Bayesian criterion
+            chooses it.
         damping_order: N_d likewise.
         name: of the record.
         mode: number of the mode, if the signal is a modal coordinate.
@@ -219,7 +212,7 @@ def free_decay(
     try:
         law = fit_decays([track], derivative=derivative, stiffness_order=stiffness_order, damping_order=damping_order)
         warnings += law.warnings
-        if law.misfit > POOR_MISFIT:
+        if law.misfit > 3.0:
             warnings.append(
                 f"the law leaves {law.misfit:.2g} times what the noise would: it is a smooth stand-in for another kind "
                 "of joint, to be used within these amplitudes"
@@ -227,7 +220,7 @@ def free_decay(
     except NotDeterminedError as why:
         warnings.append(f"no law: {why}")
     order = np.argsort(-amplitude)
-    time_s, signal, envelope = _drawing(series, track, fs)
+    time_s, signal, envelope = _thin_for_plot(series, track, fs)
     return Decay(
         name=name,
         mode=mode,
@@ -300,7 +293,8 @@ def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
     if np.ptp(series) == 0.0:
         raise NotDeterminedError("the signal is constant: nothing decays in it")
     largest = float(np.abs(series).max())
-    if not PLAUSIBLE[0] < largest < PLAUSIBLE[1]:
+    # beyond, its square or the logarithm of its envelope would be no number
+    if not 1e-30 < largest < 1e30:
         raise InputError(
             f"the signal reaches {largest:.3g}, which no structure does in SI units: check its unit and scale"
         )
@@ -308,7 +302,7 @@ def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
 
 
 def _track_from_start(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
-    """The track of a decay; where its start holds too much beside the mode, from a quarter of it on."""
+    """Return the track of a decay, without its first quarter where other oscillations disturb that too much."""
     try:
         return track_decay(series, stretch, fs=fs), []
     except NotDeterminedError as first:
@@ -334,7 +328,7 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
             "frequency or amplitude swings as two modes that beat: what is over amplitude is not that of one mode; "
             "separate them with several sensors (a modal filter)"
         )
-    if track.residual_share > DOMINANT:
+    if track.residual_share > 0.5:
         yield (
             f"{100 * track.residual_share:.0f} % of the record is neither this mode nor what was found beside it: its "
             "amplitude is small beside noise and other modes"
@@ -345,22 +339,22 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
 
 
 def _beats(track: Track) -> bool:
-    """Whether what a smooth curve leaves of the rate swings more than noise, several times with a like period."""
+    """Return whether rate or frequency swings about a smooth curve by more than noise, and the rate from the start."""
     if track.time_s.size < 12:
         return False
     root, swings = np.sqrt(track.amplitude / track.amplitude.max()), False
     for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std)):
         weight = 1.0 / np.maximum(std, 1e-6 * np.abs(np.median(track.omega)))
         rest = values - np.polyval(np.polyfit(root, values, 3, w=weight), root)
-        swings |= bool(np.sqrt(np.mean((rest * weight) ** 2)) > BEATING)
-    # noise at low amplitude counts for nothing here, a beat shows from the start on
+        swings |= bool(np.sqrt(np.mean((rest * weight) ** 2)) > 4.0)
+    # a beat shows from the start on; noise at low amplitude has little weight here
     trust = 1.0 / np.maximum(track.rate_std, 1e-2 * float(np.median(np.abs(track.rate)))) ** 2
     mean = float(np.average(track.rate, weights=trust))
     return swings and float(np.average((track.rate - mean) ** 2, weights=trust)) > (1.5 * mean) ** 2
 
 
-def _drawing(series: FloatArray, track: Track, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    step = max(1, -(-series.size // DRAWN_POINTS))
+def _thin_for_plot(series: FloatArray, track: Track, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    step = max(1, -(-series.size // 20_000))  # a plot needs no more points
     time = np.arange(0, series.size, step) / fs
     log_amplitude = np.interp(time, track.time_s, np.log(track.amplitude))
     inside = (time >= track.start_s) & (time <= track.stop_s)

@@ -12,31 +12,22 @@ from scipy.signal import detrend, fftconvolve, find_peaks, peak_prominences
 from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
 
-FEWEST_CYCLES = 10
-"""Below, neither frequency nor damping can be found as functions of the amplitude."""
-KERNEL_CYCLES = 6
-"""Length of the Hann kernel that the first envelope is taken with."""
-AFTER_PEAK_CYCLES = 0.75
-"""An impact is over by then: a hammer that drives a mode at all touches for less than half of its period."""
-IMPACT_RISE = 2.5
-"""Peak over what was before, at which a record holds an impact and not the end of a dwell."""
-NEXT_IMPACT_RISE = 3.0
-"""The rms of a cycle over that of each of the three before it, at which the next impact has come."""
-CLIPPED_SAMPLES = 3
-"""Successive samples at the largest value that make a record clipped."""
+FEWEST_CYCLES = 10  # with fewer, neither frequency nor damping can be found as functions of the amplitude
+KERNEL_CYCLES = 6  # length of the Hann kernel that gives the first envelope
+CLIPPED_SAMPLES = 3  # successive samples at the largest value that make a record clipped
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Where a free decay is.
+    """The part of a record that holds a free decay.
 
     Args:
         frequency_hz: of the mode, roughly, Hz.
         rate: its amplitude falls as exp(-rate t), roughly, 1/s.
         start: first sample.
         stop: sample after the last that may be used.
-        sure_stop: sample where the envelope comes near that of the end of the record.
-        warnings: what to doubt.
+        sure_stop: sample where the envelope comes near its level at the end of the record.
+        warnings: one sentence for each reason to doubt the choice.
     """
 
     frequency_hz: float
@@ -56,10 +47,10 @@ def find_stretch(
     start_s: float | None = None,
     stop_s: float | None = None,
 ) -> Stretch:
-    """Return where a record of any quantity holds the free decay of its strongest mode, or of the mode asked for.
+    """Return the stretch of a record where its strongest mode, or the one asked for, decays freely.
 
-    The mode is the peak of the spectrum that loses most from the first half of the decay to the second, so that hum,
-    which stays, is not taken for a mode. It lies within a tenth of `near_hz`, or in a band.
+    The mode is the peak of the spectrum that loses most from the first half of the decay to the second; hum, which
+    stays, is therefore not taken for a mode. The peak lies within a tenth of `near_hz`, or in `band_hz`.
 
     Raises:
         InputError: a band or times outside the record.
@@ -100,7 +91,7 @@ def find_stretch(
 
 
 def find_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
-    """Return (n,) the amplitude of what lies near a frequency, through a Hann kernel of six cycles."""
+    """Return the amplitude of a signal near a frequency, (n,), through a Hann kernel of six cycles."""
     length = max(3, round(KERNEL_CYCLES * fs / frequency_hz))
     kernel = np.hanning(length + 2)[1:-1]
     turned = samples * np.exp(-2j * np.pi * frequency_hz / fs * np.arange(samples.size))
@@ -113,7 +104,7 @@ def find_spectrum_peaks(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return frequencies (m,) Hz and heights (m,) of the peaks of an amplitude spectrum, highest first, and its median.
 
-    The window falls as the half of a Hann window, so that what is strong at the start counts most.
+    The window is the falling half of a Hann window, so that the start counts most.
     """
     frequency, height = _falling_spectrum(samples, fs)
     inside = (frequency >= low_hz) & (frequency <= high_hz)
@@ -180,26 +171,28 @@ def _decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> floa
 
 
 def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
-    """The end of an impact, or that of a dwell."""
+    """Return the first sample after an impact, or after a dwell."""
     highest, reach = int(np.argmax(envelope)), round(0.5 * KERNEL_CYCLES * cycle) + 1
-    # the mean of a cycle holds what is slower than the mode and nothing of the mode itself
+    # the mean over a cycle follows slower motion, and the mode cancels in it
     level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
     first = max(0, highest - 4 * reach)
     near = level[first : highest + reach]
     peak = first + int(np.argmax(near))
-    onset = first + int(np.flatnonzero(near * IMPACT_RISE >= near.max())[0])
+    # an impact rises to 2.5 times the motion before it, the end of a dwell does not
+    onset = first + int(np.flatnonzero(near * 2.5 >= near.max())[0])
     rise = level[onset : onset + round(2.5 * cycle)].max() > 0.75 * near.max()
     loud = int(np.flatnonzero(envelope >= 0.97 * envelope[highest])[-1])
     # a record that begins loud begins in a decay, or in a dwell
     begins_loud = onset < 1.25 * cycle
     if not (loud < peak + 2 * reach if begins_loud else rise and onset > first + 1.25 * cycle):
-        # after a dwell the kernel must no longer look across its end
+        # after a dwell the kernel must not reach back across its end
         return loud + reach
-    return (peak if peak < onset + 2.5 * cycle else onset) + round(AFTER_PEAK_CYCLES * cycle)
+    # a hammer that drives the mode touches for less than half of its period: the impact is over by then
+    return (peak if peak < onset + 2.5 * cycle else onset) + round(0.75 * cycle)
 
 
 def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
-    """The first sample after those that stand at the end of the range."""
+    """Return the first sample after the last one that is clipped."""
     last = -1
     for at_limit in (part >= part.max(), part <= part.min()):
         run = np.convolve(at_limit.astype(np.int64), np.ones(CLIPPED_SAMPLES, dtype=np.int64), mode="valid")
@@ -211,12 +204,13 @@ def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
 
 
 def _next_impact(part: FloatArray, start: int, cycle: float) -> int:
+    """Return the sample before the next impact, where the rms of a cycle is three times that of the three before."""
     length = max(4, round(cycle))
     n_blocks = (part.size - start) // length
     blocks = part[start : start + n_blocks * length].reshape(n_blocks, length)
     level = blocks.std(axis=1)
     for k in range(4, n_blocks):
-        if level[k] > NEXT_IMPACT_RISE * level[k - 3 : k].max() > 0.0:
+        if level[k] > 3.0 * level[k - 3 : k].max() > 0.0:
             return start + (k - 1) * length
     return part.size
 

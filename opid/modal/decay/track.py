@@ -1,8 +1,8 @@
 """Amplitude and phase of a free decay over time, by local least squares instead of a filter.
 
-In each window the record is a sinusoid whose phase and log-amplitude follow a smooth reference up to a complex line
-(1 + alpha) + beta t, beside an offset, a trend, the harmonics 2 and 3 and the strongest neighbouring peaks. No window
-looks across the start, and nothing has to settle. The reference is that of the round before.
+In each window the record is modelled as a smooth reference oscillation times a complex line (1 + alpha) + beta t, and
+an offset, a trend, the harmonics 2 and 3 and the strongest neighbouring peaks. The reference comes from the round
+before. No window reaches across the start of the decay, and no filter has to settle.
 """
 
 from __future__ import annotations
@@ -15,24 +15,15 @@ from opid.errors import NotDeterminedError
 from opid.modal.decay.stretch import Stretch, find_spectrum_peaks
 from opid.signals.recording import FloatArray
 
-ROUNDS_ALONE, ROUNDS = 3, 2
-"""Before and after the neighbours are looked for; the reference no longer changes then."""
 FEWEST_WINDOW_CYCLES = 6.0
 FEWEST_WINDOWS = 4
-WINDOW_DECAY = 0.6
-"""Decay of the log-amplitude in a window, where nothing else sets its length."""
-RESOLVED = 2.5
-"""Window length times distance to a neighbour at which a Hann window tells the two apart."""
-SMALLEST_SIGNAL = 5.0
-"""Amplitude over its standard deviation at which the decay has met the noise."""
-LONGEST_DECAY = 3.0
-"""Most decay of the log-amplitude within a window that has to tell neighbours apart."""
-MOST_NEIGHBOURS = 6
-HIGHEST_NEIGHBOUR = 10.0
-"""Times the frequency of the mode: what is beyond, the taper of the windows keeps out."""
-SMALLEST_NEIGHBOUR, UNRESOLVED = 0.005, 0.1
-"""Of the mode's peak: from where a neighbour is fitted, and from where one that cannot be is reported."""
-MOST_WINDOWS = 160
+WINDOW_DECAY = 0.6  # decay of the log-amplitude in a window, where nothing else sets its length
+RESOLVED = 2.5  # window length times distance of two frequencies from which a Hann window separates them
+SMALLEST_SIGNAL = 5.0  # amplitude over its standard deviation at which the decay has reached the noise
+LONGEST_DECAY = 3.0  # largest decay of the log-amplitude in a window that has to separate neighbours
+HIGHEST_NEIGHBOUR = 10.0  # in frequencies of the mode: the taper of the windows keeps out what lies beyond
+SMALLEST_NEIGHBOUR = 0.005  # of the mode's peak, from which on a neighbour is fitted
+UNRESOLVED = 0.1  # of the mode's peak, from which on a neighbour is reported that is too close to be fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +39,10 @@ class Track:
         chirp: (n,) phi'' of the smooth reference, rad/s^2.
         omega_std: (n,) standard deviation, rad/s.
         rate_std: (n,) likewise, 1/s.
-        covariance: (2n, 2n) of log B, then of phi; of neighbouring windows, which overlap, too.
+        covariance: (2n, 2n) of log B, then of phi; neighbouring windows overlap and are correlated.
         neighbours_hz: frequencies that were fitted beside the mode, Hz.
-        unresolved_hz: those too close to be told apart from it, Hz.
-        residual_share: rms of what none of this explains over that of the record, in the stretch used.
+        unresolved_hz: frequencies too close to the mode to be separated from it, Hz.
+        residual_share: rms of the residual over that of the record, in the stretch used.
         start_s: first sample of the first window, s from the first of the record.
         stop_s: last sample of the last.
     """
@@ -76,7 +67,7 @@ class Track:
 class _Reference:
     """A smooth guess of the fundamental at every sample: logarithm of its amplitude, phase, rad, and their rates.
 
-    `omega` is that of the phase, rad/s, `rate` that of the logarithm, downwards, 1/s.
+    The phase grows by `omega`, rad/s, and the logarithm falls by `rate`, 1/s.
     """
 
     log_amplitude: FloatArray
@@ -87,12 +78,13 @@ class _Reference:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """What one window says of the fundamental: the reference times value exp(slope (t - centre)) near its centre.
+    """The fundamental in one window: the reference times value exp(slope (t - centre)).
 
-    It begins at the sample `first` of the stretch; at the time `centre`, s, value and slope are uncorrelated. They are
-    1 and 0 where the reference is right; the imaginary part of the slope is of the frequency, rad/s. `by_value` is what
-    each sample adds to the logarithm of the value, `slope_std` is for samples of noise 1, and `noise` the standard
-    deviation of the samples if the noise near the mode were white. The samples were fitted with a weight as `fitted`.
+    The window begins at the sample `first` of the stretch. Value and slope are 1 and 0 where the reference is right;
+    at the time `centre`, s, they are uncorrelated. The imaginary part of the slope is that of the frequency, rad/s.
+    `by_value` is the derivative of the logarithm of the value by each sample, `slope_std` holds for samples with noise
+    of standard deviation 1, and `noise` is the standard deviation of white noise of the level that is seen near the
+    mode. `fitted` are the samples as fitted with `weight`.
     """
 
     first: int
@@ -107,7 +99,7 @@ class _Window:
 
     @property
     def value_std(self) -> float:
-        """Standard deviation of the value, of its real or imaginary part."""
+        """Standard deviation of the value's real or imaginary part."""
         return self.noise * float(np.linalg.norm(self.by_value)) / np.sqrt(2.0)
 
 
@@ -122,7 +114,7 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
     try:
         windows, reference, neighbours, close = _follow(part, stretch, np.empty(0), fs)
     except NotDeterminedError:
-        # a strong neighbour spoils the start: those that the spectrum shows are fitted from the first round on
+        # a strong neighbour may spoil the first rounds: those in the spectrum are now fitted from the beginning
         strong = _strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
         if not strong.size:
             raise
@@ -139,7 +131,7 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
 def _follow(
     part: FloatArray, stretch: Stretch, neighbours: FloatArray, fs: float
 ) -> tuple[list[_Window], _Reference, FloatArray, FloatArray]:
-    """The windows and the reference at the end, the neighbours fitted and those too close."""
+    """Return the windows and the reference of the last round, the neighbours that were fitted and those too close."""
     n_sure = stretch.sure_stop - stretch.start
     omega = 2.0 * np.pi * stretch.frequency_hz
     rate = max(stretch.rate, 1e-4 * omega)
@@ -152,11 +144,11 @@ def _follow(
     def early(reference: _Reference, neighbours: FloatArray) -> list[_Window]:
         return _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
 
-    for _ in range(ROUNDS_ALONE - 1):
+    for _ in range(2):
         reference = _renew(early(reference, neighbours), reference, fs)
     windows = early(reference, neighbours)
     close: list[float] = []
-    for _ in range(MOST_NEIGHBOURS):
+    for _ in range(6):  # neighbours at most
         found, resolved = _next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
         if found is None:
             break
@@ -167,7 +159,7 @@ def _follow(
         else:
             close.append(found)
     reference = _renew(windows, reference, fs)
-    for _ in range(ROUNDS):
+    for _ in range(2):  # later rounds no longer change the reference
         reference = _renew(_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
     return _windows(part, reference, neighbours, fs=fs, until_noise=True), reference, neighbours, np.array(close)
 
@@ -183,16 +175,16 @@ def _strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatAr
 def _windows(
     part: FloatArray, reference: _Reference, neighbours: FloatArray, *, fs: float, until_noise: bool
 ) -> list[_Window]:
-    """Windows from the start on, each half as far from the next as it is long, until the decay meets the noise."""
+    """Return windows that overlap by half, from the start until the decay reaches the noise."""
     windows: list[_Window] = []
-    shortest_hop = max(1, part.size // MOST_WINDOWS)
+    shortest_hop = max(1, part.size // 160)
     first, weak, whole = 0, 0, float(np.ptp(part))
     while first < part.size:
         length = _length(part.size, reference, first, neighbours, fs)
         if first + length > part.size or np.ptp(part[first : first + length]) <= 1e-9 * whole:
             break
         if first == 0:
-            # the decay is fastest known at its start: half a window there, highest at its first sample
+            # the start gets half a window, highest at its first sample
             shortest = round(FEWEST_WINDOW_CYCLES / 1.5 * fs * 2 * np.pi / reference.omega[0])
             short = max(length // 2, min(length, shortest))
             falling = 0.5 * (1.0 + np.cos(np.pi * (np.arange(short) + 0.5) / short))
@@ -227,7 +219,7 @@ def _length(n: int, reference: _Reference, first: int, neighbours: FloatArray, f
 
 
 def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
-    """A smooth reference: frequency and rate as polynomials in the root of the amplitude, through all windows."""
+    """Return a smooth reference: frequency and rate as polynomials in the root of the amplitude, by all windows."""
     from scipy.integrate import cumulative_trapezoid
 
     time = np.arange(reference.phase.size) / fs
@@ -236,7 +228,7 @@ def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Referen
     log_seen = np.interp(centres, time, reference.log_amplitude) + seen
     omega = np.interp(centres, time, reference.omega) + np.imag([w.slope for w in windows])
     rate = np.interp(centres, time, reference.rate) - np.real([w.slope for w in windows])
-    # one level of noise for all: where it seems larger at the start, it is the reference that is wrong there
+    # one noise level for all windows: where it seems larger at the start, the reference is wrong there
     noise = max(float(np.median([w.noise for w in windows])), 1e-300)
     if not np.median(rate) > 0.0:
         raise NotDeterminedError(
@@ -246,7 +238,7 @@ def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Referen
     degree = min(4, max(0, len(windows) // 5))
     by_omega = _smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)
     by_rate = _smooth(root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree)
-    # the amplitude follows its own rate, sample by sample, and passes where the windows say on the whole
+    # the amplitude follows its own rate, sample by sample, and meets those of the windows on average
     order = np.argsort(centres)
     log_of = np.interp(time, centres[order], np.minimum.accumulate(log_seen[order]))
     ahead = max(float(np.median(rate)), 1e-6)
@@ -258,13 +250,13 @@ def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Referen
     log_amplitude = -cumulative_trapezoid(new_rate, dx=1.0 / fs, initial=0.0)
     weight = 1.0 / np.maximum([w.value_std for w in windows], 1e-9) ** 2
     log_amplitude += np.sum(weight * (log_seen - np.interp(centres, time, log_amplitude))) / weight.sum()
-    # far below and far above what was seen there is nothing to follow, and nothing may overflow
+    # limited far outside the amplitudes that were seen, so that nothing overflows
     log_amplitude = np.clip(log_amplitude, log_seen.max() - 40.0, log_seen.max() + 10.0)
     return _Reference(log_amplitude, cumulative_trapezoid(new_omega, dx=1.0 / fs, initial=0.0), new_omega, new_rate)
 
 
 def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
-    """A polynomial of the lowest degree that does (Bayesian criterion), without the points that stand far out."""
+    """Return a polynomial of the degree with the least Bayesian criterion, fitted without outliers."""
     std = np.maximum(std, 1e-9 * np.median(np.abs(y)) + 1e-300)
     keep = np.ones(x.size, dtype=bool)
     best: tuple[float, FloatArray] = (np.inf, np.array([np.median(y)]))
@@ -287,14 +279,14 @@ def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> Float
 def _next_neighbour(
     part: FloatArray, reference: _Reference, windows: list[_Window], known: list[float], fs: float
 ) -> tuple[float | None, bool]:
-    """The strongest of what rings or hums beside the mode and is not known yet, Hz; whether it can be told apart."""
+    """Return the strongest frequency beside the mode that is not known yet, Hz, and whether it can be separated."""
     size, time = part.size, np.arange(part.size) / fs
     main = np.exp(reference.log_amplitude[:size] + 1j * reference.phase[:size])
     windows = sorted(windows, key=lambda window: window.centre)
     centres, values = np.array([w.centre for w in windows]), np.array([w.value for w in windows])
     logs = np.log(np.maximum(np.abs(values), 1e-6)) + 1j * np.unwrap(np.angle(values))
     trust = np.exp(reference.log_amplitude[np.minimum(size - 1, np.round(centres * fs).astype(np.int64))])
-    # a slow curve: what follows the windows one by one would take a beat for the mode's own
+    # a slow curve, for one that follows every window would take up the beat with a neighbour
     degree = min(3, len(windows) // 4)
     shift = [np.polyval(np.polyfit(centres, each, degree, w=trust), time) for each in (logs.real, logs.imag)]
     shift[0] = np.clip(shift[0], logs.real.min(), logs.real.max())
@@ -310,10 +302,10 @@ def _next_neighbour(
     apart &= np.min(np.abs(frequency[:, None] / own - np.array([2.0, 3.0])), axis=1, initial=np.inf) > 0.06
     apart &= np.min(np.abs(frequency[:, None] - np.array(known)), axis=1, initial=np.inf) > width
     apart &= height > max(SMALLEST_NEIGHBOUR * largest, 6.0 * floor)
-    # a window that is longer than the decay itself tells nothing apart
+    # a window that is longer than the decay itself separates nothing
     longest = min(size / fs / 2.5, LONGEST_DECAY / max(rate, 1e-9))
     resolved = np.abs(frequency - own) * longest > RESOLVED
-    # what is close and weak may be what the reference misses of the mode itself
+    # a close and weak peak may be a residual of the mode itself
     found = np.flatnonzero(apart & (resolved | (height > UNRESOLVED * largest)))
     return (float(frequency[found[0]]), bool(resolved[found[0]])) if found.size else (None, False)
 
@@ -359,7 +351,7 @@ def _track(
 
 
 def _pool_noise(noise: FloatArray) -> FloatArray:
-    """The noise is steady from window to window, its estimate from eight numbers is not: a running rms of seven."""
+    """Return a running rms over seven windows: the noise is steady, but its estimate from eight numbers is not."""
     return np.array([np.sqrt(np.mean(noise[max(0, k - 3) : k + 4] ** 2)) for k in range(noise.size)])
 
 
@@ -383,7 +375,7 @@ def _covariance(windows: list[_Window], noise: FloatArray) -> FloatArray:
 
 
 def _find_unexplained(part: FloatArray, windows: list[_Window]) -> float:
-    """Root of the rest over the record, both weighted as the windows are."""
+    """Return the rms of the residual over that of the record, both weighted as in the windows."""
     left = whole = 0.0
     for window in windows:
         y = part[window.first : window.first + window.weight.size]
@@ -395,12 +387,12 @@ def _find_unexplained(part: FloatArray, windows: list[_Window]) -> float:
 def _fit(
     part: FloatArray, first: int, weight: FloatArray, reference: _Reference, neighbours: FloatArray, fs: float
 ) -> _Window:
-    """The weighted least squares of one window, which begins at a sample of the part of the record."""
+    """Fit one window, which begins at the sample `first`, by weighted least squares."""
     inside = slice(first, first + weight.size)
     y = part[inside]
     time = (first + np.arange(weight.size)) / fs
     height = np.exp(reference.log_amplitude[inside])
-    # alpha and beta are uncorrelated about the centre of what carries the information
+    # about the centre of the information alpha and beta are uncorrelated
     centre = float(np.sum(weight * height**2 * time) / np.sum(weight * height**2))
     since = (time - centre) / (weight.size / fs)
     phase = reference.phase[inside]
@@ -426,7 +418,7 @@ def _fit(
     functional = solve[:4] / scale[:4, None]
     alpha_r, alpha_i, beta_r, beta_i = (solution[:4] / scale[:4]).tolist()
     value, slope = complex(alpha_r, alpha_i) or 1e-12 + 0j, complex(beta_r, beta_i)
-    # by the reference, not by the value found: noise that makes it small must not make it trusted less, too
+    # weighted by the reference and not by the value found: noise that makes it small must not also lower its weight
     turn_back = np.exp(-1j * np.angle(value))
     by_value = (functional[0] + 1j * functional[1]) * turn_back
     by_slope = (functional[2] + 1j * functional[3]) * turn_back - (slope / value) * by_value
@@ -448,10 +440,10 @@ def _fit(
 def _noise(
     x: FloatArray, solve: FloatArray, weight: FloatArray, rest: FloatArray, since: FloatArray, turning: FloatArray
 ) -> float:
-    """Standard deviation of the samples that white noise of the level near the mode would have.
+    """Return the standard deviation of the samples if their noise near the mode were white.
 
-    It is what the powers 2 to 5 of time times the mode would take of the rest: their band is that of the mode, and what
-    the reference misses of it is counted as noise.
+    It is estimated from the part of the residual that the mode times the powers 2 to 5 of time would explain: these lie
+    in the band of the mode. Errors of the reference count as noise.
     """
     powers = [turning * (2.0 * since) ** 2]
     for _ in range(3):

@@ -1,12 +1,12 @@
-"""The equation of one mode on the lines of its band, integrated in the frequency domain, and what noise does to it.
+"""The equation of one mode on the lines of its band, integrated in the frequency domain, and the noise of each line.
 
-Eq. (11) of Pacini, line by line. The printed least squares weighs every line alike; away from resonance the
-acceleration's noise is multiplied by |1 + c0/jw + k0/(jw)^2|, 2 zeta at resonance and 0.4 some 20 % away from it, so
-each line is divided by what noise does to it. The band then hardly matters, and damping comes out about twice as sharp.
+It is eq. (11) of Pacini, line by line. The printed least squares gives every line the same weight, but noise of the
+acceleration is multiplied by |1 + c0/jw + k0/(jw)^2|, which is 2 zeta at resonance and 0.4 some 20 % away from it. Here
+each line is divided by its noise: the width of the band then hardly matters, and damping is about twice as precise.
 
 The error of the equation is e = n_f - n_a - c(t) n_v - k(t) n_q: the acceleration's noise n_a, integrated once and
-twice, is multiplied by the tangents k(t) and c(t) at the amplitude of the moment. Regressors and left side share that
-noise; to first order the tangents hold all of it.
+twice, is multiplied by the tangents c(t) and k(t) at the present amplitude. Regressors and left side share that noise;
+to first order the tangents account for all of it.
 """
 
 from __future__ import annotations
@@ -23,19 +23,6 @@ from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.signals.recording import FloatArray
-
-LOWEST, HARMONICS = 0.6, 3.5
-"""The motion is kept between these multiples of the natural frequency, the third harmonic with all of its width. A
-short beat is wide: what is cut off at half-way to the neighbours would be missing in q^3, and k3 wrong by percents."""
-
-SAMPLES_A_PERIOD = 24
-"""Of the mode, at which powers are taken: of a record at four a period the third harmonic of q^3 folds onto it."""
-
-QUIETEST = 1e-7
-"""Of the largest line: no noise is taken for lower, so that simulated tests without noise have weights, too."""
-
-ABOVE_MODES = 1.3
-"""Times the highest natural frequency: lines above it are taken for noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +44,7 @@ class ModeLines:
         v: (n,) velocity, m/s kg^1/2.
         fade: (n,) what every term was multiplied by.
         linear: k0, 1/s^2, and c0, 1/s.
-        kept_hz: what q and v hold, Hz.
+        kept_hz: the band of q and v, Hz.
         fs: sampling rate, Hz.
     """
 
@@ -89,7 +76,7 @@ class ModeLines:
         return float(np.abs(self.v).max())
 
     def only(self, kept: NDArray[np.bool_]) -> ModeLines:
-        """The equation on some of its lines, (m,) True for those."""
+        """Return the equation on some of its lines, those where `kept`, (m,), is True."""
         names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "rest", "indices")
         return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
@@ -111,7 +98,7 @@ class Powers:
 
     @classmethod
     def of(cls, stiffness_order: int, damping_order: int, *, free_linear: bool) -> Powers:
-        """Return those of two orders; InputError for an order outside 1 to 5."""
+        """Return the powers up to two orders; InputError for an order outside 1 to 5."""
         for order in (stiffness_order, damping_order):
             if not 1 <= order <= HIGHEST_ORDER:
                 raise InputError(f"the order is {order}: give 1 (linear) to {HIGHEST_ORDER}")
@@ -124,15 +111,15 @@ class Powers:
         return max(self.k, default=1), max(self.c, default=1)
 
     def columns(self, lines: ModeLines) -> ComplexArray:
-        """(m, n) what each coefficient multiplies on the lines of a test."""
+        """Return the (m, n) regressors of the coefficients on the lines of a test."""
         return np.hstack([lines.stiffness[:, [n - 1 for n in self.k]], lines.damping[:, [n - 1 for n in self.c]]])
 
     def misfit(self, lines: ModeLines, value: FloatArray) -> ComplexArray:
-        """(m,) what coefficients leave of the equation."""
+        """Return the (m,) misfit of the equation for some coefficients."""
         return lines.rest - self.columns(lines) @ value
 
     def tangents(self, lines: ModeLines, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n,) each: tangent stiffness, 1/s^2, and damping, 1/s, at each moment."""
+        """Return tangent stiffness, 1/s^2, and damping, 1/s, at each moment, (n,) each."""
         k, c = (np.full(lines.q.size, linear) for linear in lines.linear)
         for n, each in zip(self.k, value, strict=False):
             k += each * n * np.abs(lines.q) ** (n - 1)
@@ -148,8 +135,8 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         test: starting from rest and decayed to rest at its end, if its ends are not tapered.
         mode: number of the mode, from 1.
         band_hz: lower and upper end, Hz.
-        taper_s: time over which every term of the equation is faded in and out, s. It holds at each moment, so that
-            fading all of its terms alike leaves it true; the integration needs some time from the ends.
+        taper_s: time over which every term of the equation is faded in and out, s. The equation holds at each moment,
+            so it stays true when all of its terms are faded alike, and the ends spoil the integration no more.
 
     Raises:
         InputError: a band outside the record's frequencies or with fewer than eight lines.
@@ -169,7 +156,7 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     fade = _fade(acceleration.size, taper_s * test.fs)
     of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * test.modal_force(mode))
     k0, c0 = float(test.modes.stiffness()[index]), float(test.modes.damping()[index])
-    finer = int(np.ceil(SAMPLES_A_PERIOD * natural_hz / test.fs))
+    finer = int(np.ceil(24 * natural_hz / test.fs))  # to 24 samples a period or more
     stiffness, damping = (_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
     quiet = find_quiet_lines(test.modes, frequency)
     return ModeLines(
@@ -193,24 +180,24 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
 
 
 def integrate_mode(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing far below the mode or its band."""
+    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode by division by j omega, without what lies far off its band."""
     kept_hz = _kept(float(test.modes.frequency_hz[test.modes.index(mode)]), band_hz)
     return _motion(test.modal_acceleration(mode), test.fs, kept_hz)
 
 
 def find_quiet_lines(modes: LinearModes, frequency_hz: FloatArray) -> NDArray[np.bool_]:
-    """Return which lines of a test hold noise alone: those above all modes, or most of all where there are few."""
-    above = frequency_hz > ABOVE_MODES * modes.frequency_hz.max()
+    """Return the lines of a test that hold mainly noise: those above all modes, or all where these are few."""
+    above = frequency_hz > 1.3 * modes.frequency_hz.max()
     return above if above.sum() >= 50 else frequency_hz > 0
 
 
 def find_noise_power(lines: ComplexArray) -> FloatArray:
-    """Return the mean square of noise from lines, (n, ...), most of which are noise: the median is ln 2 of the mean."""
+    """Return the mean square of noise from lines, (n, ...), most of them noise: its median is ln 2 times its mean."""
     return np.median(np.abs(lines) ** 2, axis=0) / np.log(2)
 
 
 def find_line_noise(lines: ModeLines, powers: Powers, value: FloatArray) -> FloatArray:
-    """Return the standard deviation of the equation's error on each line, (m,), by the mean square over time."""
+    """Return the standard deviation of the equation's error on each line, (m,), as an rms over time."""
     k, c = powers.tangents(lines, value)
     omega = 2 * np.pi * lines.frequency_hz
     mean = np.abs(1 + c.mean() / (1j * omega) + k.mean() / (1j * omega) ** 2) ** 2
@@ -224,7 +211,7 @@ def find_noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, 
     n = lines.q.size
     spectrum = np.zeros((n // 2 + 1, gradient.shape[1]), dtype=np.complex128)
     spectrum[lines.indices] = gradient
-    # Re sum conj(G_l) e^(-j omega_l t), one signal a parameter, faded as the terms were
+    # Re sum conj(G_l) e^(-j omega_l t), one signal for each parameter, faded as the terms were
     of_force = 0.5 * n * fft.irfft(spectrum, n, axis=0) * lines.fade[:, None]
     frequency = fft.rfftfreq(n, 1 / lines.fs)
     kept = ((frequency >= lines.kept_hz[0]) & (frequency <= lines.kept_hz[1]))[:, None]
@@ -238,7 +225,11 @@ def find_noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, 
 
 
 def _kept(natural_hz: float, band_hz: tuple[float, float]) -> tuple[float, float]:
-    return min(LOWEST * natural_hz, band_hz[0]), max(HARMONICS * natural_hz, band_hz[1])
+    """Return the band of the motion, which holds the third harmonic with all of its width.
+
+    A short beat is wide: were it cut off half-way to the neighbours, q^3 would lack a part and k3 be wrong by percents.
+    """
+    return min(0.6 * natural_hz, band_hz[0]), max(3.5 * natural_hz, band_hz[1])
 
 
 def _motion(acceleration: FloatArray, fs: float, kept_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
@@ -255,7 +246,10 @@ def _fade(n: int, taper: float) -> FloatArray:
 
 
 def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
-    """Transforms of the powers, taken of a motion made finer: their harmonics must not fold back onto the mode."""
+    """Return transforms of the powers of a motion that is resampled, so that no harmonic folds back onto the mode.
+
+    At four samples a period, the third harmonic of q^3 would.
+    """
     n = motion.size
     spectrum = np.zeros(finer * n // 2 + 1, dtype=np.complex128)
     spectrum[: n // 2 + 1] = fft.rfft(motion)
@@ -266,6 +260,7 @@ def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
 
 
 def _noise_of_lines(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
-    """Standard deviation of a line by the sensor's noise."""
-    least = QUIETEST * float(np.abs(spectrum).max())
+    """Return the standard deviation of a line by the sensor's noise."""
+    # simulated tests without noise need finite weights, too
+    least = 1e-7 * float(np.abs(spectrum).max())
     return max(float(np.sqrt(find_noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""Voltages that drive a shaker: sine beats, designed by both rules of the paper (Pacini section 3.1), shaped sweeps."""
+"""Voltages that drive a shaker: sine beats by both rules of the paper (Pacini section 3.1), and shaped sweeps."""
 
 from __future__ import annotations
 
@@ -17,23 +17,15 @@ from opid.signals.spectra import Window
 
 SweepKind = Literal["linear", "logarithmic"]
 
-FEWEST_PERIODS = 3.0
-"""Of the sine in a beat: with fewer its spectrum has no peak at the centre frequency to speak of."""
-
-HIGHEST_RATE = 1 / 2.56
-"""Of the sampling rate: what a data acquisition with the usual filters still records whole."""
-
-ALIKE = 1e-6
-"""Of a natural frequency: modes nearer to each other are at one frequency."""
+FEWEST_PERIODS = 3.0  # of the sine in a beat: with fewer its spectrum has no clear peak at the centre frequency
+HIGHEST_RATE = 1 / 2.56  # fraction of the sampling rate that the usual filters of a data acquisition let pass
+N_FINE = 4096  # samples at which the spectrum of a window is computed
 
 COUNTS_SAMPLES = (
     *("gaussian", "gauss", "gss", "general gaussian", "general_gaussian", "general gauss", "general_gauss", "ggs"),
     *("exponential", "poisson"),
 )
-"""Windows of scipy whose width counts samples: they do not scale with time."""
-
-N_FINE, FINER, WIDEST = 4096, 32, 96
-"""Samples of a window whose spectrum is looked at, its lines within 1/T, and how far it is searched, in 1/T."""
+"""Windows of scipy whose width is a number of samples, so that they do not scale with time."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,7 @@ class BeatDesign:
         above_hz: likewise upwards.
         first_minimum_hz: distance from the centre to the first minima of its spectrum, Hz.
         main_lobe_hz: width of the main lobe that was designed, Hz.
-        reason: the rule and what decided, one sentence.
+        reason: the rule and the neighbours or the band that decided, one sentence.
     """
 
     beat: SineBeat
@@ -118,7 +110,7 @@ def sine_beat_voltage(beat: SineBeat, fs: float) -> FloatArray:
     n_samples = max(2, round((beat.lead_s + beat.duration_s + beat.tail_s) * fs))
     lead, length = round(beat.lead_s * fs), round(beat.duration_s * fs)
     time_s = np.arange(length + 1) / fs
-    # the window ends on its last sample, as it begins on its first
+    # the window has its ends on the first and the last sample
     shape = _window_samples(beat.window, length + 1) * np.sin(2 * np.pi * beat.centre_hz * time_s)
     voltage = np.zeros(max(n_samples, lead + 1))
     inside = min(shape.size, voltage.size - lead)
@@ -161,7 +153,8 @@ def beat_between_neighbours(
 ) -> BeatDesign:
     """Return the beat whose spectrum has its first minima on the neighbouring modes (Pacini section 3.1, rule 1).
 
-    The two distances differ as a rule; the nearer elastic neighbour decides, the other lies beyond the first minimum.
+    The distances to the two usually differ: the nearer elastic neighbour decides, and the other lies beyond the first
+    minimum.
 
     Args:
         modes: the linear modes.
@@ -169,7 +162,7 @@ def beat_between_neighbours(
         window: as in `SineBeat`.
         amplitude: peak of the window, V.
         lead_s: quiet time before it, s.
-        tail_s: quiet time after it, s; what the mode takes to decay to 1e-4 where left out.
+        tail_s: quiet time after it, s; where left out, the time in which the mode decays to 1e-4.
 
     Raises:
         InputError: a rigid-body mode, no other elastic mode, a neighbour at the same frequency, or one so far that the
@@ -181,7 +174,7 @@ def beat_between_neighbours(
     (0.4, 10.0, 20.0)
     """
     centre = _elastic_frequency(modes, mode)
-    if np.count_nonzero(np.abs(modes.frequency_hz - centre) < ALIKE * centre) > 1:
+    if np.count_nonzero(np.abs(modes.frequency_hz - centre) < 1e-6 * centre) > 1:
         raise InputError(
             f"mode {mode} has a neighbour at its own frequency, {centre:.5g} Hz: no beat can excite it alone"
         )
@@ -226,7 +219,7 @@ def beat_over_drive_point_peak(
         window: as in `SineBeat`.
         amplitude: peak of the window, V.
         lead_s: quiet time before it, s.
-        tail_s: quiet time after it, s; what the mode takes to decay to 1e-4 where left out.
+        tail_s: quiet time after it, s; where left out, the time in which the mode decays to 1e-4.
 
     Raises:
         InputError: a rigid-body mode, one that does not move at the drive point, a response to another drive point or
@@ -271,7 +264,7 @@ def shaped_sweep(
         stop_hz: frequency at the end, Hz; below `start_hz` for a sweep downwards.
         duration_s: length, s.
         fs: sampling rate, Hz.
-        kind: "linear" with as many hertz a second throughout, "logarithmic" with as many octaves.
+        kind: "linear" for a constant number of hertz a second, "logarithmic" for one of octaves a second.
         fade_s: time in which the amplitude rises at the beginning, and falls at the end, as a half cosine, s.
 
     Raises:
@@ -322,12 +315,13 @@ def first_minimum_hz(window: Window, duration_s: float) -> float:
     from scipy import optimize
 
     _require_positive("duration_s", duration_s)
-    value = np.abs(np.fft.rfft(_fine_window(window), FINER * N_FINE)[: WIDEST * FINER])
+    finer = 32  # lines within 1/T; the first 96/T are searched
+    value = np.abs(np.fft.rfft(_fine_window(window), finer * N_FINE)[: 96 * finer])
     falls = np.diff(value)
     turns = np.flatnonzero((falls[:-1] < 0) & (falls[1:] >= 0))
     if not turns.size:
         raise InputError(f"the spectrum of the window {window!r} has no minimum: take another window")
-    bounds = turns[0] / FINER, (turns[0] + 2) / FINER
+    bounds = turns[0] / finer, (turns[0] + 2) / finer
     height = _spectrum(window)
     found = optimize.minimize_scalar(height, bounds=bounds, method="bounded", options={"xatol": 1e-9})
     return float(found.x) / duration_s
@@ -359,13 +353,13 @@ def _fine_window(window: Window) -> FloatArray:
 
 
 def _spectrum(window: Window) -> Callable[[float], float]:
-    """Magnitude of a window's spectrum over that at its centre, as a function of the distance in 1/T."""
+    """Return the magnitude of a window's spectrum over that at its centre, as a function of the distance in 1/T."""
     shape, position = _fine_window(window), np.arange(N_FINE + 1) / N_FINE - 0.5
     return lambda distance: float(abs(np.exp(-2j * np.pi * distance * position) @ shape) / abs(shape.sum()))
 
 
 def _window_samples(window: Window, n_samples: int) -> FloatArray:
-    """The samples of a window from its first to its last."""
+    """Return the samples of a window, both ends included."""
     from scipy import signal
 
     name = window if isinstance(window, str) else window[0]
@@ -402,7 +396,7 @@ def _design(
 def _peak_band(
     modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, fraction: float
 ) -> tuple[float, float]:
-    """Where the imaginary part of the drive point's response is large around a mode, Hz."""
+    """Return the band around a mode where the imaginary part of the drive point's response is large, Hz."""
     index = modes.index(mode)
     centre = float(modes.frequency_hz[index])
     if abs(modes.row(drive_point)[index]) < 1e-6 * np.abs(modes.shapes[:, index]).max():
@@ -437,7 +431,7 @@ def _peak_band(
 
 
 def _crossing(line: FloatArray, height: FloatArray, level: float) -> float:
-    """Where the height first falls below a level, between two lines; the last line if it never does."""
+    """Return where the height first falls below a level, between two lines; the last line if it never does."""
     under = np.flatnonzero(~(height[1:] >= level))
     if not under.size:
         return float(line[-1])

@@ -1,4 +1,4 @@
-"""One mode from the tests that move it to its restoring force, with what it rests on."""
+"""The restoring force of one mode, from the tests that move it, with force curves and warnings."""
 
 from __future__ import annotations
 
@@ -27,23 +27,8 @@ from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.signals.recording import FloatArray
 
-N_CURVE = 101
-"""Points of a force curve."""
-
-ROUGH_ORDER = 3
-"""Of the fit that shows how far the frequency of a mode moves."""
-
-MASS_RANGE = (0.5, 2.0)
-"""Modal mass that tests may show: outside, shapes or force are in another unit and nothing fitted would hold."""
-
-WARNED_MASS = 0.05
-"""Departure of the modal mass from 1 that is warned of."""
-
-WIDEST_BAND = 0.3
-"""Half width of a force curve's band where it ends, over the force: wider, the orders are too high."""
-
-MOST_UNEXPLAINED = 0.5
-"""Of the modal force: what a fit may leave without a warning."""
+N_CURVE = 101  # points of a force curve
+MASS_RANGE = (0.5, 2.0)  # modal mass that tests may show; outside it, shapes or force have another unit
 
 UNITS = {
     "a force in lbf taken for N": 0.2248,
@@ -65,7 +50,7 @@ class ForceCurve:
         force: (n,) N/kg^1/2, without the linear part.
         low: (n,) lower end of the band.
         high: (n,) upper end.
-        linear: (n,) k0 q or c0 q', what the nonlinear part stands beside.
+        linear: (n,) the linear part, k0 q or c0 q'.
     """
 
     position: FloatArray
@@ -104,7 +89,7 @@ class ModeFit:
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
-        warnings: what to doubt.
+        warnings: one sentence for each reason to doubt the fit.
     """
 
     mode: int
@@ -167,8 +152,8 @@ def fit_mode(
         mode: number of the mode, from 1.
         stiffness_order: N_s, 1 to 5; chosen by cross-validation where None.
         damping_order: N_d likewise.
-        free_linear: whether k0 and c0 are corrected; decided by the data where None.
-        band_hz: lines to fit, Hz; where the tests have energy, up to most of the way to the neighbours, where None.
+        free_linear: whether k0 and c0 are corrected; the data decide where None.
+        band_hz: lines to fit, Hz; where None, the band in which the tests have energy, well off the neighbours.
         taper_s: time over which the ends of every test are faded out, s: for records that do not begin and end at rest.
 
     Raises:
@@ -205,7 +190,7 @@ def fit_mode(
 def _orders(
     lines: Sequence[ModeLines], given: Mapping[str, int | None], free: bool
 ) -> tuple[tuple[OrderRung, ...], dict[str, int]]:
-    """The pairs of orders that were tried, none where both are given, and the one that was chosen."""
+    """Return the pairs of orders that were tried, none where both are given, and the pair that was chosen."""
     chosen = {name: order for name, order in given.items() if order is not None}
     tried = () if len(chosen) == 2 else search_orders(lines, **chosen, free_linear=free)
     for rung in tried:
@@ -256,10 +241,10 @@ def _mode_fit(
 
 
 def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
-    """The band in which the tests move the mode, and where its frequency goes at their largest amplitude."""
+    """Return the band in which the tests move the mode, with its frequency at their largest amplitude inside."""
     low, high = find_band(tests, mode)
     lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
-    rough = fit_coefficients(lines, stiffness_order=ROUGH_ORDER, damping_order=ROUGH_ORDER)
+    rough = fit_coefficients(lines, stiffness_order=3, damping_order=3)
     amplitude = np.array([max(each.largest_q for each in lines)])
     k0, c0 = lines[0].linear
     omega, damping = _at_amplitude(rough, (k0, c0), amplitude, 0.25 * k0)
@@ -272,7 +257,7 @@ def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float,
 def _at_amplitude(
     found: Coefficients, linear: tuple[float, float], amplitude: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Natural frequency, rad/s, and c = 2 zeta omega at amplitudes of the displacement; omega^2 is `least` or more."""
+    """Return natural frequency, rad/s, and c = 2 zeta omega at displacement amplitudes; omega^2 is `least` or more."""
     powers, n_k = found.powers, len(found.powers.k)
     omega = np.sqrt(np.maximum(linear[0] + linearised(powers.k, found.value[:n_k], amplitude), least))
     return omega, linear[1] + linearised(powers.c, found.value[n_k:], omega * amplitude)
@@ -281,7 +266,7 @@ def _at_amplitude(
 def _curve(
     powers: tuple[int, ...], value: FloatArray, covariance: FloatArray, largest: float, linear: float
 ) -> ForceCurve:
-    """The nonlinear force; a corrected k0 or c0 moves the linear part, not the curve beside it."""
+    """Return the nonlinear force; a correction of k0 or c0 changes the linear part only."""
     position = np.linspace(0.0, largest, N_CURVE)
     columns = np.stack([(n > 1) * position**n for n in powers], axis=1) if powers else np.zeros((N_CURVE, 0))
     force = columns @ value
@@ -292,7 +277,7 @@ def _curve(
 
 def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
     value, std = float(fit.modal_mass.value or 0.0), float(fit.modal_mass.std or 0.0)
-    if abs(value - 1) > max(WARNED_MASS, 4 * std):
+    if abs(value - 1) > max(0.05, 4 * std):
         yield (
             f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it is "
             "1: the scale of its shape or of the force is off, or the drive point, and with it the amplitudes"
@@ -300,7 +285,7 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
     for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):
         largest = np.abs(curve.force).max()
         half = 0.5 * (curve.high[-1] - curve.low[-1]) / largest if largest else 0.0
-        if half > WIDEST_BAND:
+        if half > 0.3:
             yield (
                 f"mode {fit.mode}: the nonlinear {word} force is known to +-{100 * half:.0f} % (95 %) at the "
                 f"largest amplitude: the data cannot tell it, lower {word}_order or test at higher levels"
@@ -311,7 +296,7 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
             f"mode {fit.mode}: the fitted spring has no positive stiffness at the largest amplitude: do not go beyond "
             "it"
         )
-    if fit.residual_share > MOST_UNEXPLAINED:
+    if fit.residual_share > 0.5:
         yield (
             f"mode {fit.mode}: the fit leaves {100 * fit.residual_share:.0f} % of the modal force unexplained: the "
             "mode is not alone in its band, or its linear properties belong to another state of the structure"

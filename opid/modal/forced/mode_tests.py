@@ -1,8 +1,8 @@
-"""Which tests tell about a mode, in which band, and what speaks against them.
+"""Which tests can identify a mode, in which band, and the checks that a test must pass.
 
-A test must have decayed, with energy and enough motion in the band. The shapes must explain what the sensors saw: a
-swapped row, a wrong sign, a missing mode show without a force. Other modes that answer at multiples of the frequency
-under test are what a nonlinear modal model cannot hold.
+A test must have decayed, with energy and enough motion in the band. The shapes must explain the motion of the sensors,
+which reveals a swapped row, a wrong sign or a missing mode, even without a force. A nonlinear modal model cannot
+represent modes that respond at multiples of the frequency under test: they are warned of.
 """
 
 from __future__ import annotations
@@ -19,45 +19,13 @@ from opid.modal.linear.modes import LinearModes, ModalTest, with_sensors
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
 
-WIDEST = (0.6, 1.5)
-"""The band of a mode at the widest, in natural frequencies."""
-
-TO_NEIGHBOUR = 0.8
-"""Of the way to a neighbour, where the band ends at the latest: the modal filter leaves little of it, and the frequency
-of a nonlinear mode goes there."""
-
-LEAST_LINE = 0.01
-"""Of the largest line of the modal acceleration: what is below it holds nothing of the mode."""
-
-HALF_WIDTHS = 4.0
-"""Half-power bandwidths on either side of the natural frequency that the band holds at least."""
-
-MOST_LEFT, WARNED_LEFT = 0.05, 0.01
-"""Of the largest motion: what may be left at the ends of a record that is to begin and end at rest."""
-
-THIRD = 3.1
-"""Natural frequencies that a record holds at least, for the third harmonic with some of its width."""
-
-LEAST_SIGNAL = 3.0
-"""Force in the band over its noise, rms: with less there is no energy in it."""
-
-PART_OF_LARGEST = 0.1
-"""A mode without tests of its own is fitted to those that reach this fraction of its largest amplitude."""
-
-WARNED_OUTSIDE, MOST_OUTSIDE = 0.1, 0.5
-"""Of the motion in the band, rms, outside of what the shapes can do: warned of, and refused."""
-
-MULTIPLES = (2, 3)
-"""Of the frequency under test, at which other modes are looked for."""
-
-LEAST_ANSWER = 0.3
-"""Of the motion of the mode under test, rms of modal accelerations: what another mode must reach to be named."""
-
-MOST_DRIVEN = 0.3
-"""Of what is observed: what the force may have driven by itself (the shaker has harmonics, too)."""
+WIDEST = (0.6, 1.5)  # ends of the widest band of a mode, in natural frequencies
+HALF_WIDTHS = 4.0  # half-power bandwidths on either side of the natural frequency that the band always holds
+LEAST_SIGNAL = 3.0  # force or motion in the band over its noise, rms, that a test needs
+WARNED_OUTSIDE, MOST_OUTSIDE = 0.1, 0.5  # rms fraction of the motion that no shapes make: warned of, and refused
 
 Remarks = tuple[list[str], list[str]]
-"""Why something cannot be used, and what to be warned of where it can; one clause each."""
+"""Reasons why a test cannot be used, and warnings where it can; one clause each."""
 
 
 def select_tests(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]) -> tuple[ModalTest, ...]:
@@ -68,19 +36,22 @@ def select_tests(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]
 
 
 def select_tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
-    """Return the tests of other modes that move a mode that has none of its own, the strongest and those near it."""
+    """Return tests of other modes for a mode that has none: those that reach a tenth of its largest amplitude."""
     energies = [(each.test, _energy(each.test, mode)) for each in tests if each.mode is None]
-    least = PART_OF_LARGEST**2 * max((energy for _, energy in energies), default=0.0)
+    least = 0.1**2 * max((energy for _, energy in energies), default=0.0)
     return tuple(test for test, energy in energies if energy >= least > 0)
 
 
 def find_largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
-    """Return which of some modes a test moves most, by kinetic energy."""
+    """Return the one of some modes that a test moves most, by kinetic energy."""
     return modes[int(np.argmax([_energy(test, mode) for mode in modes]))]
 
 
 def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
-    """Return the band in which some test moves a mode, Hz: no further than most of the way to the neighbours."""
+    """Return the band in which some test moves a mode, Hz; it ends before the neighbouring modes.
+
+    Lines below a hundredth of the largest one hold nothing of the mode.
+    """
     lows, highs = [], []
     for test in tests:
         index, acceleration = test.modes.index(mode), test.modal_acceleration(mode)
@@ -88,7 +59,7 @@ def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
         least, most = _limits(test.modes, mode)
         frequency, spectrum = fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
         inside = (frequency >= least) & (frequency <= most)
-        with_energy = frequency[inside][spectrum[inside] >= LEAST_LINE * spectrum[inside].max(initial=0.0)]
+        with_energy = frequency[inside][spectrum[inside] >= 0.01 * spectrum[inside].max(initial=0.0)]
         width = 2 * HALF_WIDTHS * damping * natural
         lows.append(max(least, min(natural - width, with_energy.min(initial=natural))))
         highs.append(min(most, max(natural + width, with_energy.max(initial=natural))))
@@ -96,7 +67,7 @@ def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
 
 
 def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float) -> Remarks:
-    """Return whether a test, with its equation in a band, tells about a mode; `taper_s` fades its ends out."""
+    """Return the remarks on a test of a mode, from its equation in a band; `taper_s` fades its ends out."""
     faults, warnings = [], []
     if _rms(lines.force) < LEAST_SIGNAL * lines.noise_force:
         faults.append(
@@ -109,17 +80,17 @@ def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[floa
         )
     left, word = (0.0, "") if taper_s else _left_over(test, lines, mode, band_hz)
     clause = f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record"
-    if left > MOST_LEFT:
+    if left > 0.05:
         faults.append(
             f"{clause} from rest until the mode has decayed, or fade the ends out in Python (taper_s of fit_mode)"
         )
-    elif left > WARNED_LEFT:
+    elif left > 0.01:
         warnings.append(f"{clause} longer")
     return faults, warnings
 
 
 def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Remarks:
-    """Return whether a test moves in the shapes in the band of a mode."""
+    """Return the remarks on whether the shapes can make the motion of a test in the band of a mode."""
     outside, cause = measure_outside_shapes(test, band_hz)
     hint = cause or "check the order, signs and units of the sensors, and whether a mode is missing"
     motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} about mode {mode}"
@@ -128,11 +99,11 @@ def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Re
 
 
 def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
-    """Return the fraction of the motion that no sum of the shapes can make, and what would lower it most.
+    """Return the fraction of the motion that no sum of the shapes can make, and a clause on its likeliest cause.
 
-    |x - Phi pinv(Phi) x| / |x| over the lines of a band without the part of the sensors' noise; 0 where there are no
-    more sensors than modes, and nothing shows. The clause names the sensor whose sign or whose row is the
-    likeliest cause, and is "" where none stands out.
+    The fraction is |x - Phi pinv(Phi) x| / |x| over the lines of a band, without the part of the sensors' noise; it is
+    0 where there are no more sensors than modes. The clause names the sensor whose sign is wrong, or the two whose rows
+    are exchanged; it is "" where no such cause stands out.
     """
     sensors = test.sensors
     shapes = with_sensors(test.modes, sensors).shapes
@@ -171,8 +142,8 @@ def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tup
 
 
 def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
-    """Yield that tests are sampled too slowly for the third harmonic of a mode, all in one clause."""
-    needed = {test: 2 * THIRD * float(test.modes.frequency_hz[test.modes.index(mode)]) for test in tests}
+    """Yield one clause if some tests are sampled too slowly for the third harmonic of a mode with some of its width."""
+    needed = {test: 2 * 3.1 * float(test.modes.frequency_hz[test.modes.index(mode)]) for test in tests}
     slow = [test for test in tests if test.fs < needed[test]]
     if slow:
         yield (
@@ -184,13 +155,14 @@ def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
 def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Iterator[str]:
     """Yield the modes that move at twice or three times the band of a mode, more than the force can have moved them.
 
-    A modal model takes its modes to be uncoupled; such motion shows that they are not (Pacini, section 4.2.2, where
-    force appropriation gives the proof: `opid.modal.modal_interaction`).
+    The modes of a modal model are uncoupled; such motion shows that these are coupled (Pacini, section 4.2.2, where
+    force appropriation proves it: `opid.modal.modal_interaction`). A mode is named if it moves at least 0.3 times as
+    much as the mode under test, and the force explains less than 0.3 of that, for a shaker has harmonics, too.
     """
     index = test.modes.index(mode)
     frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
     spectra = fft.rfft(test.acceleration, axis=0)
-    # what the force alone makes of linear modes
+    # how the force alone would move linear modes
     forces = [test.modal_force(number + 1) for number in range(test.modes.n_modes)]
     driven = accelerance(test.modes, frequency) * fft.rfft(np.stack(forces, axis=1), axis=0)
 
@@ -199,12 +171,12 @@ def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]
         return np.sqrt(np.sum(np.abs(spectra[inside]) ** 2, axis=0))
 
     target = rms_in(spectra, 1)[index]
-    for multiple in MULTIPLES:
+    for multiple in (2, 3):
         seen, own = rms_in(spectra, multiple), rms_in(driven, multiple)
-        telling = (seen > LEAST_ANSWER * target) & (own < MOST_DRIVEN * seen) & test.modes.elastic
-        telling[index] = False
-        if telling.any():
-            other = int(np.argmax(np.where(telling, seen, 0.0)))
+        coupled = (seen > 0.3 * target) & (own < 0.3 * seen) & test.modes.elastic
+        coupled[index] = False
+        if coupled.any():
+            other = int(np.argmax(np.where(coupled, seen, 0.0)))
             by_force = 100 * own[other] / seen[other]
             yield (
                 f"mode {other + 1} moves at {multiple} times the frequency of mode {mode} in test {test.name!r}, "
@@ -214,17 +186,21 @@ def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]
 
 
 def _energy(test: ModalTest, mode: int) -> float:
-    """Mean square of the modal velocity that one mode has in its band, a part of the kinetic energy."""
+    """Return the mean square of the velocity of a mode in its band, a measure of its kinetic energy."""
     _, velocity = integrate_mode(test, mode, _limits(test.modes, mode))
     return float(np.mean(velocity**2))
 
 
 def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
-    """Most of the way to the neighbours, but never so near that the mode's own resonance is cut."""
+    """Return the outermost ends of the band of a mode, Hz.
+
+    It goes 0.8 of the way to the neighbours, for the frequency of a nonlinear mode moves and the modal filter leaves
+    little of them. It always holds the mode's own resonance.
+    """
     index = modes.index(mode)
     natural = float(modes.frequency_hz[index])
     own = HALF_WIDTHS * 2 * float(modes.damping_ratio[index]) * natural
-    low, high = (natural + TO_NEIGHBOUR * (neighbour - natural) for neighbour in modes.neighbours_hz(mode))
+    low, high = (natural + 0.8 * (neighbour - natural) for neighbour in modes.neighbours_hz(mode))
     low, high = max(low, WIDEST[0] * natural), min(high, WIDEST[1] * natural)
     return max(min(low, natural - own), 0.1 * natural), min(max(high, natural + own), 3 * natural)
 
@@ -234,12 +210,12 @@ def _rms(lines: ComplexArray) -> float:
 
 
 def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float]) -> tuple[float, str]:
-    """Motion at the ends of a record over the largest one, without what is noise, and a word for the worse end."""
+    """Return the motion at an end of a record over the largest motion, without noise, and a verb for the worse end."""
     _, velocity = integrate_mode(test, mode, band_hz)
     period = test.fs / test.modes.frequency_hz[test.modes.index(mode)]
     n = max(round(5 * period), velocity.size // 100, 8)
     first = max(round(period), 8)  # an impact may come early
-    # what the noise of the band's lines makes of any sample
+    # the variance of a sample by the noise of the band's lines
     noise = 2 * np.sum((lines.noise_inertia / (2 * np.pi * lines.frequency_hz)) ** 2) / velocity.size**2
     begin, end = (float(np.sqrt(2 * max(np.mean(part**2) - noise, 0.0))) for part in (velocity[:first], velocity[-n:]))
     largest = float(np.abs(velocity).max()) or 1.0

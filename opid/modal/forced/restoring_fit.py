@@ -1,7 +1,7 @@
 """The restoring force of one mode from the tests that excite it (Pacini section 3.3): its coefficients and orders.
 
-All tests are stacked. How many powers a mode needs is found by cross-validation over tests, or over lines where there
-are few tests.
+All tests are stacked. Cross-validation over tests, or over lines where there are few tests, tells how many powers a
+mode needs.
 """
 
 from __future__ import annotations
@@ -18,17 +18,9 @@ from opid.modal.forced.equation import ModeLines, Powers, find_line_noise, find_
 from opid.modal.power_laws import HIGHEST_ORDER, harmonic_factor
 from opid.signals.recording import FloatArray
 
-N_ROUNDS = 2
-"""Of the weights, which depend on the tangents that the fit finds."""
-
-LARGEST_CONDITION = 1e6
-"""Of the scaled columns: beyond it they are copies of each other on these tests."""
-
-PARSIMONY = 0.01
-"""Of the error: what a further power must win on tests that were left out."""
-
-N_BLOCKS = 5
-"""Parts of a band that are left out in turn where there are fewer than three tests."""
+LARGEST_CONDITION = 1e6  # of the scaled columns, beyond which these tests cannot tell the powers apart
+PARSIMONY = 0.01  # fraction of the error that a further power must save on tests that were left out
+N_BLOCKS = 5  # parts of a band that are left out in turn where there are fewer than three tests
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +34,7 @@ class Coefficients:
         condition_raw: of the columns as they are.
         condition_scaled: of the columns scaled to unit norm.
         residual_share: rms of the misfit over that of the modal force, in the band.
-        noise: for each test (m,), what each line was divided by: the noise, and what the model misses beyond it.
+        noise: for each test (m,), what each line was divided by: its noise and the misfit of the model beyond it.
     """
 
     powers: Powers
@@ -74,7 +66,7 @@ class OrderRung:
         damping_order: N_d.
         error: misfit of the tests that were left out, over the modal force (rms).
         error_std: standard error of that, from test to test.
-        chosen: whether it is the one.
+        chosen: whether this pair was chosen.
     """
 
     stiffness_order: int
@@ -89,17 +81,17 @@ def fit_coefficients(
 ) -> Coefficients:
     """Fit k_n and c_n to the lines of all tests by least squares (Pacini eq. 12 with the columns of eq. 11).
 
-    Every line is divided by the standard deviation that the sensors' noise gives it; where a test misses the model by
-    more than that, by the two together. `fit_unweighted` is the printed least squares.
+    Every line is divided by its standard deviation due to the sensors' noise, and where the misfit of a test is larger
+    than that, by the two together. `fit_unweighted` is the printed least squares.
 
     Args:
-        lines: one a test.
+        lines: those of each test.
         stiffness_order: N_s, 1 to 5; 1 has no nonlinear stiffness.
         damping_order: N_d likewise.
         free_linear: whether the powers 1 are fitted, too: corrections of k0 and c0.
 
     Raises:
-        InputError: an order outside 1 to 5, or more coefficients than the lines can tell.
+        InputError: an order outside 1 to 5, or more coefficients than the lines can determine.
     """
     powers = Powers.of(stiffness_order, damping_order, free_linear=free_linear)
     value = _solve_by_noise(lines, powers)
@@ -117,7 +109,7 @@ def fit_unweighted(
     """Fit k_n and c_n as printed: every line of every test with the same weight (Pacini eq. 12).
 
     Args:
-        lines: one a test.
+        lines: those of each test.
         stiffness_order: N_s.
         damping_order: N_d.
         free_linear: whether the powers 1 are fitted, too.
@@ -132,15 +124,15 @@ def fit_unweighted(
 def fit_modal_mass(lines: Sequence[ModeLines]) -> Estimate:
     """Return the mass that the tests show for a mode whose shape is mass-normalised, where it should be 1.
 
-    The inertia force gets a factor of its own beside free linear and nonlinear terms up to the third power. A shape
-    that is s times too large gives s^2, a force that is g times too large g.
+    The inertia force gets a factor of its own beside free linear and nonlinear terms up to the third power. The factor
+    is s^2 for a shape that is s times too large, and g for a force that is g times too large.
     """
     powers = Powers.of(3, 3, free_linear=True)
     columns = [np.column_stack([each.inertia, powers.columns(each)]) for each in lines]
     forces = [each.force for each in lines]
     noise = [find_line_noise(each, Powers((), ()), np.zeros(0)) for each in lines]
     found = _solve(columns, forces, noise)
-    # its uncertainty need not be exact: white residuals, as large as they are
+    # a rough standard deviation is enough: the residuals are taken as white
     matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
     residual = _stack(forces, noise) - matrix @ found
@@ -149,7 +141,7 @@ def fit_modal_mass(lines: Sequence[ModeLines]) -> Estimate:
 
 
 def linearised(powers: Iterable[int], value: Iterable[float], amplitude: FloatArray) -> FloatArray:
-    """Return sum value_n a_n A^(n-1): what a coefficient adds to k0 or c0 at an amplitude (harmonic linearisation).
+    """Return sum value_n a_n A^(n-1), which is added to k0 or c0 at an amplitude (harmonic linearisation).
 
     Args:
         powers: of the coefficients.
@@ -169,11 +161,11 @@ def search_orders(
     damping_order: int | None = None,
     free_linear: bool = False,
 ) -> tuple[OrderRung, ...]:
-    """Return every pair of orders with its error on what was left out; one is chosen.
+    """Return every pair of orders with its error on data that were left out; one of them is chosen.
 
-    With three tests and more each is left out in turn, except that with the largest motion: beyond it no polynomial
-    can be asked. With fewer, interleaved blocks of lines are left out. The fewest powers are chosen whose error is
-    within one standard error and 1 % of the least one.
+    With three tests or more each is left out in turn, except the one with the largest motion, to which a polynomial
+    would have to be extrapolated. With fewer, interleaved blocks of lines are left out. The fewest powers are chosen
+    whose error is within one standard error and 1 % of the least one.
     """
     folds = _make_folds(lines)
     errors: dict[tuple[int, int], np.ndarray] = {}
@@ -184,13 +176,13 @@ def search_orders(
                 powers = Powers.of(n_s, n_d, free_linear=free_linear)
                 errors[n_s, n_d] = np.array([_left_out(kept, out, powers) for kept, out in folds])
             except InputError:
-                continue  # too many for what is kept
+                continue  # too many coefficients for the lines that are left
     if not errors:
         raise InputError("no order can be fitted to so few lines: give longer or more tests")
     mean = {orders: float(np.sqrt(np.mean(each**2))) for orders, each in errors.items()}
     best = min(mean, key=lambda orders: (mean[orders], sum(orders)))
     root = len(folds) ** 0.5
-    # from fold to fold, against the best: what all folds share does not count
+    # the differences from the best, fold by fold: errors that all folds share do not count
     near = [
         orders
         for orders, each in errors.items()
@@ -204,10 +196,10 @@ def search_orders(
 
 
 def is_linear_part_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_order: int) -> bool:
-    """Whether the tests demand that k0 and c0 be corrected (Bayesian information criterion, two parameters)."""
+    """Return whether the tests demand corrections of k0 and c0 (Bayesian information criterion, two parameters)."""
     orders = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     fixed, free = (fit_coefficients(lines, **orders, free_linear=is_free) for is_free in (False, True))
-    # both are judged by the weights of the freer one
+    # both fits are judged with the weights of the freer one
     chi2 = [
         sum(
             float(np.sum(np.abs(fit.powers.misfit(each, fit.value) / noise) ** 2))
@@ -221,7 +213,7 @@ def is_linear_part_off(lines: Sequence[ModeLines], *, stiffness_order: int, damp
 
 
 def sum_lagged_products(scores: FloatArray, reach: int) -> FloatArray:
-    """Return the covariance of the sum of scores, (n, p), that go together up to a lag, with Bartlett's weights.
+    """Return the covariance of the sum of scores, (n, p), that are correlated up to a lag, with Bartlett's weights.
 
     Newey and West 1987, Econometrica 55, 703-708.
     """
@@ -233,7 +225,7 @@ def sum_lagged_products(scores: FloatArray, reach: int) -> FloatArray:
 
 
 def _solve_by_noise(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
-    """The coefficients, weighted by the sensors' noise alone."""
+    """Return the coefficients, every line weighted by the sensors' noise alone."""
     n_lines, n = sum(each.frequency_hz.size for each in lines), len(powers.k) + len(powers.c)
     if n_lines < 4 * n:
         raise InputError(
@@ -241,7 +233,7 @@ def _solve_by_noise(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
             f"and damping_order ({powers.orders[1]}), or give longer tests"
         )
     columns, rests, value = [powers.columns(each) for each in lines], [each.rest for each in lines], np.zeros(n)
-    for _ in range(N_ROUNDS):
+    for _ in range(2):  # the weights depend on the tangents, which the fit finds
         value = _solve(columns, rests, [find_line_noise(each, powers, value) for each in lines])
     return value
 
@@ -261,7 +253,7 @@ def _make_folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[
 
 
 def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], powers: Powers) -> float:
-    """Misfit of what was left out over its modal force, in lines weighted by their noise."""
+    """Return the misfit of the lines that were left out over their modal force, all weighted by their noise."""
     value = _solve_by_noise(kept, powers)
     noise = [find_line_noise(each, powers, value) for each in out]
     left = _stack([powers.misfit(each, value) for each in out], noise)
@@ -269,7 +261,7 @@ def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], powers: Power
 
 
 def _stack(parts: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
-    """Lines (m, ...) of all tests over their noise, real parts above the imaginary ones."""
+    """Return the lines (m, ...) of all tests over their noise, real parts above the imaginary ones."""
     weighted = np.concatenate([(part.T / n).T for part, n in zip(parts, noise, strict=True)])
     return np.concatenate([weighted.real, weighted.imag])
 
@@ -283,7 +275,7 @@ def _solve(columns: Sequence[ComplexArray], rests: Sequence[ComplexArray], noise
 
 
 def _finish(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> Coefficients:
-    """The coefficients, what the sensors' noise makes of them, and what the model misses beyond it."""
+    """Return the coefficients with their covariance, by the sensors' noise and by the misfit beyond it."""
     columns = [powers.columns(each) for each in lines]
     value = _solve(columns, [each.rest for each in lines], noise)
     misfit = [powers.misfit(each, value) for each in lines]
@@ -305,8 +297,8 @@ def _finish(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArr
         gradient = c / n[:, None] ** 2 / scale
         meat += find_noise_scores(each, gradient, powers, value)
         by_noise = find_line_noise(each, powers, value)
-        # the part of the misfit that the noise does not explain is smooth over frequency: lines that are no further
-        # apart than what lasts as long as the motion go together
+        # the misfit that noise does not explain is smooth over frequency: the shorter the motion lasts, the more
+        # neighbouring lines are correlated
         part = max(0.0, 1.0 - float(np.sum(by_noise**2) / max(np.sum(np.abs(left) ** 2), 1e-300)))
         lasting = float(np.sum(each.q**2) ** 2 / max(np.sum(each.q**4), 1e-300))
         reach = int(np.ceil(2 * each.q.size / max(lasting, 1.0)))

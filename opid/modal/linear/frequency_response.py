@@ -1,4 +1,4 @@
-"""Frequency responses of accelerations to a force: measured, made from the linear modes, and what indicates modes."""
+"""Frequency responses of accelerations to a force, measured or made from the linear modes, and a mode indicator."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class FrequencyResponse:
         sensors: names of the columns.
         drive_point: the sensor where and in whose direction the force acts.
         n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
-        coherence: (n, n_sensors) in 0..1; None where nothing was averaged, for it is 1 by construction then.
+        coherence: (n, n_sensors) in 0..1; None where nothing was averaged, as it would be 1 by construction.
     """
 
     frequency_hz: FloatArray
@@ -58,12 +58,12 @@ def measured_response(
     """Return the frequency response that tests with one drive point show, H1 = sum X conj(F) / sum |F|^2.
 
     Each record is transformed whole and without a window, which is right for a transient that begins at rest and has
-    decayed at its end; several are averaged (H1). No exponential or force window is applied.
+    decayed at its end. No exponential or force window is applied.
 
     Args:
         tests: of one drive point and rate; shorter records count as followed by rest.
         nperseg: samples a block for stationary excitation: the records are cut into blocks that overlap by half.
-        window: of these blocks, as in scipy.signal.get_window; without `nperseg` it is not used.
+        window: of these blocks, as in scipy.signal.get_window; not used without `nperseg`.
 
     Raises:
         InputError: no test, one without a force, or tests of several drive points, rates or sets of sensors.
@@ -123,7 +123,7 @@ def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str)
 
 
 def accelerance(modes: LinearModes, frequency_hz: FloatArray) -> ComplexArray:
-    """Return q''/f_q of each mode alone, (n, n_modes): -omega^2 / (k0 + j omega c0 - omega^2), 1 of a rigid-body mode.
+    """Return q''/f_q of each mode alone, (n, n_modes): -omega^2 / (k0 + j omega c0 - omega^2), 1 for a rigid-body mode.
 
     It is infinite on the resonance of a mode without damping.
     """
@@ -137,8 +137,8 @@ def accelerance(modes: LinearModes, frequency_hz: FloatArray) -> ComplexArray:
 def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
     """Return the complex mode indicator function: singular values of the responses (sensors x drive points), by line.
 
-    A mode shows as a peak of the largest; of two modes at nearly one frequency each has a value of its own, if there
-    are two drive points or more (Shih et al., Mechanical Systems and Signal Processing 2, 1988).
+    A mode shows as a peak of the largest singular value. With two drive points or more, two modes at nearly one
+    frequency show as peaks of two values (Shih et al., Mechanical Systems and Signal Processing 2, 1988).
 
     Args:
         responses: one a drive point, at the same lines and sensors.
@@ -170,7 +170,7 @@ def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
 
 
 def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
-    """The sensors and the drive point that all tests have in common."""
+    """Return the sensors and the drive point that all tests have in common."""
     if not tests:
         raise InputError("there is no test: give one or several with a force at one drive point")
     first = tests[0]
@@ -214,7 +214,7 @@ def _in_blocks(records: Records, fs: float, nperseg: int, window: Window) -> Ave
     cross, output_power = np.zeros(shape, dtype=np.complex128), np.zeros(shape)
     force_power, n_averages = np.zeros(shape[0]), 0.0
     for force, accelerations in records:
-        # one sensor at a time: the spectra of all sensors against each other are not needed
+        # one sensor at a time, for spectra between sensors are not needed
         for sensor, acceleration in enumerate(accelerations.T):
             found = cross_spectra(np.stack([force, acceleration], axis=1), fs=fs, window=window, nperseg=nperseg)
             cross[:, sensor] += found.n_blocks * found.density[:, 0, 1]
@@ -225,6 +225,6 @@ def _in_blocks(records: Records, fs: float, nperseg: int, window: Window) -> Ave
 
 
 def _quotient(numerator: np.ndarray, denominator: FloatArray) -> np.ndarray:
-    """A quotient that is nan where there is nothing to divide by."""
+    """Return a quotient that is nan where the denominator is 0."""
     found = np.full_like(numerator, np.nan)
     return np.divide(numerator, denominator, out=found, where=np.broadcast_to(denominator != 0, numerator.shape))

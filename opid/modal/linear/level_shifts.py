@@ -1,7 +1,7 @@
 """Which modes are nonlinear: natural frequency and damping of every mode at several levels (Pacini section 3.3).
 
-At each level a mode is taken for linear, m q'' + c q' + k q = f_q on the lines around its peak. Noise on either side
-biases plain least squares: each line is weighted by the noise of f_q and of q'', which the misfit itself shows.
+At each level a mode is modelled as linear, m q'' + c q' + k q = f_q on the lines around its peak. Noise of f_q and of
+q'' biases plain least squares; each line is weighted by both, and their levels are found from the misfit.
 """
 
 from __future__ import annotations
@@ -19,32 +19,14 @@ from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.modes import ModalTest
 from opid.signals.recording import FloatArray
 
-SIGMAS = 3.0
-"""A shift must exceed its threshold by so many standard errors: chance alone does that once in 370 times."""
-
-LEAST_RATIO = 1.5
-"""Of the highest amplitude to the lowest: levels nearer than that say nothing of nonlinearity."""
-
-SEARCHED = 0.1
-"""A mode is looked for this fraction of its natural frequency to either side (the paper's shifted by 7 %)."""
-
-HALF_WIDTHS = 8.0
-"""The band ends so many zeta f from the peak: beyond it are noise and what other modes leave."""
-
-FEWEST_LINES = 16
-"""Of a band, for three numbers and two amplitudes of noise."""
-
-LEAST_SIGNAL = 4.0
-"""The third strongest line of a band over what most lines of the record are: below that a mode is not seen."""
-
-ROUNDS, STEPS = 4, 30
-"""How often noise and oscillator are found in turns, and the most steps of a search."""
-
-QUIET_FRACTION = 0.15
-"""Power of a misfit in its quietest quarter over its mean: noise alone falls below that once in 80 times at most."""
-
-NOT_DECAYED = 0.02
-"""Of the peak, at the end of a record: above it the equation has terms of the unknown state at the end."""
+SIGMAS = 3.0  # standard errors by which a shift must exceed its threshold: chance alone does that once in 370 times
+LEAST_RATIO = 1.5  # highest amplitude over the lowest, below which the levels do not show whether a mode is nonlinear
+SEARCHED = 0.1  # fraction of the natural frequency to either side that is searched (the paper's modes shifted by 7 %)
+HALF_WIDTHS = 8.0  # the band ends so many zeta f from the peak: noise and other modes dominate beyond it
+FEWEST_LINES = 16  # of a band, which has to give three coefficients and two noise levels
+LEAST_SIGNAL = 4.0  # third strongest line of a band over the median line of the record, below which no mode is seen
+QUIET_FRACTION = 0.15  # of the mean power, in the quietest quarter: noise falls below it once in 80 times at most
+NOT_DECAYED = 0.02  # of the peak, at the end of a record: above it the unknown end state gets terms of its own
 
 
 @dataclass(frozen=True)
@@ -59,9 +41,9 @@ class LevelShift:
         damping_ratio: damping ratio in each.
         frequency_shift: relative change from the lowest to the highest level that is sharp enough to compare.
         damping_shift: likewise of the damping ratio.
-        nonlinear: whether a shift exceeds its threshold by more than chance does.
-        determined: whether the mode was excited well enough to tell.
-        reason: why, one sentence.
+        nonlinear: whether a shift exceeds its threshold by more than chance explains.
+        determined: whether the mode was excited well enough to decide that.
+        reason: for both, in one sentence.
     """
 
     mode: int
@@ -86,7 +68,7 @@ class LinearFit:
         amplitude: peak |q''| in the band, m/s^2 kg^1/2.
         band_hz: lines that were fitted, Hz.
         modal_mass: m, 1 where shapes and force are in order; None where nothing was found.
-        explained: whether noise explains what a linear mode leaves.
+        explained: whether noise explains the misfit of the linear mode.
     """
 
     frequency_hz: Estimate
@@ -102,8 +84,8 @@ def level_shifts(
 ) -> tuple[LevelShift, ...]:
     """Return how each elastic mode moves with the level, and whether that makes it nonlinear.
 
-    What shift is significant "is a subjective measure" (the paper): hence the thresholds. A mode is nonlinear if a
-    shift exceeds its threshold by three standard errors or more. The data can tell if they would show a shift of twice
+    Which shift is significant "is a subjective measure" (the paper), so there are thresholds. A mode is nonlinear if a
+    shift exceeds its threshold by three standard errors or more. The data decide it if they would show a shift of twice
     the threshold; levels too weak for that are left out of the comparison.
 
     Args:
@@ -156,11 +138,11 @@ def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
 def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = None) -> LinearFit:
     """Return natural frequency and damping ratio that one test shows for a mode.
 
-    The equation holds on the lines of a band around the peak, with q'' / j omega for q'; the mass m takes up the scale
-    of shapes and force. In a record that has not decayed the unknown end state has two terms of its own. The intervals
-    say what noise does; a mode that is clearly nonlinear has no one frequency, and that of the linear mode with the
-    nearest force is returned. For such a mode `modal_mass` is m as another test shows it: over a narrow band m and k
-    change places.
+    The equation is fitted on the lines of a band around the peak, with q'' / j omega for q'; the mass m takes up the
+    scale of shapes and force. In a record that has not decayed, the unknown end state has two terms of its own. The
+    intervals hold the effect of noise. A clearly nonlinear mode has no single frequency: that of the linear mode with
+    the nearest force is returned. Over a narrow band m and k of such a mode cannot be told apart; `modal_mass` is then
+    the m that another test shows.
     """
     if test.force is None or test.drive_point is None:
         raise InputError(
@@ -194,7 +176,7 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
     nothing = replace(nothing, amplitude=lines.peak(near), band_hz=lines.ends(near))
     if not lines.are_seen(near):
         return nothing
-    # a strongly nonlinear mode may be too far from its peak for the narrow band
+    # a strongly nonlinear mode may move out of the narrow band
     for band in (near, searched):
         found = _fit(lines, band, (centre / given_hz, zeta), modal_mass, nothing)
         if found is not None and low < (found.frequency_hz.value or 0.0) < high:
@@ -226,9 +208,9 @@ class _Lines:
         return float(np.abs(self.motion(band)).max())
 
     def are_seen(self, band: NDArray[np.bool_]) -> bool:
-        """Whether the mode stands out of what most lines are, noise or less."""
+        """Return whether the mode stands out of the noise; most lines of the record are noise or less."""
         power = np.abs(self.acceleration) ** 2
-        # the median of |line|^2 of complex noise is ln 2 of its mean
+        # for complex noise the median of |line|^2 is ln 2 times its mean
         return bool(np.sort(power[band])[-3] > LEAST_SIGNAL**2 * np.median(power) / np.log(2))
 
     def has_decayed(self, band: NDArray[np.bool_]) -> bool:
@@ -255,19 +237,19 @@ class _Equation:
     ends: ComplexArray
 
     def least_squares(self, mass: float | None = None) -> FloatArray:
-        """Theta by plain least squares: biased by noise; of a nonlinear mode the linear force nearest to its own."""
+        """Return theta by plain least squares: noise biases it; for a nonlinear mode it is the nearest linear force."""
         if mass is not None:
             rest = replace(self, columns=self.columns[:, 1:], force=self.force - mass * self.response)
             return np.concatenate([[mass], rest.least_squares()])
         return _solve(_real(np.hstack([self.columns * self.response[:, None], self.ends])), _real(self.force))
 
     def residual(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """r = F - D Q - ends theta_e, and D."""
+        """Return r = F - D Q - ends theta_e, and D."""
         dynamic = self.columns @ theta[:3]
         return self.force - dynamic * self.response - self.ends @ theta[3:], dynamic
 
     def weighted(self, theta: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r / sqrt(v) as real numbers, and its derivatives; v = a + b |D|^2, the noise of force and acceleration."""
+        """Return r / sqrt(v) as real numbers, and its derivatives; v = a + b |D|^2 is the noise of force and q''."""
         residual, dynamic = self.residual(theta)
         v = noise[0] + noise[1] * np.abs(dynamic) ** 2
         jacobian = -np.hstack([self.columns * self.response[:, None], self.ends]) / np.sqrt(v)[:, None]
@@ -276,31 +258,31 @@ class _Equation:
         return _real(residual / np.sqrt(v)), _real(jacobian)
 
     def maximum_likelihood(self, ratio: float, zeta: float) -> tuple[FloatArray, FloatArray]:
-        """Theta with the least sum |r|^2 / v, and a, b. v moves with theta, else the least sum is not at the truth."""
+        """Return theta with the least sum |r|^2 / v, and a, b; with a v that ignores theta it would be biased."""
         from scipy import optimize
 
         theta = np.concatenate([[1.0, 2 * zeta * ratio, ratio**2], np.zeros(self.ends.shape[1])])
         noise = np.array([np.median(np.abs(self.columns @ theta[:3]) ** 2), 1.0])
-        for _ in range(ROUNDS):
+        for _ in range(4):  # theta and the noise are found in turns
             theta = optimize.least_squares(
                 lambda x, noise: self.weighted(x, noise)[0],
                 theta,
                 lambda x, noise: self.weighted(x, noise)[1],
                 x_scale="jac",
-                max_nfev=STEPS,
+                max_nfev=30,
                 args=(noise,),
             ).x
             noise = self._noise_of(theta)
         return theta, noise
 
     def _noise_of(self, theta: FloatArray) -> FloatArray:
-        """Noise a and b from the misfit, |r|^2 = a + b |D|^2 on average, neither below zero."""
+        """Return the noise a and b that fit the misfit, |r|^2 = a + b |D|^2 on average, neither below zero."""
         from scipy import optimize
 
         residual, dynamic = self.residual(theta)
         size, power = np.abs(dynamic) ** 2, np.abs(residual) ** 2
         power = power * (2 * power.size / (2 * power.size - theta.size))
-        # simulated tests without noise have weights, too
+        # simulated tests without noise need finite weights, too
         largest = np.array([np.max(np.abs(each) ** 2) for each in (self.force, self.response)])
         least = 1e-14 * largest + np.finfo(float).tiny
         noise = np.array([power.mean() / 2, power.mean() / 2 / size.mean()])
@@ -311,12 +293,12 @@ class _Equation:
         return np.maximum(noise, least)
 
     def covariance(self, theta: FloatArray, noise: FloatArray, *, fixed: int) -> FloatArray:
-        """Of theta, of which the first ones are `fixed`."""
+        """Return the covariance of theta, whose first `fixed` entries are known."""
         residual, jacobian = self.weighted(theta, noise)
         jacobian = jacobian[:, fixed:]
         norms = np.linalg.norm(jacobian, axis=0)
         scaled = jacobian / norms
-        # two amplitudes of noise were fitted, too
+        # two noise levels were fitted, too
         variance = residual @ residual / (residual.size - theta.size - 2)
         free = variance * np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(norms, norms)
         return np.pad(free, (fixed, 0))
@@ -332,7 +314,7 @@ def _solve(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
 
 
 def _oscillator(mck: FloatArray) -> tuple[float, float] | None:
-    """Natural frequency, in units of the scale, and damping ratio of m, c, k; None if it is no oscillator."""
+    """Return natural frequency, in units of the scale, and damping ratio of m, c, k; None if they do not oscillate."""
     m, c, k = mck[:3]
     if not k * m > 0:
         return None
@@ -343,7 +325,7 @@ def _oscillator(mck: FloatArray) -> tuple[float, float] | None:
 def _fit(
     lines: _Lines, band: NDArray[np.bool_], start: tuple[float, float], mass: float | None, nothing: LinearFit
 ) -> LinearFit | None:
-    """The oscillator on the lines of a band; None if nothing oscillates."""
+    """Return the oscillator that fits the lines of a band; None if the fit does not oscillate."""
     equation = lines.equation(band, open_end=not lines.has_decayed(band))
     theta, noise, fixed = equation.least_squares(), np.array([1.0, 0.0]), 0
     quiet = _quiet_fraction(equation.residual(theta)[0], band, lines.n_samples)
@@ -375,9 +357,9 @@ def _fit(
 
 
 def _quiet_fraction(residual: ComplexArray, band: NDArray[np.bool_], n_samples: int) -> float:
-    """Power of the misfit in its quietest quarter of the record over its mean.
+    """Return the power of the misfit in the quietest quarter of the record over its mean.
 
-    Noise is stationary; what a linear mode cannot explain of a nonlinear one is where the motion is large.
+    Noise is stationary; the misfit of a linear mode to a nonlinear one is largest where the motion is.
     """
     spectrum = np.zeros(band.size, dtype=np.complex128)
     spectrum[band] = residual
@@ -390,7 +372,7 @@ def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[flo
     known = [index for index, fit in enumerate(fits) if fit.frequency_hz.value is not None]
     sharp = [index for index in known if _is_sharp(fits[index], thresholds)]
     pairs = [(each[0], each[-1]) for each in (sharp, known) if len(each) > 1] or [(0, len(fits) - 1)]
-    # a strong shift shows in levels that are not sharp, too
+    # levels that are not sharp may still show a strong shift
     found = [_judge(mode, fits[low], fits[high], thresholds) for low, high in pairs]
     best = max((index for index, (_, nonlinear, _, _) in enumerate(found) if nonlinear), default=0)
     (low, high), (shifts, nonlinear, determined, reason) = pairs[best], found[best]
@@ -419,11 +401,11 @@ def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[flo
 
 
 def _by_amplitude(tests: Sequence[ModalTest], mode: int) -> tuple[list[str], list[LinearFit]]:
-    """Names and fits from the smallest amplitude up; clearly nonlinear ones with the mass that a linear one shows."""
+    """Return names and fits from the smallest amplitude up; nonlinear fits take the mass that a linear one shows."""
     found = [(fit_linear_mode(test, mode), test) for test in tests]
     found.sort(key=lambda pair: pair[0].amplitude)
     weighed = [fit for fit, _ in found if fit.modal_mass is not None]
-    # the strongest that is linear knows it best; if none is, the weakest is nearest to linear
+    # the strongest linear test shows the mass best; if none is linear, the weakest is nearest to linear
     known = next((fit for fit in reversed(weighed) if fit.explained), weighed[0] if weighed else None)
     mass = known.modal_mass if known else None
     fits = [
@@ -446,14 +428,14 @@ def _relative(high: Estimate, low: Estimate) -> Estimate:
     ratio = high.value / low.value
     if high.std is None or low.std is None:
         return Estimate(ratio - 1)
-    # a ratio near 0 would hide how uncertain the lower value is
+    # a ratio near 0 would hide the uncertainty of the lower value
     return Estimate.normal(ratio - 1, max(1.0, ratio) * float(np.hypot(high.std / high.value, low.std / low.value)))
 
 
 def _judge(
     mode: int, low: LinearFit, high: LinearFit, thresholds: tuple[float, float]
 ) -> tuple[tuple[Estimate, Estimate], bool, bool, str]:
-    """Shifts of frequency and damping, whether the mode is nonlinear, whether the data can tell, and why."""
+    """Return shifts of frequency and damping, whether the mode is nonlinear, whether the data decide it, and why."""
     shifts = _relative(high.frequency_hz, low.frequency_hz), _relative(high.damping_ratio, low.damping_ratio)
     shifted, wide, percents = [], [], []
     for word, shift, threshold in zip(("frequency", "damping"), shifts, thresholds, strict=True):

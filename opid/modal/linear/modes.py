@@ -13,9 +13,7 @@ from opid.mechanics.structure import Structure, natural_frequencies
 from opid.signals.motion import differentiate
 from opid.signals.recording import Channel, FloatArray, Recording
 
-LARGEST_CONDITION = 30.0
-"""Of the shapes: above it a modal coordinate holds more of its neighbours' noise than of its own motion (the paper
-takes 9 for acceptable)."""
+LARGEST_CONDITION = 30.0  # of the shapes, above which noise of other coordinates dominates (the paper accepts 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,7 @@ class LinearModes:
 
     Args:
         frequency_hz: (n_modes,) natural frequencies, Hz; 0 for a rigid-body mode.
-        damping_ratio: (n_modes,) fraction of critical damping; of a rigid-body mode it says nothing.
+        damping_ratio: (n_modes,) fraction of critical damping; that of a rigid-body mode has no effect.
         shapes: (n_sensors, n_modes), one mass-normalised shape a column, kg^-1/2, so that x = shapes q.
         sensors: names of the sensors, one a row of `shapes`.
 
@@ -79,7 +77,7 @@ class LinearModes:
         return self.frequency_hz > 0
 
     def row(self, sensor: str) -> FloatArray:
-        """(n_modes,) what the sensor called `sensor` sees of each mode; InputError names the nearest one."""
+        """(n_modes,) entry of each shape at the sensor called `sensor`; InputError names the nearest sensor."""
         if sensor not in self.sensors:
             raise InputError(f"there is no sensor {sensor!r} among the shapes: {nearest(sensor, self.sensors)}")
         return self.shapes[self.sensors.index(sensor)]
@@ -93,7 +91,7 @@ class LinearModes:
         return 2 * self.damping_ratio * (2 * np.pi * self.frequency_hz)
 
     def index(self, mode: int) -> int:
-        """Column of a mode, which users count from 1; InputError outside the modes."""
+        """Column of a mode, which users count from 1; InputError for a mode that is not there."""
         if mode not in range(1, self.n_modes + 1):
             raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
         return int(mode) - 1
@@ -176,7 +174,7 @@ def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> Float
             f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
         )
     norms = np.outer(np.sum(np.abs(first) ** 2, axis=0), np.sum(np.abs(second) ** 2, axis=0))
-    # a shape that is zero is like no other
+    # a shape that is zero has a MAC of 0 with every other
     return np.abs(first.conj().T @ second) ** 2 / np.where(norms > 0, norms, 1.0)
 
 
@@ -200,7 +198,7 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
 
     Args:
         modes: the modes.
-        sensors: names of those wanted.
+        sensors: names of the wanted sensors.
 
     Raises:
         InputError: no such sensor.
@@ -268,8 +266,8 @@ def modal_test(
     """Return a recording in modal coordinates.
 
     Args:
-        recording: with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are left aside.
-            Sensors that it lacks are left out of the shapes, too, if those left can still tell the modes apart.
+        recording: with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are ignored. Sensors
+            that it lacks are left out of the shapes, too, if the others can still tell the modes apart.
         modes: linear modes that describe the structure during this test.
         name: of the test.
         force: channel of the force, in N; None for a free decay.
@@ -337,7 +335,7 @@ def _require_counts(modes: LinearModes) -> None:
 
 
 def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
-    """The recording, the velocities among its sensors differentiated, as those of a laser vibrometer."""
+    """Return the recording with velocities (of a laser vibrometer, say) differentiated to accelerations."""
     velocities = [sensor for sensor in sensors if recording.unit(sensor) == "m/s"]
     if not velocities:
         return recording

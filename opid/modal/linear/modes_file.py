@@ -1,4 +1,4 @@
-"""Linear modes in a file, .npz or .csv, and what the numbers of one let suspect."""
+"""Linear modes in a file, .npz or .csv, and two checks of their scale: unit normalisation and percent."""
 
 from __future__ import annotations
 
@@ -23,13 +23,10 @@ VARIANTS = {
     "shapes": ("shapes", "shape", "mode_shapes", "mode_shape", "modeshapes", "phi"),
     "sensors": ("sensors", "sensor", "sensor_names", "channels", "channel_names"),
 }
-"""What each quantity may be called in a file, without regard to case and blanks; a frequency with or without its Hz."""
+"""Names that a file may use for each quantity, without regard to case and blanks; frequencies with or without Hz."""
 
-ROWS = ("frequency_hz", "damping_ratio")
-"""The rows of a CSV file that are no sensors."""
-
-HIGHEST_DAMPING = 0.2
-"""Of a bolted structure: where every elastic mode has more, the numbers are percent."""
+ROWS = ("frequency_hz", "damping_ratio")  # the rows of a CSV file that are no sensors
+HIGHEST_DAMPING = 0.2  # of a bolted structure: if every elastic mode has more, the numbers are percent
 
 
 def read_modes(path: str | os.PathLike[str]) -> LinearModes:
@@ -67,7 +64,7 @@ def read_modes(path: str | os.PathLike[str]) -> LinearModes:
 
 
 def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
-    """Write linear modes to a file that `read_modes` reads back to the last bit, whole or not at all.
+    """Write linear modes to a file that `read_modes` reads back to the last bit; a failure leaves no half file.
 
     Args:
         modes: the modes.
@@ -103,7 +100,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
 
 
 def looks_unit_normalised(modes: LinearModes) -> str:
-    """Return a clause that says how the shapes are scaled if they are scaled to 1, not to unit modal mass; else "".
+    """Return a clause on how the shapes are scaled if that is to 1 and not to unit modal mass; else "".
 
     >>> looks_unit_normalised(LinearModes([1, 2], [0, 0], [[1, 1], [0.5, -1]], ("a", "b")))
     'the largest value of every shape is 1'
@@ -120,7 +117,7 @@ def looks_unit_normalised(modes: LinearModes) -> str:
 
 
 def looks_in_percent(modes: LinearModes) -> str:
-    """Return a clause that says so if the damping ratios of elastic modes look like percent, else "".
+    """Return a clause if the damping ratios of elastic modes look like percent, else "".
 
     >>> looks_in_percent(LinearModes([10.0, 20.0], [0.4, 0.6], [[0.5, 0.1]], ("a",)))
     'the damping ratio of every elastic mode is above 0.2'
@@ -202,20 +199,20 @@ def _modes(
             f"shapes is {turned[0]} modes x {turned[1]} sensors: transpose it, to a row a sensor and a column a mode"
         )
     if damping_ratio.shape == frequency_hz.shape:
-        # the damping of a rigid-body mode says nothing, and is often left empty
+        # the damping of a rigid-body mode has no effect, and is often left empty
         damping_ratio = np.where(np.isnan(damping_ratio) & (frequency_hz == 0), 0.0, damping_ratio)
     return LinearModes(frequency_hz, damping_ratio, shapes, sensors)
 
 
 def _meant(name: str, wanted: Sequence[str]) -> str:
-    """Which of the wanted quantities a name stands for, "" for none."""
+    """Return which of the wanted quantities a name stands for, "" for none."""
     plain = name.strip().lower().replace("[hz]", "hz").replace("(hz)", "hz")
     plain = "_".join(plain.replace("-", " ").replace("_", " ").split()).removesuffix("_hz")
     return next((quantity for quantity in wanted if plain in VARIANTS[quantity]), "")
 
 
 def _assign_rows(found: list[str], wanted: Sequence[str], what: str, *, others: bool = False) -> Mapping[str, str]:
-    """What each wanted quantity is called in the file; `others` are sensors."""
+    """Return the name of each wanted quantity in the file; with `others` the remaining names are sensors."""
     names: dict[str, str] = {}
     for name in found:
         quantity = _meant(name, wanted)

@@ -29,15 +29,10 @@ from opid.modal.resonance.phase_lock import (
 )
 from opid.signals.recording import FloatArray
 
-UNSTEADY = 0.02
-"""Of the fundamental: where it wanders more than this from period to period, the response is no longer periodic."""
-
-_MOST_TRIALS = 25
-
 
 @dataclass(frozen=True, eq=False)
 class AppropriationLevel:
-    """One voltage, held until the phase stands, and what was recorded then.
+    """The record at one voltage, taken when the phase had settled.
 
     Harmonics are complex amplitudes by the number of the harmonic less one, x(t) = Re sum_h X_h exp(j h omega t); the
     mean is left out.
@@ -45,14 +40,14 @@ class AppropriationLevel:
     Args:
         voltage_v: amplitude of the voltage, V.
         frequency_hz: frequency at which it was recorded, Hz.
-        locked: whether phase and amplitude stood still within the time allowed.
+        locked: whether phase and amplitude settled within the time allowed.
         lock_time_s: time until then, or the time allowed, s.
         phase_error_deg: phase of the drive-point acceleration over the force, less 90 degrees, in the record.
-        unsteadiness: rms of what the fundamental at the drive point does from period to period, over the fundamental.
+        unsteadiness: standard deviation of the fundamental at the drive point from period to period, over its mean.
         force: (5,) harmonics of the force, N.
         sensors: (n_sensors, 5) harmonics of the accelerations, m/s^2.
         modal: (n_modes, 5) harmonics of the modal accelerations, m/s^2 kg^1/2.
-        text: what to know of this level; "" if nothing.
+        text: a warning about this level, "" if there is none.
     """
 
     voltage_v: float
@@ -150,7 +145,7 @@ class Appropriation:
 
     @property
     def text(self) -> str:
-        """How it went, in one sentence."""
+        """One sentence on how many levels locked, and how frequency and damping moved."""
         n_locked, times = int(self.locked.sum()), self.lock_time_s[self.locked]
         done = f"{n_locked} of {len(self.levels)} levels of mode {self.mode} locked"
         if not n_locked:
@@ -176,15 +171,14 @@ class Interaction:
             target's.
         fraction: (n,) that of this harmonic of this mode.
         assurance: (n, n_modes) MAC of each mode's shape with the deflection shape of this harmonic at the sensors.
-        driven_fraction: (n,) what the measured force would make of the mode at this harmonic if it stood alone,
-            over what is observed.
+        driven_fraction: (n,) motion of the mode at this harmonic by the measured force alone, over the observed one.
         holds: (n,) levels that locked and at which all conditions hold.
         flagged: whether they hold at enough levels.
         first_level: the first of these levels, counted from 1; None where there is none.
         least_fraction: `fraction` that was asked for.
         least_assurance: MAC that was asked for.
         most_driven: largest `driven_fraction` allowed.
-        statement: what was found, or what was looked at, in plain words.
+        statement: the finding, or what was examined, in plain words.
     """
 
     target: int
@@ -236,13 +230,13 @@ def appropriate_force(
     Below resonance the acceleration leads the force by more than 90 degrees, e > 0, and the frequency rises. As the
     rig is sampled in step with the drive, a period holds a whole number of samples, and neither the mean nor another
     harmonic leaks into the phase. A level has locked when the phase error has stayed within its tolerance, and the
-    amplitude has stood, for the time constant of the mode. One that does not lock is kept, `locked` false, and the next
-    one goes on from where it stands.
+    amplitude has been steady, for the time constant of the mode. A level that does not lock is kept with `locked`
+    false, and the next one starts from its state.
 
-    Where other modes move the drive point, too, the frequency is that of its phase resonance, not quite the mode's.
+    Where other modes move the drive point, too, its phase resonance lies a little off the frequency of the mode.
 
     Args:
-        rig: the structure with its sensors and its shaker, at rest at the begin.
+        rig: the structure with its sensors and its shaker, at rest at the beginning.
         modes: linear modes at sensors of the rig.
         mode: the one to hold, counted from 1; the loop starts at its linear natural frequency.
         levels_v: (n,) amplitudes of the voltage, V (N without a shaker), see `levels_for`.
@@ -287,7 +281,7 @@ def levels_for(
 ) -> FloatArray:
     """Return voltages (n_levels,), V, at equal ratios, the last of which brings the drive point to an amplitude.
 
-    The structure is driven, from a low voltage up, until it is there to 1 %.
+    The structure is driven from a low voltage up until the amplitude is right to 1 %.
 
     Args:
         rig: as for `appropriate_force`.
@@ -317,7 +311,7 @@ def levels_for(
     # a force that is surely too low: at the linear damping, and with nothing lost in the shaker
     lowest_n = 2.0 * modes.damping_ratio[index] * top_m_per_s2 / modes.shapes[point, index] ** 2
     voltage = lowest_fraction * lowest_n / (rig.shaker.force_per_volt_n if rig.shaker else 1.0)
-    for _ in range(_MOST_TRIALS):
+    for _ in range(25):
         level, loop = _level(control, loop, voltage)
         reached = float(np.abs(level.sensors[point, 0]))
         if level.locked and abs(reached / top_m_per_s2 - 1.0) < 0.01:
@@ -343,10 +337,10 @@ def modal_interaction(
     """Return whether a harmonic of the mode under test drives another mode, judged by three conditions (section 4.2.2).
 
     At a level that locked: the harmonic of the other mode exceeds a fraction of the target's fundamental; the sensors
-    deflect at this harmonic in that mode's shape; and the force cannot have driven it, for at this harmonic the
-    measured force F_h makes of a mode that stands alone only phi_d F_h times its accelerance,
-    -(h omega)^2 / (omega_0^2 - (h omega)^2 + 2 j zeta omega_0 h omega). Of all modes and harmonics the one at which the
-    conditions hold most often is returned, and among equals the one with the largest fraction.
+    deflect at this harmonic in the shape of that mode; and the force cannot have driven it. At harmonic h the measured
+    force F_h would move the mode alone by only phi_d F_h times its accelerance,
+    -(h omega)^2 / (omega_0^2 - (h omega)^2 + 2 j zeta omega_0 h omega). Of all modes and harmonics, the one for which
+    the conditions hold most often is returned, and among equals the one with the largest fraction.
 
     Args:
         appropriation: see `opid.modal.appropriate_force`.
@@ -377,12 +371,12 @@ def modal_interaction(
     assurance = np.stack([modal_assurance(known.shapes, of_level) for of_level in appropriation.sensors])
     holds = (fractions > least_fraction) & (assurance >= least_assurance) & (driven <= most_driven)
     holds &= locked[:, np.newaxis, np.newaxis]
-    # the fundamental is no harmonic, and rigid-body modes have no resonance to meet
+    # harmonics begin at 2, and rigid-body modes have no resonance that one could meet
     others = np.ones(fractions.shape[1:], dtype=bool) & known.elastic[:, np.newaxis]
     others[target], others[:, 0] = False, False
     if not others.any():
         raise InputError("there is no other elastic mode: an interaction takes two")
-    # where the conditions hold at most levels, and of these the largest fraction
+    # the conditions hold at most levels, and among equals the fraction is largest
     times = np.where(others, holds.sum(axis=0), -1)
     largest = np.where(times == times.max(), (fractions[locked] if locked.any() else fractions).max(axis=0), -1.0)
     index, line = (int(each) for each in np.unravel_index(np.argmax(np.where(others, largest, -1.0)), largest.shape))
@@ -408,7 +402,7 @@ def modal_interaction(
 
 
 def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray:
-    """(n, n_modes, 5) modal accelerations that the measured force would make of each mode alone, m/s^2 kg^1/2."""
+    """Return the (n, n_modes, 5) accelerations of each mode by the measured force alone, m/s^2 kg^1/2."""
     frequency = np.outer(appropriation.frequency_hz, np.arange(1, N_HARMONICS + 1))
     single = np.abs(accelerance(modes, frequency.ravel())).reshape(*frequency.shape, modes.n_modes)
     by_force = np.abs(appropriation.force)[:, :, np.newaxis] * np.abs(modes.row(appropriation.drive_point)) * single
@@ -420,7 +414,7 @@ def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int)
     if not locked.any():
         return f"No level of mode {found.target} locked: nothing can be said of interactions."
     if found.flagged:
-        # cut, not rounded: 0.998 is not 1
+        # rounded down, for 0.998 is not 1
         least_mac = np.floor(100.0 * found.mac[held].min()) / 100.0
         return (
             f"Mode {found.target} works on mode {found.mode}: from level {found.first_level} on, at "
@@ -440,7 +434,7 @@ def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int)
 
 
 def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[AppropriationLevel, Loop]:
-    """Hold one voltage until the phase stands, and record."""
+    """Hold one voltage until the phase has settled, and record."""
     settings, locking = control.settings, control.lock(loop, voltage_v)
     loop = locking.loop
     readings, state = control.measured(loop, voltage_v, settings.record_periods, control.columns)
@@ -466,7 +460,7 @@ def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[Appropria
 def _text(control: Controller, locking: Locking, unsteadiness: float) -> str:
     if locking.locked:
         wanders = f"the fundamental wanders by {unsteadiness:.1%} from period to period: the motion is not periodic"
-        return wanders if unsteadiness > UNSTEADY else ""
+        return wanders if unsteadiness > 0.02 else ""
     reached, errors = locking.loop.frequency_hz, locking.errors_deg
     text = (
         f"not locked within {control.settings.longest_s:g} s at {reached:.2f} Hz: the phase error still lies "

@@ -13,15 +13,7 @@ from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.modes import LinearModes
 from opid.signals.recording import FloatArray
 
-N_HARMONICS = 5
-"""Harmonics of the drive frequency that are kept, the fundamental included."""
-
-SETTLING = 3.0
-"""Time constants 1 / (zeta omega) that the first level waits before the loop is closed: what the sudden start excites
-in all modes must be gone, or the loop follows it."""
-
-WIDEST_RANGE = 0.15
-"""Of the natural frequency: the farthest that the loop moves on either side, unless a range is given."""
+N_HARMONICS = 5  # of the drive frequency, the fundamental included
 
 
 @dataclass(frozen=True)
@@ -29,16 +21,16 @@ class PhaseLock:
     """Settings of the phase-locked loop.
 
     Args:
-        tolerance_deg: the phase error must stay within it, degrees,
-        hold_periods: for so many periods in a row, and for 1 / (zeta omega), in which the mode forgets.
-        steady_fraction: the amplitude at the drive point must move by less than this fraction of it over that time; the
-            phase may stand long before the amplitude does.
+        tolerance_deg: largest phase error of a level that has locked, degrees.
+        hold_periods: periods for which the error must stay within it; at least the time constant 1 / (zeta omega).
+        steady_fraction: largest change of the amplitude at the drive point over these periods, as a fraction of it; the
+            phase may settle long before the amplitude does.
         longest_s: time in which a level must lock, s.
-        record_periods: whole periods that are recorded after that, at a frequency that is held.
+        record_periods: whole periods that are recorded after that, at a constant frequency.
         samples_per_period: the rig is sampled in step with its drive; 16 or more.
-        proportional: gain, in zeta omega a radian of phase error.
-        integral: gain, in (zeta omega)^2 a radian and second.
-        range_hz: lowest and highest frequency; where left out, half way to the neighbouring modes, where the phase
+        proportional: gain, in zeta omega per radian of phase error.
+        integral: gain, in (zeta omega)^2 per radian and second.
+        range_hz: lowest and highest frequency; where left out, half-way to the neighbouring modes, for there the phase
             passes 90 degrees, too, and at most 15 % away.
 
     Raises:
@@ -69,13 +61,13 @@ class PhaseLock:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Where the structure and the controller stand.
+    """The state of the structure and of the controller between two periods.
 
     Args:
         state: of the structure, at phase zero of the drive.
         frequency_hz: of the next period, Hz.
-        integral_hz: what the integral of the phase error has added to the frequency, Hz.
-        started: whether the start is over.
+        integral_hz: part of the frequency that the integral of the phase error has added, Hz.
+        started: whether the transient of the sudden start has decayed.
     """
 
     state: State
@@ -86,14 +78,14 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Locking:
-    """How the loop came to rest at one voltage.
+    """How the loop settled at one voltage.
 
     Args:
-        loop: where it stands.
-        locked: whether phase and amplitude stood still within the time allowed.
+        loop: its state at the end.
+        locked: whether phase and amplitude settled within the time allowed.
         time_s: time until then, or the time allowed, s.
         errors_deg: phase errors of the last periods, degrees.
-        drift: how far the amplitude at the drive point has moved in these periods, over the last of it.
+        drift: relative change of the amplitude at the drive point over these periods.
     """
 
     loop: Loop
@@ -105,14 +97,14 @@ class Locking:
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """What stays the same from level to level.
+    """A phase-locked loop on a rig; all of it stays the same from level to level.
 
     Args:
         rig: the rig, opened for the lowest frequency of the range.
         modes: linear modes at sensors of the rig.
         mode: the one that is held, from 1.
         drive_point: the sensor at the drive point.
-        columns: of the readings, one a sensor of the modes.
+        columns: of the readings, one for each sensor of the modes.
         range_hz: lowest and highest frequency, Hz.
         settings: of the loop.
         noise_share: standard deviation of the noise over the rms of the clean signal of each channel.
@@ -141,7 +133,7 @@ class Controller:
 
     @property
     def drive_column(self) -> int:
-        """Of the readings, the sensor at the drive point."""
+        """Column of the sensor at the drive point in the readings."""
         return self.columns[self.modes.sensors.index(self.drive_point)]
 
     def at_rest(self) -> Loop:
@@ -149,13 +141,14 @@ class Controller:
         return Loop(self.rig.start, self.natural_hz, 0.0, False)
 
     def lock(self, loop: Loop, voltage_v: float) -> Locking:
-        """Run the loop at a voltage, one step a period of the drive, until phase and amplitude stand."""
+        """Run the loop at a voltage, one step for each period of the drive, until phase and amplitude settle."""
         settings, time_s, errors, amplitudes = self.settings, 0.0, [0.0], [0.0]
-        # the time constant of the mode in periods; in a shorter hold the phase would only pass through
-        forgotten = self.natural_hz / self.rate_rad_s
-        hold = max(settings.hold_periods, int(np.ceil(forgotten)))
+        # in fewer periods than the time constant of the mode the phase would only pass through its tolerance
+        time_constant = self.natural_hz / self.rate_rad_s
+        hold = max(settings.hold_periods, int(np.ceil(time_constant)))
         if not loop.started:
-            n_periods = max(1, int(min(SETTLING * forgotten, 0.5 * settings.longest_s * self.natural_hz)))
+            # the sudden start excites all modes: their transients must decay, or the loop follows them
+            n_periods = max(1, int(min(3.0 * time_constant, 0.5 * settings.longest_s * self.natural_hz)))
             loop = replace(loop, state=self._periods(loop, voltage_v, n_periods)[1], started=True)
             time_s = n_periods / loop.frequency_hz
         within, locked = 0, False
@@ -180,14 +173,14 @@ class Controller:
         return clean + self.rng.standard_normal(clean.shape) * (self.noise_share * rms), state
 
     def _periods(self, loop: Loop, voltage_v: float, n_periods: int) -> tuple[Readings, State]:
-        """Clean readings of whole periods from phase zero; their last sample is the first of the next call."""
+        """Return clean readings of whole periods from phase zero; the last sample is the first of the next call."""
         n = self.settings.samples_per_period
         half_steps = np.arange(2 * n * n_periods * self.rig.steps_per_sample + 1)
         voltage = voltage_v * np.sin(np.pi / (n * self.rig.steps_per_sample) * half_steps)
         return drive(self.rig, loop.state, voltage, fs=n * loop.frequency_hz)
 
     def _controlled(self, loop: Loop, error: float) -> Loop:
-        """Frequency of the next period; the integral stays within the range, too, so that it does not wind up."""
+        """Return the loop with the frequency of its next period; the limited integral does not wind up."""
         settings, rate, (lowest, highest) = self.settings, self.rate_rad_s, self.range_hz
         gain = settings.integral * rate**2 / (2.0 * np.pi)
         grown = loop.integral_hz + gain * error / loop.frequency_hz
@@ -228,15 +221,15 @@ def make_controller(
         raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
     below, above = modes.neighbours_hz(mode)
     range_hz = chosen.range_hz or (
-        max((1.0 - WIDEST_RANGE) * natural_hz, (below + natural_hz) / 2.0),
-        min((1.0 + WIDEST_RANGE) * natural_hz, (above + natural_hz) / 2.0),
+        max(0.85 * natural_hz, (below + natural_hz) / 2.0),
+        min(1.15 * natural_hz, (above + natural_hz) / 2.0),
     )
     if not 0.0 < range_hz[0] < natural_hz < range_hz[1] < np.inf:
         raise InputError(
             f"the loop may move from {range_hz[0]:g} to {range_hz[1]:g} Hz: give a range with {natural_hz:g} Hz in it"
         )
-    # opened at the lowest rate: the steps become no longer than they are then. Twice the usual step is 0.4 rad of the
-    # highest natural frequency, often the stinger's, which nothing excites here
+    # at the lowest rate the time steps are longest. They may be twice the usual ones, 0.4 rad of the highest natural
+    # frequency, for that is often the stinger's, which nothing excites here
     fs = chosen.samples_per_period * range_hz[0]
     steps = -(-open_rig(rig, fs).steps_per_sample // 2)
     columns = tuple(rig.sensor_names.index(name) for name in modes.sensors)
@@ -272,7 +265,7 @@ def _sensor_at_drive_point(rig: Rig) -> str:
 
 
 def _drift(amplitudes: list[float]) -> float:
-    """How far amplitudes have moved from the first quarter to the last, over the last."""
+    """Return the change of the amplitude from the first quarter to the last, over that of the last."""
     quarter = -(-len(amplitudes) // 4)
     last = float(np.mean(amplitudes[-quarter:]))
     return abs(last - float(np.mean(amplitudes[:quarter]))) / last if last else np.inf
