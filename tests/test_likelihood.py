@@ -13,8 +13,6 @@ from opid.updating.likelihood.curves import backbone_data, coefficient_of_variat
 from opid.updating.likelihood.noise import (
     OWN_WEIGHT,
     RATIOS,
-    STEP,
-    WIDE,
     NoiseSettings,
     curve_noise,
     draw_errors,
@@ -151,8 +149,8 @@ def test_curve_noise_is_the_integral_over_all_levels():
                 own = ratio * sigma
                 covariance = sigma**2 * np.eye(curve.size) + own**2 * offsets @ offsets.T
                 covariance += (3 * sigma) ** 2 * slopes @ slopes.T + common
-                scaled = own / (WIDE * 0.006)
-                weight = STEP * scaled * np.sqrt(2 / np.pi) * np.exp(-0.5 * scaled**2)
+                scaled = own / (2 * 0.006)
+                weight = np.log(RATIOS[1] / RATIOS[0]) * scaled * np.sqrt(2 / np.pi) * np.exp(-0.5 * scaled**2)
                 total += weight * np.exp(multivariate_normal.logpdf(left, cov=covariance) - 200)
             return total * prior.pdf(sigma**2) * 2 * sigma**2
 

@@ -72,7 +72,7 @@ def curve(mode, frequency_hz, shape, *, name="one", sensors=("a", "b")):
 
 def test_ritz_vectors_give_the_modes_of_the_full_structure():
     model = wing_model()
-    assert model.n_vectors < 30
+    assert len(model.stiffness) < 30
     assert model.worst < 1e-8
     theta = np.exp(np.random.default_rng(3).uniform(np.log(0.1), np.log(2.0), (5, 2)))
     eigenvalue, shapes = ritz_modes(model, theta)

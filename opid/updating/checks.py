@@ -1,4 +1,4 @@
-"""Do measured backbones fit the structure that they are said to be of: frequencies, numbers of modes, stiffness."""
+"""Checks of measured backbones against the structure and each other: frequencies, numbers of modes, sensors, shapes."""
 
 from __future__ import annotations
 
@@ -16,53 +16,42 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, modal_assurance
 
-FARTHEST = 3.0  # ratio of frequencies beyond which no updating of stiffness explains them: a factor of nine
-ALIKE = 0.8  # modal assurance from which a measured shape is that of a mode
+FARTHEST = 3.0  # ratio of frequencies, of nine in stiffness, beyond which no updating explains them
+ALIKE = 0.8  # modal assurance from which on a measured shape is that of a mode
 UNLIKE = 0.3  # modal assurance below which it is not
 APART = 0.1  # fraction by which curves of one mode may begin at different frequencies
-N_ABOVE = 8  # modes beyond the highest that is named, to look for the right one in
-LEAST_EXTENSION = 1e-3  # of the largest extension that a mode gives a joint: below it their law does not show
+LEAST_EXTENSION = 1e-3  # of the largest extension of a joint in any mode, below which its law has no effect
 
 
 def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield where curves of one mode have different sensors: both phases compare shapes entry by entry."""
+    """Yield which curves of one mode have different sensors, for shapes are compared entry by entry."""
     for mode, (first, *others) in by_mode(backbones).items():
-        alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
+        alike: dict[tuple[str, ...], list[str]] = {}
         for each in others:
-            lacking = tuple(name for name in first.sensors if name not in each.sensors)
-            more = tuple(name for name in each.sensors if name not in first.sensors)
-            alike.setdefault((lacking, more), []).append(each.name)
-        turned = [each.name for each in others if _in_another_order(each.sensors, first.sensors)]
-        advice = "give all curves of a mode the same sensors, leave out those that one lacks"
-        for (lacking, more), names in alike.items():
+            alike.setdefault(each.sensors, []).append(each.name)
+        for sensors, names in alike.items():
+            lacking = ", ".join(name for name in first.sensors if name not in sensors)
+            more = ", ".join(name for name in sensors if name not in first.sensors)
+            subject, other = f"{_name(names)} of mode {mode}", f"backbone {first.name!r} of mode {mode}"
+            advice = "give all curves of a mode the same sensors, leave out those that one lacks"
             if lacking:
-                yield (
-                    f"{_name(names)} of mode {mode} lacks the sensor(s) {', '.join(lacking)} of {first.name!r}: "
-                    f"{advice}"
-                )
+                yield f"{subject} lacks the sensor(s) {lacking} of {first.name!r}: {advice}"
             if more:
+                yield f"{other} lacks the sensor(s) {more} of {shortened(names)}: {advice}"
+            if sensors != first.sensors and not (lacking or more):
                 yield (
-                    f"backbone {first.name!r} of mode {mode} lacks the sensor(s) {', '.join(more)} of "
-                    f"{shortened(names)}: {advice}"
+                    f"{subject} has the sensors of {first.name!r} in another order: give all curves of a mode the same "
+                    "order"
                 )
-        if turned:
-            yield (
-                f"{_name(turned)} of mode {mode} has the sensors of {first.name!r} in another order: give all curves "
-                "of a mode the same order"
-            )
-
-
-def _in_another_order(one: Sequence[str], other: Sequence[str]) -> bool:
-    return set(one) == set(other) and tuple(one) != tuple(other)
 
 
 def _name(names: Sequence[str]) -> str:
-    """The backbone, or each of several."""
+    """Return "backbone 'a'", or "each of 3 backbones ('a' and 2 others)"."""
     return f"backbone {names[0]!r}" if len(names) == 1 else f"each of {len(names)} backbones ({shortened(names)})"
 
 
 def joint_fault(modes: JointedModes, mode: int) -> list[str]:
-    """Return one clause where a mode, counted from 1, extends no joint, so that no law of the joints changes it."""
+    """Return one clause if a mode, counted from 1, extends no joint, so that no law of the joints changes it."""
     size = np.abs(modes.at_joints).max(axis=0, initial=0.0)
     fraction = float(size[mode - 1] / max(float(size.max(initial=0.0)), 1e-300))
     if not modes.joints or fraction > LEAST_EXTENSION:
@@ -75,7 +64,7 @@ def joint_fault(modes: JointedModes, mode: int) -> list[str]:
 
 
 def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield what is wrong with the modes that backbones name: not there, still at joints or controlled sensor."""
+    """Yield which modes of backbones are not there, or do not move the joints or the controlled sensor."""
     for mode, curves in by_mode(backbones).items():
         if mode > modes.n_modes:
             names = ", ".join(repr(curve.name) for curve in curves)
@@ -91,10 +80,10 @@ def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> I
 
 
 def structure_faults(structure: AffineStructure) -> Iterator[str]:
-    """Yield what is wrong with the matrices as a whole: mass or nominal stiffness that are not positive."""
+    """Yield whether the mass or the nominal stiffness is not positive."""
     if (worst := _least_eigenvalue(structure.mass)) <= 0:
         yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
-    # a structure that floats has zeros, and rounding makes them negative
+    # a free structure has eigenvalues of 0, which rounding may make negative
     stiffness = structure.stiffness_at({})
     largest = float(np.abs(stiffness.diagonal()).max(initial=0.0))
     if (worst := _least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
@@ -109,20 +98,21 @@ def nominal_modes(structure: AffineStructure, n_modes: int) -> JointedModes:
 
 
 def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield what is wrong with backbones against the structure and against each other, one clause for curves alike.
+    """Yield what is wrong with backbones against the structure and against each other, one clause for equal faults.
 
-    Frequencies that are far from any mode, or from the one that is named; the shape of another mode; curves of one mode
-    that begin far from each other; modes whose curves begin in the wrong order.
+    The faults are: frequencies far from any mode, or from the one that is named; the shape of another mode; curves of
+    one mode that begin far from each other; modes whose curves begin in the wrong order.
 
     Args:
         structure: of the study.
         backbones: measured on it.
     """
-    n_modes = max((curve.mode for curve in backbones), default=0) + N_ABOVE
+    # the right mode may lie above the highest that is named
+    n_modes = max((curve.mode for curve in backbones), default=0) + 8
     try:
         modes = nominal_modes(structure, n_modes)
     except InputError:
-        return  # `structure_faults` says so
+        return  # `structure_faults` names the reason
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
         alike.setdefault((curve.mode, _say_what_is_misplaced(modes, curve)), []).append(curve)
@@ -136,9 +126,9 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
 
 
 def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
-    """Return what to doubt where the frequencies of two modes overlap; the modes are in the right order.
+    """Return one warning for each two neighbouring modes whose frequencies overlap.
 
-    It is no fault: modes that stiffen pass the frequencies at which others began, at different amplitudes.
+    It is no fault: at different amplitudes, a mode that stiffens passes the frequency at which another began.
     """
     hz = {mode: np.concatenate([one.frequency_hz for one in curves]) for mode, curves in by_mode(backbones).items()}
     return [
@@ -151,7 +141,7 @@ def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
 
 
 def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
-    """What follows the name of a curve whose mode is not there, lies elsewhere or has another shape; "" if none."""
+    """Return the end of a clause on a curve whose mode is not there, lies elsewhere or has another shape; else ""."""
     mode, hz = curve.mode, modes.frequency_hz
     if mode > modes.n_modes:
         return f", and the structure has {modes.n_modes} modes"
@@ -183,7 +173,7 @@ def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
 
 
 def _begun(curves: Sequence[MeasuredBackbone]) -> str:
-    """Names of curves of one mode and where they begin."""
+    """Return the beginning of a clause: the names of curves of one mode and where they begin."""
     first = sorted(float(curve.frequency_hz[0]) for curve in curves)
     if len(curves) == 1:
         return f"backbone {curves[0].name!r} of mode {curves[0].mode} begins at {first[0]:.4g} Hz"
@@ -204,7 +194,7 @@ def shortened(names: Sequence[str]) -> str:
 
 
 def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
-    """Modal assurance of the shape of the lowest point with each mode; zeros where few sensors say nothing."""
+    """Return the modal assurance of the shape of the lowest point with each mode; 0 for fewer than three sensors."""
     if len(curve.sensors) < 3:
         return np.zeros(modes.n_modes)
     shapes = modes.at_sensors[[modes.sensors.index(sensor) for sensor in curve.sensors]]
@@ -212,7 +202,7 @@ def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
 
 
 def _crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Curves of one mode that do not begin together, and modes in the wrong order."""
+    """Yield which curves of one mode do not begin together, and which modes are in the wrong order."""
     middle: dict[int, float] = {}
     for mode, curves in by_mode(backbones).items():
         middle[mode] = float(np.median([curve.frequency_hz[0] for curve in curves]))
@@ -231,12 +221,12 @@ def _crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
 
 
 def _far(one: float, other: float) -> float:
-    """The ratio of two frequencies, the larger over the smaller."""
+    """Return the ratio of two frequencies, the larger over the smaller."""
     return max(one, other) / max(min(one, other), 1e-12)
 
 
 def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
-    """The least eigenvalue if it is negative, else a positive number or 0: by the signs of the pivots (Sylvester)."""
+    """Return the least eigenvalue if it is negative, else 0 or a positive number: pivots tell its sign (Sylvester)."""
     from scipy import sparse
     from scipy.sparse.linalg import eigsh
 
@@ -245,7 +235,7 @@ def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
         return float(np.linalg.eigvalsh(found.toarray())[0])
     if _is_positive(found, shift):
         return 1.0
-    # no eigenvalue lies below -largest; the tenfold of a shift that is enough brackets the least one
+    # no eigenvalue lies below -largest; the first shift that is enough is at most ten times too large
     largest = float(np.abs(found).sum(axis=0).max())
     shift = max(shift, 1e-12 * largest)
     while shift < largest and not _is_positive(found, shift):
@@ -258,7 +248,7 @@ def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
 
 
 def _is_positive(matrix: Any, shift: float) -> bool:
-    """Whether a sparse matrix and a multiple of the identity together have positive pivots only."""
+    """Return whether a sparse matrix plus `shift` times the identity has positive pivots only."""
     from scipy import sparse
     from scipy.sparse.linalg import splu
 

@@ -33,9 +33,10 @@ Say = Callable[[str], None]
 def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updating:
     """Update the linear structure, then each class of laws; choose one and predict with it.
 
-    Phase I takes the lowest points of the backbones; the structure with its best parameters is reduced to sensors,
-    joints and some internal modes, and phase II updates the coefficients of every class with it. The class with the
-    largest evidence predicts. Each part draws from a stream of its own, so that a class more changes no other.
+    Phase I fits the linear parameters to the lowest points of the backbones. The structure with the best ones is
+    reduced to sensors, joints and some internal modes, and phase II updates the coefficients of every class with it.
+    The class with the largest evidence predicts. Each part has a random stream of its own, so that another class in the
+    study does not change the results of the others.
 
     Args:
         study: structure, backbones, classes and settings.
@@ -43,7 +44,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
 
     Raises:
         InputError: a structure, backbones or settings that cannot be used, or a sampler that is not installed.
-        NotDeterminedError: the lowest points do not tell the linear parameters, or no class has a likelihood.
+        NotDeterminedError: the lowest points do not determine the linear parameters, or no class has a likelihood.
     """
     if not isinstance(study, UpdatingStudy):
         raise InputError(f"study is of type {type(study).__name__}: give an UpdatingStudy, as read_study makes one")
@@ -84,7 +85,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
 
 
 def _update_linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, JointedModes]:
-    """Phase I where there is something to update, and the structure by its modes."""
+    """Return the result of phase I, None where there is nothing to update, and the structure by its modes."""
     if isinstance(study.structure, JointedModes):
         return None, study.structure
     linear = None
@@ -103,9 +104,10 @@ def _update_linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | No
 
 
 def _linear_errors(study: UpdatingStudy) -> LinearErrors:
-    """How phase I weighs frequencies and shapes: by the scatter of the curves, inferred in the recommended form.
+    """Return the errors of frequencies and shapes in phase I: the scatter of the curves, and a common error.
 
-    Beside it stands an error that all curves of a mode share, but in the forms that are the paper's.
+    The recommended form infers the scatter. All curves of a mode share the common error, which the forms of the paper
+    do not have.
     """
     noise = study.noise
     common = 0.0 if study.form in ("paper", "literal") else noise.linear_error
@@ -116,12 +118,12 @@ def _linear_errors(study: UpdatingStudy) -> LinearErrors:
     shape_std: dict[int, OneShapeStd] = {}
     for mode, curves in by_mode(study.backbones).items():
         scatters = len({float(one.frequency_hz[0]) for one in curves}) > 1
-        # one curve has no scatter, nor have curves that begin alike: its offset is what is expected of one
+        # one curve has no scatter, nor have curves with equal beginnings: the expected offset of a curve replaces it
         cov[mode] = "inferred" if scatters else 2 * noise.curve_offset
         n_sensors = len(curves[0].sensors)
         if n_sensors < 2:
             continue  # one sensor has no shape
-        # a shape that the factors can meet exactly tells nothing of its own error
+        # the error of a shape cannot be inferred if the factors can fit the shape exactly
         rest = len(curves) * (n_sensors - 1) - len(study.parameters)
         expected = float(np.hypot(noise.shape_offset, noise.linear_shape_error))
         shape_std[mode] = "inferred" if len(curves) > 1 or rest > 0 else expected
@@ -129,7 +131,7 @@ def _linear_errors(study: UpdatingStudy) -> LinearErrors:
 
 
 def _growth_by_mode(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
-    """How far the linear error may grow along the backbones of each mode: as set, else by what phase I leaves."""
+    """Return how far the linear error may grow along the backbones of each mode: as set, else estimated by phase I."""
     noise = study.noise
     growth = dict.fromkeys(by_mode(study.backbones), noise.growth_of_linear_error)
     stated = noise.linear_error_growth is not None
@@ -147,7 +149,7 @@ def _growth_by_mode(study: UpdatingStudy, linear: LinearPosterior | None) -> dic
 
 
 def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, float]) -> BackboneData:
-    """The backbones, each mode with the growth of its own linear error."""
+    """Return the backbones, each mode with the growth of its own linear error."""
     of_modes = [
         backbone_data(
             system,
@@ -162,7 +164,7 @@ def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, fl
 
 
 def _update_classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
-    """The posterior of each class that has a likelihood, and why others are left out."""
+    """Return the posterior of each class that has a likelihood, and why others are left out."""
     classes, lost = [], []
     for number, model_class in enumerate(study.classes):
         name = model_class.name
@@ -196,7 +198,7 @@ def _predict(
 
 
 def _settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:
-    """What the result was made with, in plain values."""
+    """Return the settings of the result in plain values."""
     noise = dict(vars(study.noise))
     noise["cov"] = {str(mode.mode): mode.cov for mode in data.modes if mode.cov > 0}
     by_name = {str(mode): value for mode, value in growth.items()}

@@ -1,6 +1,6 @@
 """Phase I: parameters of the linear structure from the lowest points of backbones (Song et al. 2021; 2.1.1).
 
-And how the error that they leave in the linear structure grows along the backbones.
+Also how the error that remains in the linear structure grows along the backbones.
 """
 
 from __future__ import annotations
@@ -25,21 +25,10 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, reduce
 from opid.updating.structure.ritz import ritz_model
 
-LEAST_RATIO = 0.01  # of the upper end of a prior: where its lower end is 0, the Ritz vectors serve from there
-FAR = 5.0  # standard deviations of a prior without an end to which the Ritz vectors serve
-FEW_SETS = 4  # with fewer curves of a mode their scatter is a poor estimate
-PEAK = 1e-6  # how much the log density of the best parameters may be short of its maximum: far above its rounding, 1e-9
-MOST_STARTS = 5  # draws of the prior that the search for the maximum may begin at
-UNMIXED = 1.1  # R-hat above which the chains are not to be trusted
-MISFIT = 3.0  # standard deviations by which the updated eigenvalue may miss the mean of the measured ones
-POOR_MAC = 0.8  # MAC of the updated shape with the measured ones below which they are hardly of one mode
-MOVED = 1.0  # standard deviations by which the lowest points may lie off the linear frequency of their curves
-STEP = 0.01  # fraction by which each factor is changed to see what it does to the backbones
-N_AMPLITUDES = 12  # at which the backbones are compared
-LAW = "cubic_stiffness"  # grows as the measured curves do; with a quintic one errors grow 1.4 times as far
-COEFFICIENTS = np.geomspace(0.5, 50.0, 40)  # to try, over what one mode alone would need: others take of it
-LEAST_GROWTH = 1e-3  # growth of lambda below which a curve is linear: there is nothing that an error could grow with
-FEWEST = 3  # amplitudes at which all backbones must have converged
+PEAK = 1e-6  # largest distance of the log density from its maximum; its rounding is 1e-9
+MOST_STARTS = 5  # draws of the prior at which the search for the maximum may begin
+STEP = 0.01  # fraction by which each factor is changed to find its effect on the backbones
+LAW = "cubic_stiffness"  # of trial backbones, which grow as the measured ones; with a quintic one errors grow 1.4 times
 
 
 def update_linear(
@@ -73,7 +62,7 @@ def update_linear(
     Raises:
         InputError: no backbone, sensors that do not fit, errors that are not known or not positive; a prior of an
             unknown parameter, or one that allows nothing above 0.
-        NotDeterminedError: the data do not tell a parameter.
+        NotDeterminedError: the data do not determine a parameter.
     """
     data = linear_data(structure, backbones, **errors)
     modes = [each.mode for each in data]
@@ -100,7 +89,7 @@ def update_linear(
         f"{model.names[pressure.parameter - 1]} {pressure.sentence}"
         for pressure in presses_against(chain.pooled, ordered)
     ]
-    if diagnostics.r_hat > UNMIXED:
+    if diagnostics.r_hat > 1.1:
         warnings.append(
             f"the chains of the linear parameters have not mixed (R-hat {diagnostics.r_hat:.2f}): take more samples"
         )
@@ -118,7 +107,7 @@ def update_linear(
 
 
 def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:
-    """The maximum a posteriori, from the best of the draws; from others where that one leads nowhere."""
+    """Return the maximum a posteriori, sought from the best of the draws, then from others if that one fails."""
     ranked = draws[np.argsort(-density(draws), kind="stable")]
     for start in ranked[: MOST_STARTS - 1]:
         try:
@@ -129,27 +118,27 @@ def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maxi
 
 
 def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
-    """Where each prior allows its parameter to be, above 0."""
-    box = {}
+    """Return the range of each parameter that its prior allows, above 0 and without far tails."""
+    box, far = {}, 5.0  # standard deviations
     for name, prior in priors.items():
         if name not in structure.parts:
             known = nearest(name, structure.parts) if structure.parts else "the structure has no part to update"
             raise InputError(f"there is a prior for {name!r}, which is no parameter: {known}")
         low, high = prior.support
         if prior.family == "normal":
-            low, high = prior.first - FAR * prior.second, prior.first + FAR * prior.second
+            low, high = prior.first - far * prior.second, prior.first + far * prior.second
         if prior.family == "lognormal":
-            low, high = (prior.first * np.exp(side * FAR * prior.second) for side in (-1, 1))
+            low, high = (prior.first * np.exp(side * far * prior.second) for side in (-1, 1))
         if high <= 0:
             raise InputError(f"the prior of {name!r} allows nothing above 0: a factor of stiffness is positive")
-        box[name] = (max(low, LEAST_RATIO * high), high)
+        box[name] = (max(low, 0.01 * high), high)
     return box
 
 
 def _mode_table(
     structure: AffineStructure, data: Sequence[LinearData], best: Mapping[str, float]
 ) -> tuple[LinearMode, ...]:
-    """Frequencies and MAC of the full structure before and after (Song Table 2)."""
+    """Return frequencies and MAC of the full structure before and after the updating (Song Table 2)."""
     n_modes = max(each.mode for each in data)
     found = []
     for factors in ({}, best):
@@ -169,30 +158,30 @@ def _mode_table(
 def _warnings(
     data: Sequence[LinearData], table: Sequence[LinearMode], backbones: Sequence[MeasuredBackbone], errors: LinearErrors
 ) -> list[str]:
-    """What to doubt: a poor estimate of scatter, a mode or a shape that is missed, lowest points that are nonlinear."""
+    """Return warnings: a poor estimate of scatter, a mode or shape that does not fit, nonlinear lowest points."""
     warnings, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
     for each, row in zip(data, table, strict=True):
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size
         mean, std = mean_eigenvalue(each)
         given = cov.get(each.mode, "scatter") if isinstance(cov, Mapping) else cov
-        if n_sets < FEW_SETS and given == "scatter":
+        if n_sets < 4 and given == "scatter":
             warnings.append(
                 f"the scatter of {mode} is estimated from {n_sets} curves: measure more, give cov, or take the "
                 "recommended form, which infers it"
             )
         missed = ((2 * np.pi * row.updated_hz) ** 2 - mean) / std
-        if abs(missed) > MISFIT:
+        if abs(missed) > 3.0:
             warnings.append(
                 f"the updated {mode} lies at {row.updated_hz:.4g} Hz, {abs(missed):.1f} standard deviations from the "
                 f"measured {row.identified_hz:.4g} Hz: the structure has an error that its parameters cannot mend"
             )
-        if row.updated_mac < POOR_MAC:
+        if row.updated_mac < 0.8:
             warnings.append(
                 f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): look whether "
                 "the curves are of another mode, and at the names and signs of the sensors"
             )
         moved = float(np.mean([_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
-        if abs(moved) > MOVED:
+        if abs(moved) > 1.0:
             warnings.append(
                 f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency that their "
                 "curves point to at amplitude 0: measure at smaller amplitudes"
@@ -201,7 +190,7 @@ def _warnings(
 
 
 def _nonlinear_part(curve: MeasuredBackbone) -> float:
-    """Eigenvalue at the lowest point less that at amplitude 0, by a line in the square of the amplitude."""
+    """Return the eigenvalue at the lowest point less that at amplitude 0, by a line in the square of the amplitude."""
     square = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** 2
     near = slice(0, max(3, np.count_nonzero(square <= 9)))
     return float(np.polyfit(square[near], curve.eigenvalue[near], 1)[0])
@@ -221,11 +210,12 @@ def growth_of_linear_error(
 ) -> dict[int, float]:
     """Return how far the error of lambda grows while lambda doubles, by mode, in units of 2 `linear_error`.
 
-    Phase I finds factors with which the linear frequencies are right, for wrong reasons too: an error of a mode is
-    taken for one of the stiffness. Along a backbone the joints stiffen, the parts of the structure share the strain
-    energy anew, and such an error comes to light. With r_k(A) = d lambda(A) / d ln theta_k / lambda(0), less its value
-    at amplitude 0, and C the covariance of ln theta, the growth is the root mean square of (r^T C r)^1/2 over that of
-    lambda(A) / lambda(0) - 1. Modes are left out whose curves do not grow, do not move the joints or do not converge.
+    Phase I finds factors that make the linear frequencies right, sometimes for a wrong reason: it takes another error
+    of a mode for one of the stiffness. Along a backbone the joints stiffen, the strain energy moves to other parts of
+    the structure, and such an error appears in the frequency. With r_k(A) = d lambda(A) / d ln theta_k / lambda(0),
+    less its value at amplitude 0, and C the covariance of ln theta, the growth is the root mean square of
+    (r^T C r)^1/2 over that of lambda(A) / lambda(0) - 1. Modes whose curves do not grow, do not move the joints or do
+    not converge are left out.
 
     `factors` are those of the stiffness parts as updated, with their `covariance`, and `linear_error` the standard
     deviation of the relative error of a linear frequency: the unit. `n_modes` internal modes are kept.
@@ -238,26 +228,29 @@ def growth_of_linear_error(
     ]
     growth = {}
     for mode, curves in by_mode(backbones).items():
-        found = _say_what_strayed(base, moved, curves)
+        found = _compute_growth(base, moved, curves)
         if found is not None:
-            grown, strayed = found
-            variance = np.einsum("ka,kl,la->a", strayed, relative, strayed)
+            grown, by_factor = found
+            variance = np.einsum("ka,kl,la->a", by_factor, relative, by_factor)
             growth[mode] = float(np.sqrt(variance.sum() / (grown**2).sum())) / (2 * linear_error)
     return growth
 
 
-def _say_what_strayed(
+def _compute_growth(
     base: JointedModes, moved: Sequence[JointedModes], curves: Sequence[MeasuredBackbone]
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Growth of lambda (n,), and what each factor adds to it (n_factors, n), over the measured amplitudes."""
+    """Return the growth of lambda, (n,), and its derivative by each factor, (n_factors, n), at measured amplitudes.
+
+    None where lambda does not grow, or the backbones converge at fewer than three amplitudes.
+    """
     mode, sensor = curves[0].mode, curves[0].controlled_sensor
     mine = [one for one in curves if one.controlled_sensor == sensor]
     amplitude = np.linspace(
         min(one.controlled_amplitude[0] for one in mine),
         max(one.controlled_amplitude[-1] for one in mine),
-        N_AMPLITUDES,
+        12,
     )
-    # of the curve that grows most, either way
+    # that of the curve that grows or falls most
     growths = [float(one.eigenvalue[-1] / one.eigenvalue[0]) - 1 for one in mine]
     wanted = max(growths, key=abs)
     coefficient = _coefficient(base, mode, sensor, float(amplitude[-1]), wanted)
@@ -270,21 +263,21 @@ def _say_what_strayed(
         relative.append((solved.eigenvalue[0] - system.eigenvalue[column]) / base.eigenvalue[column])
         converged.append(solved.converged[0])
     kept = np.all(converged, axis=0)
-    if kept.sum() < FEWEST:
+    if kept.sum() < 3:
         return None
     grown = relative[0][kept]
     return grown, np.array([(each[kept] - grown) / STEP for each in relative[1:]])
 
 
 def _coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float, growth: float) -> float | None:
-    """Of a cubic law with which lambda grows by this fraction up to the amplitude; None where none makes it grow."""
+    """Return the coefficient of the cubic law with which lambda grows so far at the amplitude; None if none does."""
     column = system.index(mode)
     at_sensor, at_joints = system.at_sensors[system.sensor(sensor), column], system.at_joints[:, column]
-    if abs(growth) < LEAST_GROWTH or not at_sensor or not at_joints.any():
+    if abs(growth) < 1e-3 or not at_sensor or not at_joints.any():
         return None
-    # lambda = lambda_0 + 3/4 c q^2 sum psi^4 by one harmonic of one mode
+    # lambda = lambda_0 + 3/4 c q^2 sum psi^4 by one harmonic of one mode; other modes take a part of the force
     alone = 0.75 * (amplitude / at_sensor) ** 2 * float(np.sum(at_joints**4))
-    tried = growth * system.eigenvalue[column] / alone * COEFFICIENTS
+    tried = growth * system.eigenvalue[column] / alone * np.geomspace(0.5, 50.0, 40)
     solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=[amplitude])(tried[:, None])
     fine = solved.converged[:, 0]
     if not fine.any():

@@ -21,32 +21,28 @@ from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
 from opid.signals.units import to_si
 
-LEAST_POINTS = 3  # of a backbone: with fewer there is no curve
-
+LEAST_POINTS = 3  # of a backbone: fewer make no curve
 
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
-"""What the column of frequencies may be called, without regard to case; its unit may stand behind in brackets."""
+"""Names that the column of frequencies may have, without regard to case; a unit in brackets may follow."""
 
-LARGEST_UNSTATED = 0.05  # m: larger amplitudes without a unit are taken for millimetres that were meant
-LARGEST_STATED = 1.0  # m: no backbone of a structure is measured there
-SMALLEST_IN_PARTS = 1e-5  # m: smaller amplitudes in mm, cm or inches are taken for numbers that are metres
-DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}  # units of motion, and how often it is the derivative of the displacement
+DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}  # units of motion, and the number of the derivative of the displacement
 NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")  # units of columns that are left out: force, voltage, current, phase
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredBackbone:
-    """One backbone of one mode, as one test gave it.
+    """One backbone of one mode, measured in one test.
 
     Args:
         name: of the test (the sensor whose quadrature was held, say).
         mode: number of the mode, from 1.
-        controlled_sensor: the sensor whose amplitude is prescribed to the model.
+        controlled_sensor: the sensor at whose amplitudes the model is solved.
         frequency_hz: (n_points,) Hz.
         amplitude: (n_points, n_sensors) first-harmonic amplitude of displacement, m, with the sign of the phase;
             columns in the order of `sensors`.
         sensors: names of the sensors.
-        files: that it was read from, and those of the study that it belongs to.
+        files: the file of the backbone, and those of its study.
 
     Raises:
         InputError: too few points, counts that do not match, values that are not finite or not positive, or an
@@ -129,13 +125,14 @@ def read_backbone(
     """Return the backbone that a CSV file holds, amplitudes of displacement in m.
 
     Args:
-        path: a text with a header: `frequency_hz` (or `frequency [Hz]`, `omega [rad/s]`) and one column a sensor with
-            the amplitude of its first harmonic, the unit in brackets (`10 [mm]`); columns are parted by commas,
+        path: a text with a header: `frequency_hz` (or `frequency [Hz]`, `omega [rad/s]`) and one column for each sensor
+            with the amplitude of its first harmonic, the unit in brackets (`10 [mm]`); columns are separated by commas,
             semicolons or tabs. An acceleration is divided by (2 pi f)^2, a velocity by 2 pi f. Columns of a force, a
             voltage or a phase are left out.
         mode: number of the mode, from 1.
-        controlled_sensor: the sensor whose amplitude is prescribed to the model.
-        sensors: those of the structure: any other column of motion is refused; every column is one where left out.
+        controlled_sensor: the sensor at whose amplitudes the model is solved.
+        sensors: those of the structure: any other column of motion is refused; where left out, every column of motion
+            is a sensor.
         unit: of the columns that state none; metres where left out.
         name: of the backbone; that of the file where left out.
 
@@ -164,7 +161,7 @@ def read_backbone(
 
 
 def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> None:
-    """Write a backbone to a CSV file that `read_backbone` reads back, amplitudes in m, whole or not at all.
+    """Write a backbone to a CSV file that `read_backbone` reads back, amplitudes in m; a failure leaves no half file.
 
     Args:
         backbone: what was measured.
@@ -211,7 +208,7 @@ def _read(
 
 
 def _table(source: Path) -> tuple[list[str], FloatArray]:
-    """The cells of the header, and the numbers below it."""
+    """Return the cells of the header, and the numbers below it."""
     try:
         text = source.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -239,7 +236,7 @@ def _table(source: Path) -> tuple[list[str], FloatArray]:
 
 
 def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
-    """The frequencies, Hz, and the index of their column."""
+    """Return the frequencies, Hz, and the index of their column."""
     names = [split_unit(cell) for cell in header]
     columns = [index for index, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
     if len(columns) != 1:
@@ -257,7 +254,7 @@ def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, i
 
 
 def _displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
-    """Its amplitude, m; None for what is no motion."""
+    """Return the amplitude of displacement, m; None for a column of another quantity."""
     factor, quantity = to_si(unit or "m")
     if quantity in NO_MOTION:
         return None
@@ -267,17 +264,17 @@ def _displacement(sensor: str, unit: str | None, values: FloatArray, frequency_h
 
 
 def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) -> None:
-    """Refuse amplitudes that no structure has, and micrometres in mm, cm or inches: their unit is another."""
+    """Refuse amplitudes whose unit must be wrong: larger than any structure's, or micrometres in mm, cm or inches."""
     largest, sensor = max((float(np.nanmax(np.abs(values), initial=0.0)), name) for name, values in own.items())
     stated = all(units.values())
-    if largest > (LARGEST_STATED if stated else LARGEST_UNSTATED):
+    if largest > (1.0 if stated else 0.05):  # m; without a unit millimetres are probable
         source = "as it is stated" if stated else "for no unit is stated"
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {source}: name the unit in the header, like "
             f"'{sensor} [mm]'"
         )
     factor, quantity = to_si(units[sensor] or "m")
-    if quantity == "m" and 1e-3 <= factor < 1 and 0 < largest < SMALLEST_IN_PARTS:
+    if quantity == "m" and 1e-3 <= factor < 1 and 0 < largest < 1e-5:
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest / factor:.3g} {units[sensor]}, {1e6 * largest:.3g} "
             "micrometres: are the numbers metres? Name the unit they are in ('m', or 'µm' if they are that small)"

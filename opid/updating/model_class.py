@@ -68,7 +68,7 @@ class Prior:
 
     @property
     def support(self) -> tuple[float, float]:
-        """Lower and upper end of what is possible."""
+        """Lower and upper end of the possible values."""
         if self.family == "uniform":
             return self.first, self.second
         return (0.0 if self.family == "lognormal" else -np.inf), np.inf
@@ -97,8 +97,8 @@ class ModelClass:
     Args:
         name: of the class.
         kinds: names of the kinds in `opid.laws.LAWS`, each with an amplitude alone.
-        scales: what each parameter is multiplied by, in the unit of the kind's amplitude; may be negative.
-        priors: one a parameter.
+        scales: factor of each parameter, in the unit of the kind's amplitude; may be negative.
+        priors: one for each parameter.
 
     Raises:
         InputError: an unknown kind, one with inner parameters or of velocity, counts that do not match, a scale of 0.
@@ -176,7 +176,7 @@ PAPER_CLASSES = (
     ModelClass("class 4", ("cubic_stiffness", "quartic_stiffness"), (8.84e7, -2.7e9), (_FIRST, _SECOND)),
     ModelClass("class 5", ("cubic_stiffness", "quintic_stiffness"), (7.48e7, -8.4e11), (_FIRST, _SECOND)),
 )
-"""Of Table 3, with the priors of section 4.2; the table's scales are in N and mm."""
+"""The classes of Table 3, with the priors of section 4.2; the table's scales are in N and mm."""
 
 PAPER_THETA: Mapping[str, tuple[float, ...]] = {
     "class 1": (1.63,),
@@ -185,4 +185,4 @@ PAPER_THETA: Mapping[str, tuple[float, ...]] = {
     "class 4": (1.34, 1.26),
     "class 5": (1.49, 0.51),
 }
-"""Means of Table 4."""
+"""The means of Table 4."""

@@ -1,4 +1,4 @@
-"""One model class given the data: best parameters, samples, evidence, what to doubt."""
+"""The posterior of one model class: best parameters, samples, evidence, warnings."""
 
 from __future__ import annotations
 
@@ -28,15 +28,10 @@ from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, 
 from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.warnings import TOO_LITTLE, moves_nothing, warnings_of_class
 
-N_CHAINS, SHORTEST = 20, 250  # Metropolis chains side by side, and samples of one below which there are fewer
-N_WALKERS = 8  # of the ensemble, at least: twenty have no more effective samples, in chains that mix less
-WARM_UP = 11  # one in so many samples is warm-up: 500 of 5500, as Song et al. have it
-N_STARTS = 256  # draws of the prior among which the search for the maximum starts
-MOST_ITERATIONS = 40  # of a search for a maximum: they are ten, unless the density has steps
-ROUGH_DROP = 1.0  # of the log density: how far a rough quadratic reaches along each parameter
-N_MOVES = 5  # metropolis steps of each particle in each stage of transitional Markov chain Monte Carlo
+N_CHAINS, SHORTEST = 20, 250  # Metropolis chains at most, and the fewest samples of each
+WARM_UP = 11  # one in so many samples is warm-up: 500 of 5500, as in Song et al.
+N_MOVES = 5  # Metropolis steps of each particle in each stage of transitional Markov chain Monte Carlo
 MOST_BY_QUADRATURE = 3  # parameters up to which the evidence is integrated by quadrature
-MOST_NODES = 6_000  # evaluations after which quadrature gives up, ten times as many for three parameters
 
 METHODS = ("quadrature", "laplace", "transitional")
 
@@ -84,8 +79,8 @@ def update_class(
     """Return the posterior of the parameters of one law and the evidence of that law (Song et al. 2021, section 2).
 
     The maximum a posteriori is sought from the best of many draws of the prior; its curvature gives the first
-    covariance of the proposals. Metropolis samplers run up to twenty chains side by side, n_samples in all, of which
-    one in eleven is dropped (5000 of 5500 are left, as in the paper).
+    covariance of the proposals. Metropolis samplers run up to twenty chains side by side with n_samples in all. One in
+    eleven is dropped (5000 of 5500 are left, as in the paper).
 
     Args:
         data: the backbones, from `backbone_data`.
@@ -95,7 +90,7 @@ def update_class(
         n_samples: of all chains, the warm-up among them.
         evidences: of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None:
             quadrature, which is exact, and Laplace up to three parameters; Laplace and transitional beyond.
-        progress: called with the fraction of the samples that there are; of transitional Markov chain Monte Carlo with
+        progress: called with the fraction of the samples that are drawn; by transitional Markov chain Monte Carlo with
             the exponent of the likelihood, which ends at 1, too.
 
     Raises:
@@ -161,9 +156,9 @@ def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, .
 def _find_peak(
     density: Density, data: BackboneData, model_class: ModelClass, rng: np.random.Generator
 ) -> tuple[Maximum | None, list[str]]:
-    """The highest maximum from several starts, None where none has a curvature; and what to doubt about it."""
+    """Return the highest maximum from several starts, None where none has a curvature, and warnings about it."""
     support = [prior.support for prior in model_class.priors]
-    starts = model_class.sample_prior(N_STARTS, rng)
+    starts = model_class.sample_prior(256, rng)
     values = density.posterior(starts)
     if not np.isfinite(values).any():
         where = "; in ".join(where_it_fails(data, model_class, starts, lost=True))
@@ -181,7 +176,7 @@ def _find_peak(
         spread = np.sqrt(np.diag(peak.covariance))
         if not any((np.abs(peak.theta - other.theta) < spread).all() for other in peaks):
             peaks.append(peak)
-        # the next start lies apart from where this one was and where it led to
+        # the next start lies apart from this one and from the maximum that it led to
         width = np.ptp(starts, axis=0)
         near = np.zeros(len(starts), dtype=bool)
         for each in (peak.theta, start):
@@ -205,10 +200,11 @@ def _find_peak(
 def _climb(
     density: Density, start: FloatArray, support: list[tuple[float, float]], rng: np.random.Generator
 ) -> Maximum | None:
-    """The maximum from one start."""
+    """Return the maximum from one start, None where it has no curvature."""
     try:
-        peak = maximum_a_posteriori(density.posterior, start, support=support, max_iterations=MOST_ITERATIONS)
-        return peak if peak.precision.size else None  # refused without a curvature
+        # ten iterations are usual, unless the density has steps
+        peak = maximum_a_posteriori(density.posterior, start, support=support, max_iterations=40)
+        return peak if peak.precision.size else None  # `precision` raises without a curvature
     except NotDeterminedError as error:
         return None if error.partial is None else _rough_peak(density, np.asarray(error.partial), support, rng)
 
@@ -216,13 +212,16 @@ def _climb(
 def _rough_peak(
     density: Density, theta: FloatArray, support: list[tuple[float, float]], rng: np.random.Generator
 ) -> Maximum | None:
-    """A quadratic fitted over about a standard deviation: near a modal interaction the density has small steps."""
+    """Return the maximum of a quadratic that is fitted over about a standard deviation.
+
+    It serves where the density has small steps, as near a modal interaction.
+    """
     steps = np.abs(theta) * 1e-5 + 1e-9
     reach = np.geomspace(1.0, 1e6, 49)
     top = float(density.posterior(theta[None])[0])
     for k in range(theta.size):
         along = theta + reach[:, None] * steps[k] * np.eye(theta.size)[k]
-        fallen = np.flatnonzero(density.posterior(along) < top - ROUGH_DROP)
+        fallen = np.flatnonzero(density.posterior(along) < top - 1.0)
         if not fallen.size:
             return None
         steps[k] *= reach[fallen[0]]
@@ -251,10 +250,10 @@ def _rough_peak(
 def _sample(
     density: Density, peak: Maximum, sampler: str, n_samples: int, rng: np.random.Generator, progress: Progress | None
 ) -> Chain:
-    # emcee advises more than twice as many walkers as parameters
-    n_walkers = max(N_WALKERS, 2 * peak.theta.size + 2)
+    # emcee advises more than twice as many walkers as parameters; more walkers mix less
+    n_walkers = max(8, 2 * peak.theta.size + 2)
     n_chains = n_walkers if sampler == "ensemble" else int(np.clip(n_samples // SHORTEST, 4, N_CHAINS))
-    # starts drawn from the Laplace approximation, which they double: the warm-up may be short
+    # `spread_starts` doubles the scatter: the starts follow the Laplace approximation and need a short warm-up only
     start = spread_starts(density.posterior, peak.theta, peak.covariance_inside / 4, n_chains=n_chains, rng=rng)
     dropped = n_samples // (WARM_UP * n_chains)
     kept = (n_samples - n_samples // WARM_UP) // n_chains
@@ -274,9 +273,9 @@ def _evidences(
     chain: Chain,
     stages: Transitional | None,
 ) -> tuple[tuple[Evidence, ...], list[str]]:
-    """The evidence by each method, one at least, and why there is none by some."""
+    """Return the evidence by each method, at least one, and the reasons where a method has none."""
     support = [prior.support for prior in model_class.priors]
-    most = MOST_NODES if chain.n_parameters < MOST_BY_QUADRATURE else 10 * MOST_NODES
+    most = 6_000 if chain.n_parameters < MOST_BY_QUADRATURE else 60_000
 
     def by_samples() -> Evidence:
         best, at_best = (

@@ -1,4 +1,4 @@
-"""Predicted backbones with their bands: parameters and errors drawn together (Song et al. 2021, section 2.3)."""
+"""Predicted backbones with their bands, from draws of parameters and errors (Song et al. 2021, section 2.3)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from opid.updating.likelihood.noise import draw_errors
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.result import BackboneBand, ClassPosterior
 
-LEAST_DRAWS = 0.5  # fraction of the draws that must have a backbone at an amplitude for a band there
-N_DRAWS, N_AMPLITUDES = 200, 40  # curves that are drawn, and points of each band
+N_AMPLITUDES = 40  # points of each band
 
 
 def predict(
@@ -23,9 +22,9 @@ def predict(
     """Return the 95 % band of each mode for one more point of one more curve (Song eq. 18).
 
     lambda = lambda(theta) + e - r_m with theta drawn from the posterior. In the paper's forms e is drawn from
-    N(0, sigma_lambda^2) and r_m is the mean of the curves; in the recommended one offset and noise of a further curve
-    are drawn from what the measured ones tell. Where the model converges for less than `LEAST_DRAWS` of the draws there
-    is no band: nan.
+    N(0, sigma_lambda^2) and r_m is the mean of the curves. In the recommended form offset and noise of a further curve
+    are drawn from their posterior given the measured ones. The band is nan where the model converges for less than half
+    of the draws.
 
     Args:
         data: the backbones, from `backbone_data`.
@@ -36,7 +35,7 @@ def predict(
     Raises:
         NotDeterminedError: no mode has a band anywhere.
     """
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=N_DRAWS)]
+    theta = posterior.samples[rng.integers(len(posterior.samples), size=200)]
     bands = tuple(_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
     if not any(np.isfinite(band.frequency_hz).any() for band in bands):
         every = np.ones(N_AMPLITUDES, dtype=bool)
@@ -69,7 +68,7 @@ def _band(
     frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)
     there = np.isfinite(frequency)
     band = np.full((3, N_AMPLITUDES), np.nan)
-    for index in np.flatnonzero(there.mean(axis=0) >= LEAST_DRAWS):
+    for index in np.flatnonzero(there.mean(axis=0) >= 0.5):
         band[:, index] = np.quantile(frequency[there[:, index], index], [0.025, 0.5, 0.975])
     low, middle, high = band
     hz = np.concatenate([one.frequency_hz for one in curves])
@@ -87,7 +86,7 @@ def _errors(
     eigenvalue: FloatArray,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(n, N_AMPLITUDES) of lambda: what the measured curves show beside the model, drawn anew; nan without a model."""
+    """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model."""
     if mode.frequency_noise is not None:
         at_nodes, _, _, lost = curves_of(data, mode, posterior.model_class)(theta)
         growth = _without_gaps(eigenvalue, mode.linear) / mode.linear - 1
@@ -99,7 +98,7 @@ def _errors(
 
 
 def _without_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:
-    """Rows with values between their neighbours where they have none: the errors of a curve depend on all of it."""
+    """Return rows with gaps interpolated, for the errors of a curve depend on all of it."""
     filled, index = eigenvalue.copy(), np.arange(eigenvalue.shape[1])
     for row in np.flatnonzero(np.isnan(eigenvalue).any(axis=1)):
         there = np.isfinite(eigenvalue[row])

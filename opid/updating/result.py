@@ -1,4 +1,4 @@
-"""What Bayesian updating found: records, and the content of result.json."""
+"""The results of Bayesian updating as records, and their content in result.json."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class ClassPosterior:
 
     Args:
         model_class: the class.
-        evidences: by every method that was run; the first is the one that classes are compared by.
+        evidences: by every method that was run; classes are compared by the first.
         best: (n_parameters,) maximum a posteriori.
         estimates: mean, standard deviation and 95 % interval of each parameter, by "theta_1", "theta_2", ...
         covariance: (n_parameters, n_parameters) of the samples.
         samples: (n_samples, n_parameters).
         log_likelihood_at_best: of the data at `best`.
         diagnostics: of the sampling.
-        prior_sensitivity: how the logarithm of the evidence changes when each prior is twice as wide, by parameter.
-        warnings: what to doubt.
-        moves_nothing: whether no parameters that its prior allows move the frequencies, the one warning there is then.
+        prior_sensitivity: change of the logarithm of the evidence when a prior is twice as wide, by parameter.
+        warnings: one sentence for each reason to doubt the class.
+        moves_nothing: whether the class moves the frequencies nowhere in its prior; that is then its only warning.
         chain: as sampled, chain by chain; None where it was not kept.
     """
 
@@ -58,12 +58,12 @@ class ClassPosterior:
 
     @property
     def log_evidence(self) -> float:
-        """That of the first method."""
+        """Logarithm of the evidence by the first method."""
         return self.evidences[0].log_evidence
 
     @property
     def labels(self) -> list[str]:
-        """Of the parameters, on an axis."""
+        """Label of each parameter on an axis."""
         kinds = enumerate(self.model_class.kinds, start=1)
         return [f"θ{number} ({short_kind(kind)})" for number, kind in kinds]
 
@@ -91,11 +91,11 @@ class LinearMode:
 
     Args:
         mode: number of the mode, from 1.
-        identified_hz: mean of the tests.
-        initial_hz: of the nominal structure.
-        updated_hz: with the updated parameters.
-        initial_mac: mean over the tests.
-        updated_mac: likewise.
+        identified_hz: mean frequency of the tests.
+        initial_hz: frequency of the nominal structure.
+        updated_hz: frequency with the updated parameters.
+        initial_mac: MAC of the nominal shape with the measured ones, mean over the tests.
+        updated_mac: likewise of the updated shape.
     """
 
     mode: int
@@ -118,7 +118,7 @@ class LinearPosterior:
         samples: (n_samples, n_parameters).
         modes: frequencies and MAC before and after.
         diagnostics: of the sampling.
-        warnings: what to doubt.
+        warnings: one sentence for each reason to doubt the parameters.
         chain: as sampled, chain by chain; None where it was not kept.
     """
 
@@ -144,7 +144,7 @@ class BackboneBand:
 
     Args:
         mode: number of the mode, from 1.
-        sensor: whose amplitude it is drawn over.
+        sensor: name of that sensor.
         amplitude: (n,) m.
         frequency_hz: (n,) median, Hz.
         low_hz: (n,) lower end of the 95 % band.
@@ -162,13 +162,13 @@ class BackboneBand:
 
     @property
     def n_missing(self) -> int:
-        """At how many amplitudes there is no frequency."""
+        """Number of amplitudes without a frequency."""
         return int((~np.isfinite(self.frequency_hz)).sum())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Updating(Result):
-    """The whole: linear parameters, one posterior a class, and what the best class predicts.
+    """The whole updating: linear parameters, one posterior for each class, and the prediction of the best class.
 
     Args:
         title: of the study.
@@ -176,14 +176,14 @@ class Updating(Result):
         linear: phase I; None where the linear structure was taken as it is.
         system: the reduced structure by its modes, linear parameters at their best.
         measured: the backbones.
-        classes: one posterior a class, in the order of the study.
+        classes: one posterior for each class, in the order of the study.
         best_class: name of the class with the largest evidence.
         prediction: of the best class.
-        warnings: what to doubt.
+        warnings: one sentence for each reason to doubt the result.
         not_determined: why there is no answer, "" if there is one.
-        settings: what it was made with.
-        reductions: how the reduced structure differs from the whole one, that of the reduction that was used first;
-            none where nothing was reduced or nobody asked.
+        settings: those of the study.
+        reductions: differences of the reduced structure from the whole one, those of the reduction that was used first;
+            empty where nothing was reduced or the comparison was not asked for.
     """
 
     title: str
@@ -203,7 +203,7 @@ class Updating(Result):
     def all_warnings(self) -> list[str]:
         """All warnings, those of phase I and of the classes last, each once."""
         of_linear = () if self.linear is None else self.linear.warnings
-        # as the whole says it, and as it is said where the whole does not
+        # the wording in `self.warnings`, and the wording of a warning that is not there
         named = [(f"linear structure: {text}", f"linear structure: {text}") for text in of_linear]
         for each in self.classes:
             name = each.model_class.name
@@ -303,5 +303,5 @@ def _measured(curve: MeasuredBackbone) -> dict[str, Any]:
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
-    """A posterior has a mean, where other answers have a value."""
+    """Return an estimate with the key "mean", for a posterior has a mean where other answers have a value."""
     return {"mean": estimate.value, "std": estimate.std, "interval95": estimate.interval95}

@@ -24,10 +24,9 @@ Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 USUAL_SAMPLES: dict[Sampler, int] = {"adaptive": 5500, "metropolis": 5500, "transitional": 5500, "ensemble": 20000}
-"""Where a study names no number: as in the paper, and more for the ensemble, which mixes slowly."""
+"""Samples where a study names no number: as in the paper, and more for the ensemble, which mixes slowly."""
 
-FEWEST_SAMPLES = 1000  # of all chains, the warm-up among them: fewer tell no 95 % interval
-FAR = 5.0  # standard deviations above its mean where a normal prior ends
+FEWEST_SAMPLES = 1000  # of all chains, the warm-up included: fewer give no reliable 95 % interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,9 +37,9 @@ class UpdatingSettings:
         form: of the likelihood, see `opid.updating.backbone_data`.
         sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
             Carlo, or the affine-invariant "ensemble" of emcee.
-        n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the
+        n_samples: of each class, in all chains, the warm-up (an eleventh of them) included; `USUAL_SAMPLES` of the
             sampler where None.
-        seed: of all chance; the same seed gives the same result.
+        seed: of all random numbers; the same seed gives the same result.
         harmonics: of the model.
         n_internal: internal modes that the reduction keeps beside sensors and joints.
     """
@@ -54,12 +53,12 @@ class UpdatingSettings:
 
     @property
     def n_samples_of_class(self) -> int:
-        """Samples of each class, `n_samples` or what is usual of the sampler."""
+        """Samples of each class: `n_samples`, or the usual number of the sampler."""
         return USUAL_SAMPLES[self.sampler] if self.n_samples is None else self.n_samples
 
     @property
     def setting_faults(self) -> list[str]:
-        """What is wrong with the settings, each by itself."""
+        """One clause for each setting that is wrong."""
         found = []
         for name, known in (("form", FORMS), ("sampler", SAMPLERS)):
             if getattr(self, name) not in known:
@@ -76,11 +75,11 @@ class UpdatingSettings:
 
 @dataclass(frozen=True, eq=False)
 class UpdatingStudy(UpdatingSettings):
-    """What a Bayesian updating is made from, beside its settings: `UpdatingSettings` has their meaning.
+    """The data of a Bayesian updating and its settings, which `UpdatingSettings` explains.
 
     Args:
         title: of the study.
-        structure: a finite-element structure, which is reduced; or its modes, which are taken as they are.
+        structure: a finite-element structure, which will be reduced; or its modes, which are taken as they are.
         backbones: the measured ones.
         classes: the laws that are compared; at least one.
         parameters: prior of each stiffness factor that phase I updates, by its name in the structure; none leaves the
@@ -142,16 +141,16 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
     for name, prior in study.parameters.items():
-        high = prior.first + FAR * prior.second if prior.family == "normal" else prior.support[1]
+        high = prior.first + 5.0 * prior.second if prior.family == "normal" else prior.support[1]
         if high <= 0:
             yield f"the prior of {name!r} allows nothing above 0, a factor of stiffness is positive"
-    if not study.setting_faults:  # which speak of the harmonics themselves
+    if not study.setting_faults:  # a wrong list of harmonics is among these
         yield from _harmonic_faults(study)
     yield from _scatter_faults(study)
 
 
 def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
-    """Laws that are not odd and harmonics without a mean."""
+    """Yield which laws need a mean that the harmonics do not have, for they are not odd."""
     for each in study.classes:
         try:
             harmonics_of(each.law([1.0] * each.n_parameters).terms, study.harmonics)
@@ -160,7 +159,7 @@ def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
 
 
 def _scatter_faults(study: UpdatingStudy) -> Iterator[str]:
-    """Modes whose curves must tell how lambda scatters and do not, and coefficients that are given for other modes."""
+    """Yield which modes have curves that do not tell how lambda scatters, and which `cov` is of no mode."""
     curves_of, given = by_mode(study.backbones), study.noise.cov or {}
     for mode in given:
         if mode not in curves_of:

@@ -1,4 +1,4 @@
-"""What to doubt about a Bayesian updating, one sentence each, and the tests behind it: does a law fit the backbones."""
+"""Warnings about a Bayesian updating, one sentence each, and the test of whether a law fits the backbones."""
 
 from __future__ import annotations
 
@@ -16,20 +16,12 @@ from opid.updating.result import BackboneBand, ClassPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, presses_against
 from opid.updating.sampling.evidence import Evidence
 
-FEW_SAMPLES = 200.0  # effective samples below which a 95 % interval is rough
-WARNED_R_HAT = 1.05  # above it the chains have not found the same distribution
-RARE = 1e-3  # probability, of all modes together, below which a misfit that all curves share is no chance
-LEAST_MISFIT = 0.05  # of the measured growth of lambda: a smaller misfit may be seen by many curves, but does no harm
-MOST_UNEXPLAINED = 0.3  # of that growth: what a class may leave where curves are too short to tell their noise
-METHODS_DIFFER = 0.5  # between the logarithms of two evidences, beside three of their standard deviations
-TOO_CLOSE = 1.0  # difference of log evidence below which two classes cannot be told apart
-POOR_COVERAGE = 0.8  # fraction of the measured points within a 95 % band below which a warning says so
-LEAST_MOVED = 0.05  # of the growth of the frequencies: a class that moves them by less in all its prior tells nothing
-N_TRIED = 20  # draws of the prior at which it is seen whether a class moves the frequencies at all
-N_CHECKED, FAR_OUT = 200, 3.0  # samples at which it is seen where the model converges, and how much farther out
-N_PATTERNS = 2  # slope and curvature over the amplitude: what the errors of a wrong law look like
-EXPECTED_WEIGHT = 10  # degrees of freedom that the expected scatter between curves counts beside the one that is found
-MODEL_ERROR = 1e-5  # of lambda, by harmonics left out and interpolation: curves without noise get no warning
+RARE = 1e-3  # probability, for all modes together, below which a misfit that all curves share is not chance
+LEAST_MISFIT = 0.05  # of the measured growth of lambda: many curves may show a smaller misfit, but it does no harm
+LEAST_MOVED = 0.05  # of the growth of the frequencies: a class that moves them less anywhere in its prior has no effect
+FAR_OUT = 3.0  # times the distance of samples from the best theta, at which it is tested whether the model converges
+N_PATTERNS = 2  # slope and curvature over the amplitude, the errors that a wrong law makes
+EXPECTED_WEIGHT = 10  # degrees of freedom with which the expected scatter between curves counts beside the observed one
 
 TOO_LITTLE = (
     f"moves the frequencies by more than {100 * LEAST_MOVED:.0f} % of their measured growth: look at the unit of the "
@@ -50,12 +42,12 @@ def warnings_of_class(
     evidences: Sequence[Evidence],
     diagnostics: Diagnostics,
 ) -> Iterator[str]:
-    """Yield what to doubt about the posterior of one class, given its samples and its best parameters."""
+    """Yield warnings about the posterior of one class, given its samples and its best parameters."""
     for pressure in presses_against(chain.pooled, model_class.priors):
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
     yield from warnings_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
-    near = chain.thinned(N_CHECKED)
+    near = chain.thinned(200)
     far = best + FAR_OUT * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
     yield from warnings_of_curves(
@@ -63,17 +55,17 @@ def warnings_of_class(
         where_it_fails(data, model_class, far, lost=True),
         where_modes_interact(data, model_class, best),
     )
-    if diagnostics.effective_samples < FEW_SAMPLES:
+    if diagnostics.effective_samples < 200:
         yield (
             f"the samples are worth {diagnostics.effective_samples:.0f} independent ones: intervals are rough, draw "
             "more"
         )
-    if diagnostics.r_hat > WARNED_R_HAT:
+    if diagnostics.r_hat > 1.05:
         yield f"the chains differ (R-hat {diagnostics.r_hat:.2f}): draw more samples, or take the transitional sampler"
     first, *others = evidences
     for other in others:
         apart = abs(other.log_evidence - first.log_evidence)
-        if apart > METHODS_DIFFER + 3 * (first.std**2 + other.std**2) ** 0.5:
+        if apart > 0.5 + 3 * (first.std**2 + other.std**2) ** 0.5:
             yield f"log evidence by {other.method} is {apart:.1f} from that by {first.method}: believe the latter"
     if model_class.n_parameters > 1:
         for (name, estimate), kind in zip(estimates.items(), model_class.kinds, strict=True):
@@ -82,9 +74,9 @@ def warnings_of_class(
 
 
 def warnings_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
-    """Yield what to doubt about the curves of the model: gaps, none far out, points where modes meet.
+    """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
-    The first two are from `where_it_fails`, the last from `where_modes_interact`.
+    `gaps` and `lost` are from `where_it_fails`, `met` is from `where_modes_interact`.
     """
     if gaps:
         yield (
@@ -106,8 +98,8 @@ def warnings_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[s
 
 
 def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
-    """Return whether a class leaves the frequencies where they are, while the measured ones grow."""
-    theta = model_class.sample_prior(N_TRIED, np.random.default_rng(0))
+    """Return whether a class leaves the frequencies almost constant everywhere in its prior."""
+    theta = model_class.sample_prior(20, np.random.default_rng(0))
     for mode in data.modes:
         eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta)
         if lost.any() or np.ptp(eigenvalue, axis=1).max() > LEAST_MOVED * np.ptp(mode.growth) * mode.linear:
@@ -120,12 +112,12 @@ def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """What a law leaves of the growth of the frequencies of one mode, the same way in all of its curves.
+    """The misfit of a law to the growth of the frequencies of one mode, as far as all of its curves share it.
 
     Args:
         mode: its number, from 1.
         fraction: of the measured growth of lambda, both as rms over the points.
-        probability: of as much by chance if the law were right.
+        probability: of such a misfit by chance if the law is right.
     """
 
     mode: int
@@ -136,7 +128,7 @@ class LackOfFit:
 def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:
     """Yield at most one sentence: a misfit that all curves of a mode share, larger than chance and large enough.
 
-    Where there are no `misfits`, for the curves are too short, the fraction that is `unexplained` is judged.
+    Where the curves are too short for `misfits`, the fraction `unexplained` is judged.
     """
     rare = [each for each in misfits if each.probability < RARE / len(misfits) and each.fraction > LEAST_MISFIT]
     if rare:
@@ -146,7 +138,7 @@ def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterato
             f"{worst.mode} unexplained, the same way in all curves (by chance in less than one of "
             f"{1 / RARE:.0f} sets): this law does not fit the backbones, its intervals mean nothing"
         )
-    elif not misfits and not unexplained <= MOST_UNEXPLAINED:
+    elif not misfits and not unexplained <= 0.3:
         yield (
             f"at its best it leaves {100 * unexplained:.0f} % of the measured growth of the frequencies unexplained: "
             "this law does not fit the backbones, its intervals mean nothing"
@@ -154,13 +146,13 @@ def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterato
 
 
 def lack_of_fit(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> tuple[LackOfFit, ...]:
-    """Return how the best theta, (n_parameters,), misses the curves of each mode that have points enough to tell.
+    """Return the misfit of theta, (n_parameters,), to each mode whose curves have enough points to show one.
 
-    A straight line and a parabola over the amplitude are fitted to the errors of lambda of each curve, beside its
-    offset. If the law is right, their coefficients scatter about 0 from curve to curve (by each curve's own errors) and
-    together (by the error of the linear structure that grows with lambda, `linear_error_growth`); Hotelling's T^2 tells
-    how likely their mean is then. Few curves tell little of their scatter: what the points about each curve lead to
-    expect, with a slope of each curve's own (`curve_growth`), counts as much as ten curves more.
+    A straight line and a parabola over the amplitude are fitted to the errors of lambda of each curve, with an offset.
+    If the law is right, their coefficients scatter about 0 from curve to curve (by each curve's own errors) and
+    together (by the error of the linear structure that grows with lambda, `linear_error_growth`); Hotelling's T^2 gives
+    the probability of their mean then. As few curves determine their scatter poorly, the scatter that is expected from
+    the points and from a slope of each curve's own (`curve_growth`) counts as much as ten more curves.
     """
     found = []
     for mode in data.modes:
@@ -172,11 +164,11 @@ def lack_of_fit(data: BackboneData, model_class: ModelClass, theta: FloatArray) 
 
 
 def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> list[LackOfFit]:
-    """One record; none where the curves are too short."""
+    """Return one record; none where the curves are too short."""
     from scipy.stats import f as fisher
 
     terms = np.vander(mode.relative_amplitude, 1 + N_PATTERNS, increasing=True)
-    # of one rms each and without a mean over the points, so that coefficients add up to an rms
+    # the patterns have rms 1 and mean 0, so that the norm of their coefficients is an rms
     patterns = np.linalg.qr(terms)[0][:, 1:] * np.sqrt(len(terms))
     own, slopes, rest, freedom = [], [], 0.0, 0
     for curve in range(mode.curve[-1] + 1):
@@ -192,7 +184,7 @@ def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> li
     if freedom < 1:
         return []
     mean, slope, n = np.mean(own, axis=0), np.mean(slopes, axis=0), len(own)
-    # linear_error is one of the frequency
+    # linear_error belongs to the frequency: that of lambda is twice as large
     growth = mode.frequency_noise.common_scale if mode.frequency_noise else data.noise.growth_of_linear_error
     common = (2 * data.noise.linear_error * growth) ** 2 * np.outer(slope, slope)
     weight = min(EXPECTED_WEIGHT, freedom)
@@ -200,7 +192,8 @@ def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> li
     expected = rest / freedom * per_point
     between = np.array(own) - mean
     scatter = (between.T @ between + weight * expected) / (n - 1 + weight)
-    exact = MODEL_ERROR**2 * np.eye(N_PATTERNS)
+    # harmonics left out and interpolation make small errors of lambda: curves without noise get no warning
+    exact = 1e-5**2 * np.eye(N_PATTERNS)
     score = float(mean @ np.linalg.solve(scatter / n + common + exact, mean))
     last = max(n - 1 + weight - N_PATTERNS + 1, 1)
     probability = fisher.sf(score * last / (N_PATTERNS * (n - 1 + weight)), N_PATTERNS, last)
@@ -210,9 +203,9 @@ def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> li
 
 
 def unexplained_fraction(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> float:
-    """Return what theta, (n_parameters,), leaves of the measured growth of lambda, as a fraction of its rms.
+    """Return the misfit of theta, (n_parameters,), to the measured growth of lambda, as a fraction of its rms.
 
-    Each curve may lie off as a whole: its mean error is not counted.
+    The mean error of each curve is not counted.
     """
     left, shift = [], []
     for mode in data.modes:
@@ -232,21 +225,21 @@ def unexplained_fraction(data: BackboneData, model_class: ModelClass, theta: Flo
 
 
 def warnings_of_classes(classes: Sequence[ClassPosterior]) -> list[str]:
-    """Return the warnings of all classes with their names; a single one where none of them has any effect."""
+    """Return the warnings of all classes with their names; a single one if no class moves the frequencies."""
     if all(each.moves_nothing for each in classes):
         return [f"no class {TOO_LITTLE}"]
     return [f"class {each.model_class.name!r}: {warning}" for each in classes for warning in each.warnings]
 
 
 def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
-    """Yield what to doubt about the best class and the bands that it predicts."""
+    """Yield warnings about the choice of the best class and the bands that it predicts."""
     if all(each.moves_nothing for each in classes):
-        return  # there is nothing to choose, nor to predict
+        return  # there is nothing to choose or to predict
     ranked = sorted(classes, key=lambda each: -each.log_evidence)
     if len(ranked) > 1:
         apart = ranked[0].log_evidence - ranked[1].log_evidence
         best, second = ranked[0].model_class.name, ranked[1].model_class.name
-        if apart < TOO_CLOSE:
+        if apart < 1.0:
             yield (
                 f"{best!r} and {second!r} differ by {apart:.1f} in log evidence: the data cannot tell them apart, "
                 "measure at larger amplitudes"
@@ -261,7 +254,7 @@ def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbo
                 f"mode {band.mode}: there is no band at {where}, where the model does not converge for most draws: "
                 "take fewer harmonics, or leave out measured points near those amplitudes"
             )
-        if band.coverage < POOR_COVERAGE:
+        if band.coverage < 0.8:
             yield (
                 f"mode {band.mode}: the 95 % band holds {100 * band.coverage:.0f} % of the measured points: the law or "
                 "the linear structure is wrong there"
@@ -269,7 +262,7 @@ def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbo
 
 
 def _prior_decides(ranked: Sequence[ClassPosterior]) -> Iterator[str]:
-    """Whether a prior twice as wide, of the best class or of another, would put another one first."""
+    """Yield where a prior twice as wide, of the best class or of another, would put another class first."""
     best, second, *_ = ranked
     apart = best.log_evidence - second.log_evidence
     decisive = [

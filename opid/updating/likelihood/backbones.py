@@ -1,6 +1,6 @@
 """The likelihood of measured backbones given the coefficients of a law, in the paper's forms and a recommended one.
 
-The model's curves run smoothly past interactions of modes and are bridged over gaps.
+The model's curves run smoothly past interactions of modes, and gaps in them are interpolated.
 """
 
 from __future__ import annotations
@@ -19,20 +19,16 @@ from opid.updating.likelihood.curves import BackboneData, IntArray, ModeData
 from opid.updating.likelihood.noise import log_marginal
 from opid.updating.model_class import ModelClass
 
-MOST_MISSING = 0.25  # fraction of the points of a curve that may be bridged
-LEAST_SPAN = 0.9  # fraction of the range of amplitudes that solved points must span: no more is extrapolated
-DEGREE = 6  # of the polynomial over the amplitude that bridges a gap, at most
+MOST_MISSING = 0.25  # largest fraction of the points of a curve that may be interpolated
+LEAST_SPAN = 0.9  # smallest fraction of the amplitude range that solved points must span: the rest is extrapolated
 MOST_NAMED = 4  # points that a sentence names
-REACH = 0.03  # of a frequency: a harmonic so near a mode, at any measured point, may interact with it for some theta
-STIFFER = 1e3  # how many times the eigenvalue of such a mode is raised, out of the reach of all harmonics
-APART = 1.3  # frequency of such a mode over the largest measured one, at least: nearer ones meet the first harmonic
+REACH = 0.03  # relative distance of a harmonic to a mode within which they may interact for some theta
 
 BoolArray = NDArray[np.bool_]
 
 Curves = Callable[[FloatArray], tuple[FloatArray, FloatArray, BoolArray, BoolArray]]
-"""theta (n, d) -> lambda (n, n_nodes), shapes of unit length (n, n_nodes, n_sensors), where there is no solution
-(n, n_nodes), and whether so many are missing that there is no curve (n,)."""
-
+"""theta (n, d) -> lambda (n, n_nodes), shapes of unit length (n, n_nodes, n_sensors), nodes without a solution
+(n, n_nodes), and whether a theta has no curve (n,), because too many are missing."""
 
 Likelihood = Callable[[ArrayLike], tuple[FloatArray, int]]
 """theta (n, d) -> log p(D | theta) (n,), and how many points of the model did not converge."""
@@ -41,9 +37,8 @@ Likelihood = Callable[[ArrayLike], tuple[FloatArray, int]]
 def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likelihood:
     """Return theta (n, d) -> logarithm of p(D | theta), (n,), and how many points of the model did not converge.
 
-    Every form carries its normalising constant (Song eq. 17; eq. 7 misprints it). Points of the model that did not
-    converge are bridged from the others; a theta for which too many are missing (see `curves_of`) has the logarithm
-    -inf.
+    Every form has its normalising constant (Song eq. 17; eq. 7 misprints it). Points of the model that did not converge
+    are interpolated; a theta for which too many are missing (see `curves_of`) has the logarithm -inf.
 
     Args:
         data: from `backbone_data`, which names the form.
@@ -68,7 +63,7 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
 
 
 def log_likelihood(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> FloatArray:
-    """Return the logarithm of p(D | theta), (n,); see `likelihood_function`, which is quicker when called often.
+    """Return the logarithm of p(D | theta), (n,); `likelihood_function` is faster for many calls.
 
     Args:
         data: from `backbone_data`.
@@ -88,14 +83,14 @@ def _weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatA
 
 
 def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
-    """Return e_lambda of every point, r_m of its curve in it (Song eq. 10): (n, n_nodes) -> (n, n_points)."""
+    """Return e_lambda of every point, with the r_m of its curve (Song eq. 10): (n, n_nodes) -> (n, n_points)."""
     first = np.unique(mode.curve, return_index=True)[1]
     r_m = (mode.linear - mode.eigenvalue[first])[mode.curve]
     return mode.eigenvalue - eigenvalue @ mode.between.T + r_m
 
 
 def _papers(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Eqs. (12) and (17) of one mode, with one of the three methods to add points up."""
+    """Return the log likelihood of one mode by eqs. (12) and (17), with one of three ways to sum over points."""
     noise, n_sensors = data.noise, mode.rows.size
     sigma = noise.weight * mode.cov * mode.eigenvalue
     factor = noise.shape_factor if noise.shape_factor is not None else np.sqrt(n_sensors)
@@ -107,14 +102,14 @@ def _papers(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: 
     n_errors, log_sigmas = sigma.size, np.log(sigma).sum()
     if noise.shapes and n_sensors > 1:
         misfit = misfit + (_one_less_mac(mode, shapes) @ weight).sum(axis=1) / sigma_phi**2
-        # a shape of unit length has one entry less to choose than sensors
+        # the unit length fixes one entry of a shape
         n_free = len(mode.shapes) * (n_sensors - 1)
         n_errors, log_sigmas = n_errors + n_free, log_sigmas + n_free * np.log(sigma_phi)
     return -0.5 * n_errors * np.log(2 * np.pi) - log_sigmas - 0.5 * misfit
 
 
 def _one_less_mac(mode: ModeData, shapes: FloatArray) -> FloatArray:
-    """e_phi^T e_phi of every point, which is 1 - MAC exactly (Song eq. 11)."""
+    """Return e_phi^T e_phi of every point, which is exactly 1 - MAC (Song eq. 11)."""
     model = np.einsum("jk,nks->njs", mode.between, shapes, optimize=True)
     return 1 - np.einsum("njs,js->nj", model, mode.shapes) ** 2 / np.einsum("njs,njs->nj", model, model)
 
@@ -125,10 +120,10 @@ def _one_less_mac(mode: ModeData, shapes: FloatArray) -> FloatArray:
 def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Curves:
     """Return theta -> the model of one mode at its nodes.
 
-    A point where Newton's method fails, as in an interaction with another mode, gets the value of a polynomial through
-    the others, so that the rest of the curve still tells about the law. Where more than `MOST_MISSING` of the points
-    fail, or those at an end beyond `LEAST_SPAN` of the range, there is no curve. The curve has no loops where a
-    harmonic meets another mode (`without_interactions`): one node on a loop would bend all of its polynomial.
+    A point where Newton's method fails, as in an interaction with another mode, is interpolated by a polynomial through
+    the others, so that the rest of the curve still counts. There is no curve where more than `MOST_MISSING` of the
+    points fail, or where the others span less than `LEAST_SPAN` of the range. The curve has no loops where a harmonic
+    meets another mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
     """
     system = without_interactions(data, mode)
     solvers = [
@@ -148,12 +143,12 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
             for row in np.flatnonzero(~each.converged.all(axis=1)):
                 bridged = _bridge_gaps(values[row], each.amplitude, each.converged[row])
                 lost[row] |= bridged is None
-                # any numbers do for a curve that is lost
+                # a curve that is lost needs any finite numbers
                 values[row] = np.append(mode.linear, middle) if bridged is None else bridged
             whole.append(values)
         values = np.concatenate(whole, axis=1)
         shapes = values[..., 1:]
-        # the sign of a shape is that of the measured ones
+        # shapes get the sign of the measured ones
         size = np.sqrt(np.einsum("nks,nks->nk", shapes, shapes)) * np.where(shapes @ middle < 0, -1.0, 1.0)
         missing = ~np.concatenate([each.converged for each in found], axis=1)
         return values[..., 0], shapes / size[..., None], missing, lost
@@ -162,7 +157,7 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
 
 
 def met_modes(data: BackboneData, mode: ModeData) -> IntArray:
-    """Return the columns of the modes whose frequency a harmonic of the model comes near, at a measured point."""
+    """Return the columns of the modes that a harmonic of the model may meet, near any measured frequency."""
     measured = np.sqrt(mode.eigenvalue)
     low, high = (1 - REACH) * measured.min(), (1 + REACH) * measured.max()
     own = np.sqrt(np.maximum(data.system.eigenvalue, 0.0))
@@ -170,33 +165,34 @@ def met_modes(data: BackboneData, mode: ModeData) -> IntArray:
     for harmonic in data.harmonics:
         if harmonic > 1:
             near |= (own > harmonic * low) & (own < harmonic * high)
-    return np.flatnonzero(near & (own > APART * high))
+    # nearer modes meet the first harmonic
+    return np.flatnonzero(near & (own > 1.3 * high))
 
 
 def without_interactions(data: BackboneData, mode: ModeData) -> JointedModes:
-    """Return the structure with its residual flexibility in place of the modes that a harmonic of one backbone meets.
+    """Return the structure with residual flexibility in place of the modes that a harmonic of one backbone meets.
 
-    Such a mode keeps what it adds to the first harmonic, psi_i psi_i^T / (l_i - l) at the mean measured l, but has no
-    resonance: the backbone runs smoothly past its loops. They are narrow, so that an error of the linear structure of
-    a few tenths of a per cent puts them at other amplitudes than the measured ones. What the resonance does beside
-    them is left out, too: of the frequencies of the wing-engine structure 2.5e-5 two per cent from it, 1.2e-4 half a
-    per cent from it.
+    Such a mode keeps its contribution to the first harmonic, psi_i psi_i^T / (l_i - l) at the mean measured l, but has
+    no resonance: the backbone runs smoothly and has no loop there. Loops are narrow; an error of the linear structure
+    of a few tenths of a per cent moves them to other amplitudes than the measured ones. The effect of the resonance
+    beside the loop is left out, too: relative to the frequencies of the wing-engine structure it is 2.5e-5 at a
+    distance of two per cent, and 1.2e-4 at half a per cent.
     """
     met, system = met_modes(data, mode), data.system
     if not met.size:
         return system
     eigenvalue, middle = system.eigenvalue.copy(), float(mode.eigenvalue.mean())
-    eigenvalue[met] *= STIFFER
+    eigenvalue[met] *= 1e3  # out of the reach of all harmonics
     scale = np.ones(system.n_modes)
     scale[met] = np.sqrt((eigenvalue[met] - middle) / (system.eigenvalue[met] - middle))
     return JointedModes(eigenvalue, scale * system.at_sensors, scale * system.at_joints, system.sensors, system.joints)
 
 
 def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
-    """Return at which measured points a harmonic meets another mode, so that they may lie off the model's smooth curve.
+    """Return one clause for each mode and controlled sensor, on the measured points where a harmonic meets a mode.
 
-    Those are named where the model with the interaction has no solution for theta, (n_parameters,), or one that differs
-    by more than the noise expected of a point (`point_noise`); one clause a mode and controlled sensor.
+    Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
+    solution for theta, (n_parameters,), or one that differs by more than the expected noise of a point (`point_noise`).
     """
     coefficients = model_class.coefficients(np.asarray(theta, dtype=np.float64)[np.newaxis])
     clauses = []
@@ -223,7 +219,7 @@ def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: Arr
 
 
 def _meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
-    """The harmonic and the mode that come nearest to one another, in words."""
+    """Return the harmonic and the mode that come nearest to each other, in words."""
     orders = np.array([h for h in data.harmonics if h > 1])
     own = data.system.frequency_hz[met]
     apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
@@ -232,7 +228,7 @@ def _meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str
 
 
 def where_it_fails(data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False) -> list[str]:
-    """Return where Newton's method fails for some theta, (n, n_parameters): one clause a mode, with its points.
+    """Return one clause for each mode, on the points where Newton's method fails for some theta, (n, n_parameters).
 
     With `lost` only those theta count that have no curve.
     """
@@ -269,13 +265,13 @@ def named_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
 
 
 def _span(amplitude: FloatArray) -> str:
-    """Smallest to largest, mm."""
+    """Return the smallest and the largest amplitude in words, mm."""
     low, high = (f"{1e3 * value:.3g}" for value in (amplitude.min(), amplitude.max()))
     return low if low == high else f"{low} to {high}"
 
 
 def _bridge_gaps(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
-    """Values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None where too much is missing."""
+    """Return values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None if too much is missing."""
     n_found = int(converged.sum())
     if n_found < 4 or n_found < (1 - MOST_MISSING) * converged.size:
         return None
@@ -283,7 +279,7 @@ def _bridge_gaps(values: FloatArray, amplitude: FloatArray, converged: BoolArray
     if np.ptp(known) < LEAST_SPAN * np.ptp(amplitude):
         return None
     powers = np.polynomial.chebyshev.chebvander(
-        2 * (amplitude - amplitude.min()) / np.ptp(amplitude) - 1, min(DEGREE, n_found - 2)
+        2 * (amplitude - amplitude.min()) / np.ptp(amplitude) - 1, min(6, n_found - 2)
     )
     smooth = powers @ np.linalg.lstsq(powers[converged], values[converged], rcond=None)[0]
     return np.where(converged[:, None], values, smooth)

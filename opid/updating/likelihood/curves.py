@@ -1,4 +1,4 @@
-"""Measured backbones made ready for likelihoods: grouped by mode, all that does not depend on the law worked out."""
+"""Measured backbones prepared for likelihoods: grouped by mode, with everything that does not depend on the law."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ModeData:
     Args:
         mode: its number, from 1.
         parts: controlled sensor and (n_nodes,) amplitudes, m, at which the model is solved for it.
-        between: (n_points, n_nodes of all parts) what takes values at the nodes to the measured points.
+        between: (n_points, n_nodes of all parts) matrix that takes values at the nodes to the measured points.
         curve: (n_points,) number of the curve of each point, from 0.
         eigenvalue: (n_points,) measured lambda, 1/s^2.
         sensor: (n_points,) name of the controlled sensor of each point.
@@ -39,10 +39,10 @@ class ModeData:
         relative_amplitude: (n_points,) of the controlled sensor, of the largest of any curve with the same one.
         growth: (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude.
         shapes: (n_points, n_sensors) measured shapes of unit length.
-        free: (n_sensors - 1,) columns of the shapes but that of the largest entry, which follows from the unit length.
+        free: (n_sensors - 1,) columns of the shapes without that of the largest entry, which the unit length fixes.
         rows: (n_sensors,) rows of these sensors in the system.
         linear: lambda of the mode without nonlinearity, 1/s^2.
-        cov: coefficient of variation of lambda over the curves; nan where nothing tells.
+        cov: coefficient of variation of lambda over the curves; nan where it is not known.
         frequency_noise: noise model of lambda / linear, for the recommended form.
         shape_noise: noise model of the free entries of the shapes.
     """
@@ -71,7 +71,7 @@ class BackboneData:
 
     Args:
         system: the linear structure with its joints.
-        modes: one entry a mode.
+        modes: the data of each mode.
         form: of the likelihood.
         harmonics: of the model.
         noise: settings.
@@ -92,7 +92,7 @@ def backbone_data(
     harmonics: Sequence[int] = (1, 3),
     noise: NoiseSettings | None = None,
 ) -> BackboneData:
-    """Return measured backbones grouped by mode, with all that does not depend on the law worked out.
+    """Return measured backbones grouped by mode, with everything that does not depend on the law.
 
     Args:
         system: the linear structure with its joints.
@@ -101,12 +101,12 @@ def backbone_data(
             which squares the mean, so that errors cancel; "independent" takes every point as a measurement of its own
             (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.likelihood.noise`).
         harmonics: of the model.
-        noise: what is known of the errors.
+        noise: settings for the errors.
 
     Raises:
         InputError: no backbone, an unknown form, sensors that the system does not have, curves of one mode with
-            different sensors, a mode that extends no joint, or one whose coefficient of variation neither the curves
-            nor `noise` tell.
+            different sensors, a mode that extends no joint, or one whose coefficient of variation is needed and follows
+            neither from the curves nor from `noise`.
     """
     noise = noise or NoiseSettings()
     if form not in FORMS:
@@ -126,7 +126,7 @@ def backbone_data(
 
 
 def scatter_fault(mode: int) -> str:
-    """Return what is wrong with a mode in the paper's forms where its curves do not tell how lambda varies."""
+    """Return the clause on a mode whose curves do not tell how lambda varies, which the paper's forms need."""
     return (
         f"the curves of mode {mode} do not tell how lambda varies (there is one, they are equal, or they share no "
         f'amplitudes): give cov of mode {mode}, or take form = "recommended"'
@@ -136,7 +136,7 @@ def scatter_fault(mode: int) -> str:
 def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
     """Return standard deviation over mean of lambda across curves of one mode, averaged over amplitudes.
 
-    As Song et al. have it below eqs. (5) and (12), over the amplitude of a sensor that all have; nan for a single
+    It is that of Song et al. below eqs. (5) and (12), over the amplitude of a sensor that all have; nan for a single
     curve, or where the curves share no range of amplitude.
     """
     first = curves[0].controlled_sensor
@@ -205,9 +205,9 @@ def _mode_data(
 def _amplitude_and_growth(
     names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Amplitude of each point of the largest, and how far lambda has grown there: a cubic without the points' noise.
+    """Return the amplitude of each point relative to the largest, and the growth of lambda there.
 
-    With that noise in it, a slope of the error would take the noise up.
+    The growth is smoothed by a cubic: with the noise of the points in it, a slope of the error would fit that noise.
     """
     relative, smooth = np.empty_like(grown), np.empty_like(grown)
     for name in np.unique(names):
@@ -219,7 +219,7 @@ def _amplitude_and_growth(
 
 
 def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Amplitudes to solve at, and what takes values there to `amplitude`: Chebyshev, or the amplitudes themselves."""
+    """Return amplitudes to solve at, Chebyshev nodes or the few given ones, and the matrix that interpolates them."""
     unique, index = np.unique(amplitude, return_inverse=True)
     if unique.size <= N_NODES:
         return unique, np.eye(unique.size)[index]

@@ -18,29 +18,25 @@ from opid.updating.sampling.chains import LogDensity, posterior_density
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.ritz import RitzModel, ritz_modes
 
-LEAST_SCALE, MOST_SCALE = 0.1, 1e4  # factors of the noise that are integrated over, over the scatter of the curves
-STEP_SCALE = 1.0  # step of their logarithms in standard deviations of that of n errors, 1 / sqrt(2 n): right to 1e-8
-
 OneCov = float | Literal["scatter", "inferred"]
 OneShapeStd = float | Literal["paper", "inferred"]
 
 
 class LinearErrors(TypedDict, total=False):
-    """What is known of the errors of the lowest points.
+    """The errors of the lowest points, as far as they are known.
 
     Args:
-        cov: coefficient of variation of the eigenvalue (twice that of the frequency): one for all modes, or by mode
-            (those left out as "scatter"); "scatter" for that of the curves of each mode, as the paper has it and where
-            left out; "inferred" for that unknown, integrated out with the prior 1 / CoV: right where there are few
-            curves.
+        cov: coefficient of variation of the eigenvalue (twice that of the frequency), one for all modes or by mode. It
+            is a number; "scatter" (the default, as in the paper) for that of the curves of each mode; or "inferred",
+            which is right where there are few curves: it is then unknown and integrated out with the prior 1 / CoV.
         weight: w_m of all modes; 1 where left out.
-        shape_std: standard deviation of an entry of a shape of unit length, one for all modes, or by mode (those left
-            out as "paper"): "paper" for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise), as where
-            left out, "inferred" for that unknown, or a number.
+        shape_std: standard deviation of an entry of a shape of unit length, one for all modes or by mode. It is a
+            number; "paper" (the default) for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise); or
+            "inferred", as for `cov`.
         shape_factor: sigma_phi over w_m CoV of "paper"; the square root of the number of sensors where None.
-        common_error: standard deviation of the relative error of a linear frequency of the model, which all curves of a
-            mode share: more curves make it no smaller. Without it (0, the paper's form) the intervals hold only what
-            makes curves differ.
+        common_error: standard deviation of the relative error of a linear frequency of the model. All curves of a mode
+            share it, so that more curves do not reduce it. With 0 (the default, the paper's form) the intervals only
+            hold the errors in which curves differ.
     """
 
     cov: OneCov | Mapping[int, OneCov]
@@ -52,7 +48,7 @@ class LinearErrors(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class LinearData:
-    """The lowest points of all backbones of one mode, every curve a data set of its own.
+    """The lowest points of all backbones of one mode; every curve is a data set of its own.
 
     Args:
         mode: its number, from 1.
@@ -61,9 +57,9 @@ class LinearData:
         rows: (n_sensors,) indices of those sensors among the sensors of the structure.
         eigenvalue_std: (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2.
         shape_std: sigma_phi of an entry of the shape (eq. 6).
-        infer_eigenvalue_std: whether that is a guess, its common factor to be integrated out.
-        infer_shape_std: likewise of `shape_std`, which may then be any number.
-        common_std: standard deviation of an error that the eigenvalues of all curves share, 1/s^2: of the model itself.
+        infer_eigenvalue_std: whether that is a guess whose common factor is to be integrated out.
+        infer_shape_std: likewise for `shape_std`, which may then be any number.
+        common_std: standard deviation of the error of the model, which the eigenvalues of all curves share, 1/s^2.
     """
 
     mode: int
@@ -90,7 +86,7 @@ def linear_data(
     """Return the lowest points of backbones, by mode, with the standard deviations of eqs. (5) and (6).
 
     The errors are those of `LinearErrors`. InputError: no backbone, a sensor that the structure does not have, curves
-    of one mode with different sensors, one curve of a mode or curves without scatter where it is to be estimated, or
+    of one mode with different sensors, a single curve or curves without scatter where that is to be estimated, or
     values that are not positive.
     """
     if not backbones:
@@ -145,9 +141,9 @@ def linear_data(
 def log_likelihood(data: Sequence[LinearData], model: RitzModel, theta: ArrayLike) -> FloatArray:
     """Return log p(D | theta) for each row of theta (Song eqs. 3, 4 and 7 to 9), (n, n_parameters) -> (n,).
 
-    The density of an error is 1 / (sqrt(2 pi) sigma): eq. (7) as printed has sigma beneath the root. The error of a
+    The constant of the density is 1 / (sqrt(2 pi) sigma): eq. (7) as printed has sigma under the root. The error of a
     shape has e^T e = 1 - MAC when it is scaled by a_m. Impossible parameters, with an eigenvalue below 0, give -inf.
-    An error that all curves share adds its variance to every entry of their covariance. Theta is (n, n_parameters).
+    An error that all curves share adds its variance to every entry of their covariance.
     """
     eigenvalue, shapes = ritz_modes(model, theta)
     total = np.zeros(len(eigenvalue))
@@ -161,7 +157,7 @@ def log_likelihood(data: Sequence[LinearData], model: RitzModel, theta: ArrayLik
 def mean_eigenvalue(data: LinearData) -> tuple[float, float]:
     """Return the mean of the measured eigenvalues, by their weights, and its standard deviation, 1/s^2.
 
-    With `infer_eigenvalue_std` the noise is that of the scatter of the curves.
+    With `infer_eigenvalue_std` the noise follows from the scatter of the curves.
     """
     weight = data.eigenvalue_std**-2.0
     mean = float(weight @ data.eigenvalue / weight.sum())
@@ -196,21 +192,21 @@ def _of_eigenvalues(data: LinearData, found: FloatArray) -> FloatArray:
 
 
 def _of_shapes(data: LinearData, unit: FloatArray) -> FloatArray:
-    """Those of 1 - MAC: no error of the model's own shape stands beside that of the curves."""
+    """Return the log density of the shapes, of 1 - MAC; the model's own shape has no error here."""
     n_sets, n_sensors = data.shapes.shape
     square = (1 - (unit @ data.shapes.T) ** 2).sum(axis=1) / data.shape_std**2
-    # a shape of unit length has one entry less to choose than sensors
+    # the unit length fixes one entry of a shape
     free = n_sensors - 1
     density = _log_normal(square, np.zeros_like(square), n_sets, free, 0.0, data.infer_shape_std)
     return density - n_sets * free * np.log(data.shape_std)
 
 
 def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shared: float, infer: bool) -> FloatArray:
-    """Logarithm of the density of n normal errors of `free` entries each, scaled to 1, (n_theta,).
+    """Return the log density, (n_theta,), of n normal errors with `free` entries each, in units of their noise.
 
-    Their covariance is s^2 I + (shared / n) 1 1^T in every entry: it sees their `scatter`, the sum of squares about
-    their mean, (n_theta,), and `missed`, n times the square of that mean. s is 1; with `infer` it is unknown and
-    integrated out with the prior 1 / s, in closed form without a shared error, else on a grid even in log s.
+    Their covariance is s^2 I + (shared / n) 1 1^T in every entry, so that two sums are enough: `scatter`, the sum of
+    squares about their mean, (n_theta,), and `missed`, n times the square of that mean. s is 1; with `infer` it is
+    unknown and integrated out with the prior 1 / s, in closed form without a shared error, else on a grid in log s.
     """
     from scipy.special import gammaln
 
@@ -221,9 +217,10 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
     if not infer:
         squares = scatter + missed / (1 + shared)
         return -0.5 * squares - 0.5 * free * np.log1p(shared) - 0.5 * count * np.log(2 * np.pi)
-    step = STEP_SCALE / np.sqrt(2 * count)
+    # a grid from a tenth to 1e4 times the scatter, in steps of the standard deviation of log s: right to 1e-8
+    step = 1 / np.sqrt(2 * count)
     size = 0.5 * np.log(np.maximum(scatter, 1e-300) / count)
-    logs = size[:, None] + np.arange(np.log(LEAST_SCALE), np.log(MOST_SCALE), step)
+    logs = size[:, None] + np.arange(np.log(0.1), np.log(1e4), step)
     variance = np.exp(2 * logs)
     each = -0.5 * (scatter[:, None] / variance + missed[:, None] / (variance + shared))
     each -= (count - free) * logs + 0.5 * free * np.log(variance + shared)
@@ -233,7 +230,7 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
 
 
 def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
-    """Coefficient of variation of the eigenvalue of a mode, given or of its curves."""
+    """Return the coefficient of variation of the eigenvalue of a mode: as given, else that of its curves."""
     if not isinstance(cov, str):
         return _positive(f"cov of mode {mode}", cov)
     if eigenvalue.size < 2:

@@ -1,4 +1,4 @@
-"""Errors of measured backbones: what is known of them, and a noise model with its levels integrated out."""
+"""Errors of measured backbones: the settings for them, and a noise model whose levels are integrated out."""
 
 from __future__ import annotations
 
@@ -12,26 +12,25 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 
 LINEAR_ERROR_GROWTH = 0.3
-"""Where nothing is known: on the wing-engine structure 91 of 100 intervals hold the coefficient if the linear error is
-one of the moduli, and nearly all, being too wide, if it is one of the modal eigenvalues."""
+"""The growth of the linear error where it is not known. On the wing-engine structure 91 of 100 intervals then hold the
+coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues, nearly all do, being too
+wide."""
 
 UNMENDED_GROWTH = 0.22
-"""That of an error that no factor of the stiffness mends, beside what phase I leaves in the factors: that of a modal
-eigenvalue grows by 0.02 and 0.1 in the two modes of the wing-engine structure, more where modes interact."""
+"""The growth of an error that no stiffness factor can correct, beside the error that phase I leaves in the factors. An
+error of a modal eigenvalue grows by 0.02 and 0.1 in the two modes of the wing-engine structure, more where modes
+interact."""
 
-RATIOS = np.geomspace(0.03, 100.0, 24)  # standard deviations of a curve's offset over that of a point, to sum over
-
-STEP = float(np.log(RATIOS[1] / RATIOS[0]))
-
-WIDE = 2.0  # times the expected offset is the scale of the half normal prior of rho sigma
-OWN_WEIGHT = 0.5  # shape of the inverse gamma prior of the variance of a point: it counts as much as one point
+RATIOS = np.geomspace(0.03, 100.0, 24)  # standard deviation of a curve's offset over that of a point: grid of the sum
+OWN_WEIGHT = 0.5  # shape of the inverse gamma prior of the variance of a point, which counts as much as one point
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """What is known of the errors of backbones: the first three for both phases of the paper's forms and "independent".
+    """Settings for the errors of backbones.
 
-    From `linear_error` on they are of the recommended form; `linear_error` stands in phase I of "independent", too.
+    The first three serve both phases of the paper's forms and of "independent". The others, from `linear_error` on,
+    serve the recommended form; phase I of "independent" uses `linear_error`, too.
 
     Args:
         weight: w_m, of every mode (Song eqs. 5 and 6).
@@ -40,17 +39,17 @@ class NoiseSettings:
         linear_error: standard deviation of the relative error of a linear frequency of the model.
         linear_error_growth: how far that error of lambda may grow while lambda doubles by the nonlinearity, in units
             of itself: 0 for an error of the modal eigenvalue, 0.5 and 0.1 for errors of the moduli in the two modes of
-            the wing-engine structure. Where None, a study that updates the linear structure works it out for each mode
-            from what phase I leaves (`opid.updating.linear_updating`) and from 0.22 beside it; elsewhere it is 0.3.
-        point_noise: relative error of a measured frequency that is expected; the level is inferred, this weighs as
+            the wing-engine structure. Where None, a study that updates the linear structure computes it for each mode
+            from the errors that phase I leaves (`opid.updating.linear_updating`) and 0.22 for others; elsewhere 0.3.
+        point_noise: expected relative error of a measured frequency; the actual level is inferred, and this counts as
             much as one point.
-        curve_offset: relative offset of the frequencies of a curve that is expected (imperfect quadrature); the level
-            is inferred, its prior is half normal with twice this as its scale.
+        curve_offset: expected relative offset of the frequencies of a curve (imperfect quadrature); the actual level is
+            inferred, with a half normal prior of twice this scale.
         curve_growth: how far the offset of a curve may grow while lambda doubles, in units of the noise of a point.
-        linear_shape_error: standard deviation of the error of a linear shape of unit length, a sensor; of phase II
-            alone: in phase I the scatter of the shapes is unknown and takes in what the model misses.
-        shape_noise: expected error of a measured shape of unit length, a sensor; weighs as much as one point.
-        shape_offset: expected offset of the shapes of a curve, a sensor, likewise.
+        linear_shape_error: standard deviation of the error of a linear shape of unit length at each sensor, for phase
+            II only: in phase I the inferred scatter of the shapes includes the errors of the model.
+        shape_noise: expected error of a measured shape of unit length at each sensor; counts as much as one point.
+        shape_offset: expected offset of the shapes of a curve at each sensor, likewise.
         shapes: whether the shapes are used at all.
 
     Raises:
@@ -81,12 +80,12 @@ class NoiseSettings:
 
     @property
     def growth_of_linear_error(self) -> float:
-        """`linear_error_growth`, or what it is where nothing is known."""
+        """`linear_error_growth`, or its value where it is not known."""
         return LINEAR_ERROR_GROWTH if self.linear_error_growth is None else self.linear_error_growth
 
     @property
     def stated_for_papers(self) -> tuple[str, ...]:
-        """What is stated of the settings that the recommended form does not use."""
+        """Names of the settings that are stated and that the recommended form does not use."""
         unused = {"weight": 1.0, "cov": None, "shape_factor": None}
         return tuple(name for name, default in unused.items() if getattr(self, name) != default)
 
@@ -95,21 +94,21 @@ class NoiseSettings:
 class CurveNoise:
     """Measured curves with their errors, in coordinates in which the covariance is diagonal.
 
-    The error of point j of curve c is  b_0 + b_1 h_j  +  o_c + p_c (h_j - mean h of c)  +  e_cj: what all curves have
-    in common, with a Gaussian prior; the offset of a curve, of standard deviation rho sigma; its growth, of a fixed
-    multiple of sigma; the noise of a point, of standard deviation sigma. h is how far the quantity has grown by the
-    nonlinearity. Were the growths as free as the offsets, the curves of a wrong law would all be given the slope that
-    the law lacks.
+    The error of point j of curve c is  b_0 + b_1 h_j  +  o_c + p_c (h_j - mean h of c)  +  e_cj: the error that all
+    curves share, with a Gaussian prior; the offset of a curve, of standard deviation rho sigma; its growth, of a fixed
+    multiple of sigma; the noise of a point, of standard deviation sigma. h is the growth of the quantity by the
+    nonlinearity. Were the growths as free as the offsets, all curves of a wrong law would take the slope that the law
+    lacks.
 
     Args:
         data: (n_coordinates, n_channels) measured, rotated.
         model: (n_coordinates, n_nodes) takes the model's values at its nodes to the same coordinates.
-        outside: (n_channels,) square of what no model and no offset reaches.
+        outside: (n_channels,) sum of squares of the part that no model and no offset can explain.
         n_points: points in all.
         shrink: (n_coordinates, n_ratios) inverse of the variance in units of sigma^2, for each ratio rho.
         common: (n_coordinates, 2 n_ratios) generalised least squares of b_0, then b_1, for each ratio.
         precision: (3, n_ratios) of b in units of 1 / sigma^2: of b_0, between both, of b_1.
-        constant: (n_ratios,) what depends on neither model nor data.
+        constant: (n_ratios,) the part of the log density that depends on neither model nor data.
         common_variance: prior variance of b_0, and of b_1 in its own unit.
         common_scale: unit of b_1.
         own_growth: standard deviation of p_c over sigma.
@@ -159,7 +158,7 @@ def curve_noise(
     """
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))
-    # offsets and growths of all curves stand at right angles, so that every ratio has the same basis
+    # offsets and growths of all curves are orthogonal, so that every ratio has the same basis
     own = np.concatenate([offsets, offsets * centred[:, None]], axis=1)
     square = (own**2).sum(axis=0)
     seen = square > 1e-12 * len(values)
@@ -172,13 +171,14 @@ def curve_noise(
     of_offsets[:n_curves] = square[:n_curves]
     of_growths[n_curves : left.shape[1]] = square[n_curves:][seen[n_curves:]]
     shrink = 1 / (1 + np.outer(of_offsets, RATIOS**2) + own_growth**2 * of_growths[:, None])
-    # a slope without a prior width would make the matrices singular: it is left out by a width of next to nothing
+    # a prior width of 0 would make the matrices singular: a tiny one leaves the slope out, too
     scale = np.array([1.0, max(common_growth, 1e-6)])
     together = basis.T @ (np.stack([np.ones_like(growth), growth], axis=1) * scale)
     precision = np.einsum("ka,kg,kb->gab", together, shrink, together)
     common = np.linalg.solve(precision, np.einsum("ka,kg->gak", together, shrink))
     n_points = len(values)
-    constant = 0.5 * np.log(shrink).sum(axis=0) - 0.5 * np.linalg.slogdet(precision)[1] + np.log(STEP)
+    step = float(np.log(RATIOS[1] / RATIOS[0]))
+    constant = 0.5 * np.log(shrink).sum(axis=0) - 0.5 * np.linalg.slogdet(precision)[1] + np.log(step)
     rotated = basis.T @ values
     outside = ((values - basis @ rotated) ** 2).sum(axis=0)
     return CurveNoise(
@@ -192,9 +192,9 @@ def curve_noise(
 def log_marginal(noise: CurveNoise, model: FloatArray) -> FloatArray:
     """Return the logarithm of the density of the measured curves given the model, (n,), all errors integrated out.
 
-    Given the ratio rho, sigma^2 has an inverse gamma prior and is integrated in closed form, and so is b, whose prior
-    is laid over its posterior under a flat one taken as Gaussian (right but for terms of 1 / n_points). The ratio is
-    summed over a grid that is even in its logarithm, for each channel by itself.
+    Given the ratio rho, sigma^2 has an inverse gamma prior and is integrated in closed form. So is b: its posterior
+    under a flat prior is taken as Gaussian and multiplied by its prior (right up to terms of 1 / n_points). The density
+    is summed over a grid of ratios that is even in the logarithm, for each channel by itself.
 
     The model has the shape (n, n_nodes, n_channels).
     """
@@ -214,8 +214,8 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     """Return errors of a further curve of the first channel given the measured ones, (n, n_new).
 
     For each row of the model, (n, n_nodes, n_channels), a ratio, a noise level and the common errors are drawn from
-    their posterior, then the offset of a new curve and the noise of its points: what is to be added to the model's
-    values where its growth is h, (n, n_new).
+    their posterior, then the offset of a new curve and the noise of its points. The errors are to be added to the
+    model's values where its growth is h, (n, n_new).
     """
     each, common, rate = (part[:, 0] for part in _by_ratio(noise, model))
     n = len(each)
@@ -238,12 +238,12 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
 
 
 def _shape(noise: CurveNoise) -> float:
-    """Of the inverse gamma posterior of sigma^2: two degrees of freedom go to b."""
+    """Return the shape of the inverse gamma posterior of sigma^2, of which b takes two degrees of freedom."""
     return OWN_WEIGHT + (noise.n_points - 2) / 2
 
 
 def _by_ratio(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For each ratio: log density but for constants, least squares of b, rate of the posterior of sigma^2.
+    """Return for each ratio the log density up to constants, b by least squares, the rate of the posterior of sigma^2.
 
     Shapes (n, n_channels, n_ratios), (n, n_channels, 2, n_ratios) and (n, n_channels, n_ratios).
     """
@@ -255,12 +255,12 @@ def _by_ratio(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatAr
     explained = p * first**2 + 2 * q * first * second + r * second**2
     rate = noise.expected[:, None] + 0.5 * np.maximum(left**2 @ noise.shrink + noise.outside[:, None] - explained, 0.0)
     sigma2 = rate / shape
-    # (a b; b c) is the variance of b under a flat prior with that of the prior added
+    # (a b; b c) is the variance of b under a flat prior plus that of the prior
     scaled = sigma2 / (p * r - q**2)
     a, b, c = r * scaled + noise.common_variance, -q * scaled, p * scaled + noise.common_variance
     determinant = a * c - b**2
     prior = (c * first**2 - 2 * b * first * second + a * second**2) / determinant + np.log(determinant)
-    # the prior of the offsets is that of rho sigma, sigma at its best
-    own = np.sqrt(sigma2) * RATIOS / (WIDE * noise.offset)
+    # the half normal prior of rho sigma, at the best sigma, has twice the expected offset as its scale
+    own = np.sqrt(sigma2) * RATIOS / (2 * noise.offset)
     weight = np.log(own) - 0.5 * own**2 + 0.5 * np.log(2 / np.pi)
     return noise.constant + weight - shape * np.log(rate) - 0.5 * prior, common, rate

@@ -1,4 +1,4 @@
-"""Markov chains: as records, what every sampler checks, how well they sampled, and their export to ArviZ."""
+"""Markov chains: their records, the checks that every sampler makes, diagnostics, and the export to ArviZ."""
 
 from __future__ import annotations
 
@@ -19,13 +19,11 @@ LogDensity = Callable[[FloatArray], FloatArray]
 """theta (n, n_parameters) -> (n,) logarithm of a density, up to a constant; -inf outside the support, never nan."""
 
 Progress = Callable[[float], None]  # called with the fraction that is done, from 0 to 1
-EDGE_DENSITY = 0.1  # of the largest density of the samples: with more at a bound, the bound shapes the posterior
-FAR_SCORE = 2.0  # standard deviations of a prior without bounds beyond which the median of the posterior contradicts it
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """What a sampler returned, its warm-up dropped.
+    """The samples of several chains without their warm-up.
 
     Args:
         samples: (n_chains, n, n_parameters).
@@ -97,7 +95,7 @@ class Pressure:
     Args:
         parameter: its number, from 1.
         side: "lower" or "upper".
-        sentence: what to do about it, behind the name of the parameter.
+        sentence: the warning, without the name of the parameter at its beginning.
     """
 
     parameter: int
@@ -105,11 +103,11 @@ class Pressure:
     sentence: str
 
 
-# ---- what every sampler checks ---------------------------------------------------------------------
+# ---- checks of every sampler -----------------------------------------------------------------------
 
 
 def evaluate(log_density: LogDensity, theta: FloatArray) -> FloatArray:
-    """Return the density of each row; InputError, with the theta, for what no sampler can go on with."""
+    """Return the log density of each row; InputError, with the theta, for nan, inf or another shape."""
     value = np.asarray(log_density(theta), dtype=np.float64)
     if value.shape != (len(theta),):
         raise InputError(
@@ -127,7 +125,7 @@ def evaluate(log_density: LogDensity, theta: FloatArray) -> FloatArray:
 
 
 def posterior_density(log_likelihood: LogDensity, log_prior: LogDensity) -> LogDensity:
-    """Return the sum of both; the likelihood is only asked where the prior is not zero."""
+    """Return the sum of both; the likelihood is only evaluated where the prior is not zero."""
 
     def posterior(theta: FloatArray) -> FloatArray:
         value = log_prior(theta)
@@ -171,7 +169,7 @@ def spread_starts(
         kept.extend(candidates[np.isfinite(evaluate(log_density, candidates))])
         if len(kept) >= n_chains:
             return np.array(kept[:n_chains])
-        root = 0.7 * root  # the support is narrower than the covariance says
+        root = 0.7 * root  # the support is narrower than the covariance
     raise InputError(
         "no start was found near the centre: it stands at the edge of the support, or the covariance is wrong"
     )
@@ -208,7 +206,7 @@ def written(theta: FloatArray) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in theta) + ")"
 
 
-# ---- how well they sampled -------------------------------------------------------------------------
+# ---- diagnostics -----------------------------------------------------------------------------------
 
 
 def diagnose(chain: Chain) -> Diagnostics:
@@ -232,12 +230,12 @@ def estimates_of(chain: Chain, names: Sequence[str]) -> dict[str, Estimate]:
 
 
 def effective_samples(samples: ArrayLike, *, ranked: bool = True) -> FloatArray:
-    """Return how many independent samples chains (n_chains, n, n_parameters) are worth, (n_parameters,).
+    """Return the number of independent samples, (n_parameters,), that chains (n_chains, n, n_parameters) are worth.
 
-    Each chain is cut in halves; the autocorrelation over all of them is summed as far as pairs of lags are positive and
-    made to fall (Geyer 1992), as Stan and ArviZ do (Vehtari et al. 2021): `ranked` that of the normal scores of ranks
-    ("bulk"), which is right for heavy tails too, otherwise that of the mean. The walkers of an ensemble count as chains
-    although they steer by each other. Chains that never move are worth a single sample.
+    Each chain is cut in halves. The autocorrelation over all halves is summed as far as pairs of lags are positive, and
+    made monotone (Geyer 1992), as in Stan and ArviZ (Vehtari et al. 2021). With `ranked` it is that of the normal
+    scores of ranks ("bulk"), which is right for heavy tails, too; otherwise that of the samples. The walkers of an
+    ensemble count as chains although they depend on each other. Chains that never move are worth a single sample.
     """
     halves = _normal_scores(_halves(samples)) if ranked else _halves(samples)
     n_chains, n, _ = halves.shape
@@ -257,8 +255,8 @@ def effective_samples(samples: ArrayLike, *, ranked: bool = True) -> FloatArray:
 def split_r_hat(samples: ArrayLike) -> FloatArray:
     """Return the rank-normalised split R-hat of chains (n_chains, n, n_parameters); 1 is converged.
 
-    Of location and spread the larger one (Vehtari et al. 2021), (n_parameters,). A chain that stands still where others
-    move gives a large number.
+    It is the larger one of those of location and spread (Vehtari et al. 2021), (n_parameters,). A chain that stands
+    still while others move gives a large number.
     """
     halves = _halves(samples)
     folded = np.abs(halves - np.median(halves, axis=(0, 1)))
@@ -266,7 +264,7 @@ def split_r_hat(samples: ArrayLike) -> FloatArray:
 
 
 def _halves(samples: ArrayLike) -> FloatArray:
-    """(2 n_chains, n // 2, n_parameters): the first and the second half of each chain; an odd one loses its middle."""
+    """Return the first and the second half of each chain, (2 n_chains, n // 2, n_parameters), without an odd middle."""
     array = np.asarray(samples, dtype=np.float64)
     if array.ndim != 3 or array.shape[1] < 4 or not array.size:
         raise InputError(
@@ -279,7 +277,7 @@ def _halves(samples: ArrayLike) -> FloatArray:
 
 
 def _normal_scores(halves: FloatArray) -> FloatArray:
-    """Ranks over all chains as quantiles of the normal distribution (Blom's)."""
+    """Return the ranks over all chains as quantiles of the normal distribution (Blom)."""
     flat = halves.reshape(-1, halves.shape[-1])
     rank = stats.rankdata(flat, axis=0)
     return special.ndtri((rank - 0.375) / (len(flat) + 0.25)).reshape(halves.shape)
@@ -294,26 +292,26 @@ def _r_hat(halves: FloatArray) -> FloatArray:
 
 
 def _correlation_time(correlation: FloatArray, n_samples: int) -> float:
-    """Geyer's initial monotone sequence of pairs of lags, and the even lag after it; (n,) from lag 0."""
+    """Return the sum over Geyer's initial monotone sequence of pairs of lags, and the even lag after it."""
     n = correlation.size
-    n_pairs = 1 + len(range(1, n - 3, 2))  # that Stan looks at
+    n_pairs = 1 + len(range(1, n - 3, 2))  # as many as in Stan
     pairs = correlation[: 2 * n_pairs].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs < 0)
     stop = int(negative[0]) if negative.size else n_pairs - 1
     falling = np.minimum.accumulate(pairs[:stop])
     time = -1.0 + 2.0 * float(falling.sum()) + max(float(correlation[2 * stop]), 0.0)
-    # chains that repel themselves are worth more than their number, but not without end
+    # anticorrelated samples are worth more than their number, but Stan limits how much
     return max(time, 1.0 / np.log10(n_samples))
 
 
-# ---- what the prior does to them -------------------------------------------------------------------
+# ---- the influence of the prior --------------------------------------------------------------------
 
 
 def presses_against(samples: ArrayLike, priors: Sequence[Prior]) -> tuple[Pressure, ...]:
     """Return which priors the samples of a posterior, (n_samples, n_parameters), press against, and on which side.
 
-    A bound shapes a posterior whose density there is more than a tenth of its largest. A prior without a bound is
-    contradicted by a posterior whose median is more than two of its standard deviations from its centre.
+    A posterior presses against a bound where its density is more than a tenth of its largest, and against a prior
+    without bounds if its median is more than two standard deviations of the prior from the centre of the prior.
 
     >>> samples = np.abs(np.random.default_rng(1).normal(0.0, 0.5, (4000, 1)))
     >>> print(presses_against(samples, [Prior("uniform", 0.0, 10.0)])[0].sentence)
@@ -333,14 +331,14 @@ def presses_against(samples: ArrayLike, priors: Sequence[Prior]) -> tuple[Pressu
 
 
 def _at_bounds(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
-    """`column` is sorted. Both densities are those of one width, a quarter of a robust standard deviation."""
+    """Compare densities over one width, a quarter of a robust standard deviation, of a sorted column."""
     low, high = prior.support
     width = np.clip((np.quantile(column, 0.84) - np.quantile(column, 0.16)) / 8, (high - low) * 1e-9, (high - low) / 10)
     densest = np.max(np.searchsorted(column, column + width, side="right") - np.arange(column.size))
     found = []
     sides: tuple[tuple[Literal["lower", "upper"], float], ...] = (("lower", low), ("upper", high))
     for side, bound in sides:
-        if np.count_nonzero(np.abs(column - bound) <= width) / densest > EDGE_DENSITY:
+        if np.count_nonzero(np.abs(column - bound) <= width) / densest > 0.1:
             words = (
                 f"presses against the {side} end {bound:g} of its uniform prior: widen the prior, or doubt the class"
             )
@@ -352,7 +350,7 @@ def _far_off(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
     median = float(np.median(column))
     distance = np.log(median / prior.first) if prior.family == "lognormal" else median - prior.first
     score = float(distance / prior.second)
-    if abs(score) <= FAR_SCORE:
+    if abs(score) <= 2.0:
         return []
     side: Literal["lower", "upper"] = "lower" if score < 0 else "upper"
     words = (
@@ -381,7 +379,7 @@ def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
 
     Args:
         chain: of any sampler.
-        names: one a parameter.
+        names: one for each parameter.
 
     Raises:
         InputError: a name missing or given twice.

@@ -23,9 +23,7 @@ from opid.updating.sampling.chains import (
 )
 from opid.updating.sampling.maximum import Maximum, Support, bounds_of, maximum_a_posteriori
 
-FAR = 8.5  # standard deviations beyond which a bound takes nothing from a normal distribution (1e-17)
-WINDOW = 7.0  # standard deviations on each side that quadrature looks at first; more where there is more
-FIRST_NODES = 16  # nodes of each parameter in the first quadrature; then half as many more, again and again
+FAR = 8.5  # standard deviations beyond which a bound cuts nothing off a normal distribution (1e-17)
 LATTICE = 8191  # points of the rule that integrates a normal distribution over a box
 
 
@@ -36,7 +34,7 @@ class Evidence:
     Args:
         method: "laplace", "transitional" or "quadrature".
         log_evidence: its natural logarithm.
-        std: standard deviation of that, 0 where the method gives none.
+        std: its standard deviation, 0 where the method gives none.
     """
 
     method: str
@@ -47,9 +45,9 @@ class Evidence:
 def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
     """Return the evidence of a posterior that is normal within its bounds (Song et al. 2021, eqs. 15-17).
 
-    log p(D | M) = log p(D | theta) p(theta) - log N(theta | theta, Sigma) at the maximum a posteriori, Sigma from the
-    curvature there. Near a bound the normal distribution counts only inside; at a bound its centre is where slope and
-    curvature put it, outside. Exact for a normal distribution cut off by a box.
+    log p(D | M) = log p(D | theta) p(theta) - log N(theta | theta, Sigma) at the maximum a posteriori, with Sigma from
+    the curvature there. Only the part of the normal distribution within the bounds counts; for a maximum at a bound
+    slope and curvature put its centre outside. Exact for a normal distribution that a box cuts off.
 
     Args:
         maximum: of log likelihood plus log prior, both with all their constants.
@@ -74,9 +72,9 @@ def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
 def laplace_of_samples(log_density_at_best: float, best: FloatArray, chain: Chain) -> Evidence:
     """Return the evidence with mean and covariance of samples (Song et al. 2021, eq. 16), with its standard deviation.
 
-    The density at `best`, (n_parameters,), has all its constants. The deviation is what the finite number of effective
-    samples does to the determinant, not what a posterior that is not normal does. Where the posterior presses against a
-    bound, take `laplace` or `quadrature` instead.
+    The density at `best`, (n_parameters,), has all its constants. The standard deviation is that of the determinant for
+    the finite number of effective samples; it does not include the error for a posterior that is not normal. Where the
+    posterior presses against a bound, take `laplace` or `quadrature` instead.
     """
     covariance, d = chain.covariance, chain.n_parameters
     root = covariance_root(covariance, d)
@@ -97,13 +95,14 @@ def quadrature(
     """Return the evidence as an integral by Gauss-Legendre nodes, for up to three parameters.
 
     The nodes lie in coordinates in which the covariance is the unit matrix, one parameter after the other, so that
-    bounds of the parameters stay limits of the integrals. The window grows where its edge still holds something; the
-    nodes grow until the logarithm changes by less than the tolerance, and that last change is the standard deviation.
+    bounds of the parameters stay limits of the integrals. The window grows until its edges hold almost nothing; the
+    nodes grow in number until the logarithm changes by less than the tolerance. That last change is the standard
+    deviation.
 
     The density is log likelihood plus log prior with all their constants. `centre` and `covariance` are roughly those
-    of the posterior: those of samples where there are several maxima, so that the window holds them all. `tolerance` is
-    the change of the logarithm that is accepted; after `max_evaluations` rows of theta, or where the density is zero
-    all around the centre, there is a NotDeterminedError, whose `partial` is the last value.
+    of the posterior; where it has several maxima, take those of samples, so that the window holds all of them.
+    NotDeterminedError, with the last value as `partial`: more than `max_evaluations` rows of theta, or a density that
+    is zero all around the centre.
 
     >>> quadrature(lambda t: -0.5 * np.sum(t**2, axis=1), [0.0], 1.0, support=[(0.0, np.inf)]).log_evidence
     0.2257913526...
@@ -112,8 +111,8 @@ def quadrature(
     if middle.ndim != 1 or not 1 <= middle.size <= 3:
         raise InputError(f"the centre has shape {middle.shape}: quadrature takes one to three parameters")
     root, bounds = covariance_root(covariance, middle.size), bounds_of(support, middle.size)
-    window = np.tile([-WINDOW, WINDOW], (middle.size, 1))
-    n, asked, before = FIRST_NODES, 0, np.inf
+    window = np.tile([-7.0, 7.0], (middle.size, 1))
+    n, asked, before = 16, 0, np.inf
     while True:
         theta, log_weight, open_edge = _nodes(n, middle, root, window, bounds)
         asked += len(theta)
@@ -140,9 +139,10 @@ def quadrature(
 
 
 def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Support) -> float:
-    """Return the logarithm of the probability of a normal distribution within a box, far tails included (scipy: none).
+    """Return the logarithm of the probability of a normal distribution within a box, right in far tails, too.
 
-    One parameter after the other, each given those before it (Genz 1992), on a lattice without chance.
+    One parameter after the other is integrated, each given those before it (Genz 1992), on a lattice that is not
+    random; scipy has no logarithm of it.
 
     >>> round(float(np.exp(log_probability_inside(np.zeros(2), np.eye(2), [(0, np.inf), (0, np.inf)]))), 6)
     0.25
@@ -165,7 +165,7 @@ def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Su
         left, right = (low[k] - given) / root[k, k], (high[k] - given) / root[k, k]
         inside = _log_between(left, right)
         total += inside
-        # quantiles from the side on which the tail is
+        # quantiles from the side of the tail
         flip = left + right > 0
         tail = np.where(flip, -right, left)
         tail_of = np.logaddexp(log_ndtr(tail), np.log(np.clip(lattice[:, k], 1e-12, 1.0)) + inside)
@@ -174,7 +174,7 @@ def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Su
 
 
 def _log_between(left: FloatArray, right: FloatArray) -> FloatArray:
-    """log(Phi(right) - Phi(left)), from the side on which both are small."""
+    """Return log(Phi(right) - Phi(left)), from the side on which both are small."""
     flip = left + right > 0
     a, b = np.where(flip, -right, left), np.where(flip, -left, right)
     upper, lower = log_ndtr(b), log_ndtr(a)
@@ -182,14 +182,14 @@ def _log_between(left: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _log_volume(covariance: FloatArray) -> float:
-    """-log N(theta | theta, covariance)."""
+    """Return -log N(theta | theta, covariance)."""
     return 0.5 * float(np.linalg.slogdet(2 * np.pi * covariance)[1])
 
 
 def _nodes(
     n: int, centre: FloatArray, root: FloatArray, window: FloatArray, bounds: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes (m, d), their log weights (m,), and whether each is at an edge of the window that is no bound (m, d, 2)."""
+    """Return nodes (m, d), log weights (m,), and which are at an edge of the window that is no bound, (m, d, 2)."""
     x, weight = np.polynomial.legendre.leggauss(n)
     outer = np.stack([x < -0.9, x > 0.9], axis=1)
     u = np.zeros((1, 0))
@@ -225,7 +225,7 @@ def prior_sensitivity(
     found = {}
     for k, prior in enumerate(model_class.priors):
         if k + 1 not in pressed or prior.family != "uniform":
-            # what the wide prior adds outside the narrow one is nothing here: a mean over the samples
+            # the posterior has almost nothing outside the narrow prior: a mean over the samples is enough
             ratio = prior.wider.log_density(samples[:, k]) - prior.log_density(samples[:, k])
             change = float(np.logaddexp.reduce(ratio) - np.log(len(ratio)))
         else:
@@ -235,7 +235,7 @@ def prior_sensitivity(
 
 
 def _change_beyond(likelihood: LogDensity, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
-    """The same by two Laplace approximations, where the posterior goes on beyond the narrow prior; nan if it fails."""
+    """Return the change by two Laplace approximations, for a posterior that goes on beyond the prior; nan for none."""
     priors = (*model_class.priors[:k], wide, *model_class.priors[k + 1 :])
     values = []
     for each in (model_class, replace(model_class, priors=priors)):

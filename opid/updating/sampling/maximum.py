@@ -1,4 +1,4 @@
-"""The maximum of a log density within bounds, with its slope and curvature: Newton steps on a stencil, in batches."""
+"""The maximum of a log density within bounds, with slope and curvature, by Newton steps on a stencil of many points."""
 
 from __future__ import annotations
 
@@ -13,14 +13,12 @@ from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
 from opid.updating.sampling.chains import LogDensity, evaluate, written
 
-STENCIL = 0.05  # step of the differences in standard deviations: long enough to rise above the noise of a model
-STEPS = 2.0 ** np.arange(4, -15, -1)  # parts of a Newton step that are tried at once
 Support = Sequence[tuple[float, float]] | FloatArray | None  # (lower, upper) of each parameter, or none
 
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Where a log density is largest, and its quadratic there.
+    """The maximum of a log density, with its slope and curvature there.
 
     Args:
         theta: (n_parameters,).
@@ -42,15 +40,15 @@ class Maximum:
     def covariance(self) -> FloatArray:
         """(n_parameters, n_parameters) of the normal distribution of this curvature.
 
-        Where there is none, the maximum lying at a bound, the slope there limits it.
+        Where a maximum at a bound has no curvature, the slope limits it.
         """
         return _inverse(self.precision)
 
     @property
     def covariance_inside(self) -> FloatArray:
-        """(n_parameters, n_parameters) of roughly what lies within the bounds, for starts and proposals of chains.
+        """(n_parameters, n_parameters) of roughly the part within the bounds, for starts and proposals of chains.
 
-        At a bound a steep density falls off as an exponential, within one over its slope, however little it bends.
+        At a bound a steep density falls off as an exponential over the length 1 / slope, however small its curvature.
         """
         return _inverse(self.precision + np.diag(self._steep))
 
@@ -70,7 +68,7 @@ class Maximum:
 
 
 def _inverse(precision: FloatArray) -> FloatArray:
-    """Of parameters that may be of very different sizes."""
+    """Return the inverse for parameters that may have very different sizes."""
     scale = np.sqrt(np.diag(precision))
     return np.asarray(linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale))
 
@@ -97,16 +95,16 @@ def maximum_a_posteriori(
 ) -> Maximum:
     """Return the maximum of a log density that is smooth within its support.
 
-    Each iteration asks for all points of a stencil at once, takes the Newton step of its quadratic within the bounds,
-    and tries all parts of that step at once. The stencil grows and shrinks to a twentieth of a standard deviation.
-    Of several maxima it finds one that is higher than the best start: give draws of the prior as starts where there may
-    be several. Theta is right to about a thousandth of a standard deviation, by the length of the stencil.
+    Each iteration evaluates all points of a stencil at once, takes the Newton step of its quadratic within the bounds,
+    and tries many fractions of that step at once. The stencil is scaled to a twentieth of a standard deviation. Of
+    several maxima it finds one that is higher than the best start: give draws of the prior as starts where there may be
+    several. Theta is right to about a thousandth of a standard deviation, limited by the size of the stencil.
 
     Args:
         log_density: (n, n_parameters) -> (n,), up to a constant; -inf outside the support.
         start: (n_parameters,) or (n, n_parameters), of which the best is taken.
         support: lower and upper end of each parameter, for example `[prior.support for prior in priors]`.
-        tolerance: how much the logarithm may still be short of the maximum.
+        tolerance: largest distance of the logarithm from the maximum.
         max_iterations: before it gives up.
 
     Raises:
@@ -129,36 +127,31 @@ def maximum_a_posteriori(
     theta, value, counted = rows[int(np.argmax(values))], float(values.max()), len(rows)
     widest = np.where(np.isfinite(high - low), (high - low) / 4, np.inf)
     step = np.minimum(0.01 * np.where(np.isfinite(widest), 4 * widest, np.maximum(np.abs(theta), 1.0)), widest)
+    fractions = 2.0 ** np.arange(4, -15, -1)[:, None]  # of a Newton step
     for _ in range(max_iterations):
         middle = np.clip(theta, low + step, high - step)  # all of the stencil inside
         points = middle + step * _offsets(theta.size)
         f = evaluate(log_density, points)
         counted += len(points)
-        candidates, found = points, f
-        slope = curvature = None
+        candidates, found, change = points, f, np.array(0.25)
         if np.isfinite(f).all():
             slope, curvature = _quadratic(f, theta.size)
             slope = slope + curvature @ ((theta - middle) / step)
             fixed = ((theta <= low) & (slope < 0)) | ((theta >= high) & (slope > 0))
             direction, gain, peaked = _newton(slope, curvature, ~fixed)
-            if (
-                peaked
-                and gain < max(tolerance, 1e-14 * abs(value))
-                and _tune_steps(step, slope, curvature, fixed, widest)
-            ):
+            change = _change(slope, curvature, fixed)
+            is_scaled = bool(np.all((change > 0.5) & ((change < 2.0) | (step >= widest))))
+            if peaked and is_scaled and gain < max(tolerance, 1e-14 * abs(value)):
                 side = np.where(fixed, np.where(theta <= low, -1.0, 1.0), 0.0)
                 hessian = curvature / np.outer(step, step)
                 return Maximum(theta, value, np.where(fixed, slope / step, 0.0), hessian, side, counted)
-            along = np.clip(theta + STEPS[:, None] * direction * step, low, high)
+            along = np.clip(theta + fractions * direction * step, low, high)
             candidates, found = np.concatenate([points, along]), np.concatenate([f, evaluate(log_density, along)])
             counted += len(along)
         best = int(np.argmax(found))
         if found[best] > value:
             theta, value = candidates[best], float(found[best])
-        if slope is None or curvature is None:
-            step = step / 4
-        else:
-            step = np.minimum(step * _change(slope, curvature, fixed), widest)
+        step = np.minimum(step * change, widest)
     raise NotDeterminedError(
         f"no maximum was found in {max_iterations} steps; the best was theta = {written(theta)}: the density may be "
         "flat there, or end where no bound was stated (give the support)",
@@ -167,7 +160,7 @@ def maximum_a_posteriori(
 
 
 def _offsets(d: int) -> FloatArray:
-    """(1 + 2 d + 2 d (d - 1), d): the middle, one step along each axis, and the corners of each plane."""
+    """Return the stencil, (1 + 2 d + 2 d (d - 1), d): the middle, a step along each axis, the corners of each plane."""
     axes = np.eye(d)
     rows = [np.zeros((1, d)), axes, -axes]
     for i in range(d):
@@ -177,7 +170,7 @@ def _offsets(d: int) -> FloatArray:
 
 
 def _quadratic(f: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
-    """Slope and curvature in steps of the stencil."""
+    """Return slope and curvature in steps of the stencil."""
     ahead, behind = f[1 : 1 + d], f[1 + d : 1 + 2 * d]
     curvature = np.diag(ahead + behind - 2 * f[0])
     rows, columns = np.tril_indices(d, -1)
@@ -187,7 +180,7 @@ def _quadratic(f: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _newton(slope: FloatArray, curvature: FloatArray, free: np.ndarray) -> tuple[FloatArray, float, bool]:
-    """Direction uphill, the gain the quadratic promises, and whether it has a peak at all."""
+    """Return the direction uphill, the gain that the quadratic predicts, and whether it has a peak at all."""
     direction = np.zeros(slope.size)
     if not free.any():
         return direction, 0.0, True
@@ -199,14 +192,10 @@ def _newton(slope: FloatArray, curvature: FloatArray, free: np.ndarray) -> tuple
 
 
 def _change(slope: FloatArray, curvature: FloatArray, fixed: np.ndarray) -> FloatArray:
-    """What each step of the stencil is to be multiplied by to be a twentieth of a standard deviation."""
+    """Return the factor of each step of the stencil towards a twentieth of a standard deviation.
+
+    That is long enough to rise above the numerical noise of a model.
+    """
     bend = np.sqrt(np.maximum(-np.diag(curvature), 0.0))
     size = np.maximum(bend, np.where(fixed, np.abs(slope), 0.0))
-    return np.clip(STENCIL / np.maximum(size, 1e-300), 1 / 8, 8.0)
-
-
-def _tune_steps(
-    step: FloatArray, slope: FloatArray, curvature: FloatArray, fixed: np.ndarray, widest: FloatArray
-) -> bool:
-    change = _change(slope, curvature, fixed)
-    return bool(np.all((change > 0.5) & ((change < 2.0) | (step >= widest))))
+    return np.clip(0.05 / np.maximum(size, 1e-300), 1 / 8, 8.0)

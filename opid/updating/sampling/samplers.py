@@ -23,12 +23,8 @@ from opid.updating.sampling.chains import (
 )
 from opid.updating.sampling.evidence import Evidence
 
-BLOCK = 250  # steps of Metropolis-Hastings between two reports of progress
-FIRST_ADAPTATION = 50  # steps before the first adaptation; later ones follow when the chains are a tenth longer
-FLOOR = 1e-6  # fraction of the given covariance that the adapted one has besides, not to be singular (Haario's epsilon)
-MOST_STAGES = 500  # of transitional Monte Carlo: with more the likelihood has no maximum that the particles can reach
-VARIATION = 1.0  # of the weights in each stage; smaller ones take more stages (Ching & Chen 2007)
-AIMED_ACCEPTANCE = 0.3  # fraction of proposals the jumps of transitional Monte Carlo are scaled for
+MOST_STAGES = 500  # of transitional Monte Carlo, after which the likelihood has no maximum that particles can reach
+VARIATION = 1.0  # of the weights in each stage; smaller ones need more stages (Ching & Chen 2007)
 
 
 def metropolis(
@@ -44,11 +40,11 @@ def metropolis(
 ) -> Chain:
     """Return random-walk Metropolis-Hastings chains, (n_chains, n_samples, n_parameters), after their warm-up.
 
-    They begin at the rows of `start`, (n_chains, n_parameters), and are proposed 2.38^2 / n_parameters times the
-    covariance, the best for a normal distribution (Song et al. 2021, refs. 46 and 60): that of the posterior as far as
-    it is known (Laplace approximation), or (n_parameters,) variances. It is a first guess where they are `adaptive` and
-    learn from their own past (Haario et al. 2001), that of all chains, its older half forgotten so that far starts do
-    not stay in it; it changes less and less, as convergence asks for.
+    They begin at the rows of `start`, (n_chains, n_parameters). Proposals have 2.38^2 / n_parameters times the
+    covariance, which is best for a normal distribution (Song et al. 2021, refs. 46 and 60). Give the covariance of the
+    posterior as far as it is known (Laplace approximation), or (n_parameters,) variances. `adaptive` chains take it as
+    a first guess and learn a better one from the past of all chains (Haario et al. 2001), without its older half, so
+    that far starts are forgotten. It changes less and less, as convergence requires.
 
     This and the other samplers move all chains by one evaluation of the density, and the same `rng` in the same state
     gives the same chains to the last bit. InputError: a start outside the support, a log density of another shape or
@@ -59,64 +55,45 @@ def metropolis(
     >>> chain.samples.shape, bool(abs(chain.samples.var() - 1) < 0.2)
     ((4, 2000, 1), True)
     """
-    walk = _Walk(log_density, start, n_samples, n_warm_up)
-    first = covariance_root(covariance, walk.n_parameters)
-    root, scale = first * np.sqrt(walk.scale), walk.scale
-    while walk.done < walk.n_steps:
-        walk.go(max(FIRST_ADAPTATION, walk.done // 10) if adaptive else BLOCK, root, rng)
+    dropped = as_count(n_warm_up, "n_warm_up", least=0)
+    n_steps = as_count(n_samples, "n_samples", least=1) + dropped
+    theta, value = starting_densities(log_density, start)
+    n_chains, n_parameters = theta.shape
+    first, scale = covariance_root(covariance, n_parameters), 2.38**2 / n_parameters
+    root, done = first * np.sqrt(scale), 0
+    samples, values = np.empty((n_steps, n_chains, n_parameters)), np.empty((n_steps, n_chains))
+    taken = np.zeros((n_steps, n_chains), dtype=bool)
+    while done < n_steps:
+        # chains adapt after 50 steps, then whenever they are a tenth longer; 250 steps without a report are enough
+        last = min(done + (max(50, done // 10) if adaptive else 250), n_steps)
+        jumps = rng.standard_normal((last - done, n_chains, n_parameters)) @ root.T
+        threshold = -rng.standard_exponential((last - done, n_chains))  # logarithm of a uniform number
+        for step, jump, bar in zip(range(done, last), jumps, threshold, strict=True):
+            proposal = theta + jump
+            proposed = evaluate(log_density, proposal)
+            taken[step] = proposed - value > bar
+            theta = np.where(taken[step, :, None], proposal, theta)
+            value = np.where(taken[step], proposed, value)
+            samples[step], values[step] = theta, value
+        done = last
         if adaptive:
-            past = walk.samples[walk.done // 2 : walk.done].reshape(-1, walk.n_parameters)
-            learnt = np.atleast_2d(np.cov(past, rowvar=False))
-            root = covariance_root(scale * (learnt + FLOOR * (first @ first.T)), walk.n_parameters)
+            learnt = np.atleast_2d(np.cov(samples[done // 2 : done].reshape(-1, n_parameters), rowvar=False))
+            # a little of the given covariance keeps the sum from being singular (Haario's epsilon)
+            root = covariance_root(scale * (learnt + 1e-6 * (first @ first.T)), n_parameters)
         if progress:
-            progress(walk.done / walk.n_steps)
-    return walk.chain("adaptive_metropolis" if adaptive else "metropolis")
-
-
-class _Walk:
-    """The running state of several chains: where they are, what they saw, how many proposals were taken."""
-
-    def __init__(self, log_density: LogDensity, start: ArrayLike, n_samples: int, n_warm_up: int) -> None:
-        self.n_warm_up = as_count(n_warm_up, "n_warm_up", least=0)
-        self.n_steps = as_count(n_samples, "n_samples", least=1) + self.n_warm_up
-        self.log_density = log_density
-        self.theta, self.value = starting_densities(log_density, start)
-        n_chains, self.n_parameters = self.theta.shape
-        self.scale = 2.38**2 / self.n_parameters
-        self.samples = np.empty((self.n_steps, n_chains, self.n_parameters))
-        self.values = np.empty((self.n_steps, n_chains))
-        self.taken = np.zeros((self.n_steps, n_chains), dtype=bool)
-        self.done = 0
-
-    def go(self, n: int, root: FloatArray, rng: np.random.Generator) -> None:
-        """Take at most n steps with jumps of the covariance root root^T."""
-        last = min(self.done + n, self.n_steps)
-        jumps = rng.standard_normal((last - self.done, *self.theta.shape)) @ root.T
-        threshold = -rng.standard_exponential((last - self.done, len(self.theta)))  # logarithm of a uniform number
-        for step, jump, bar in zip(range(self.done, last), jumps, threshold, strict=True):
-            proposal = self.theta + jump
-            value = evaluate(self.log_density, proposal)
-            taken = value - self.value > bar
-            self.theta = np.where(taken[:, None], proposal, self.theta)
-            self.value = np.where(taken, value, self.value)
-            self.samples[step], self.values[step], self.taken[step] = self.theta, self.value, taken
-        self.done = last
-
-    def chain(self, sampler: str) -> Chain:
-        """What was seen after the warm-up."""
-        kept = slice(self.n_warm_up, None)
-        return Chain(
-            samples=np.ascontiguousarray(self.samples[kept].transpose(1, 0, 2)),
-            log_density=np.ascontiguousarray(self.values[kept].T),
-            acceptance=float(self.taken[kept].mean()),
-            n_evaluations=self.taken.size + len(self.theta),
-            sampler=sampler,
-            n_warm_up=self.n_warm_up,
-        )
+            progress(done / n_steps)
+    return Chain(
+        samples=np.ascontiguousarray(samples[dropped:].transpose(1, 0, 2)),
+        log_density=np.ascontiguousarray(values[dropped:].T),
+        acceptance=float(taken[dropped:].mean()),
+        n_evaluations=taken.size + n_chains,
+        sampler="adaptive_metropolis" if adaptive else "metropolis",
+        n_warm_up=dropped,
+    )
 
 
 def require_emcee() -> None:
-    """Refuse before long work, by an InputError, what emcee could not do after it."""
+    """Raise an InputError if emcee is not installed, before long work that would need it."""
     require("emcee", "the ensemble sampler", "emcee", "ensemble")
 
 
@@ -131,9 +108,9 @@ def ensemble(
 ) -> Chain:
     """Return the walkers of emcee's stretch move (Goodman & Weare 2010; Foreman-Mackey et al. 2013), one chain each.
 
-    The walkers steer by each other: no covariance has to be known, and the scales of the parameters do not matter.
-    Arguments are those of `metropolis`; `start` has an even number of walkers, at least twice the parameters and not
-    all in one plane, else there is an InputError, as where emcee is not installed.
+    The walkers move along the lines between them: no covariance has to be known, and the scales of the parameters have
+    no effect. Arguments are those of `metropolis`; `start` has an even number of walkers, at least twice the number of
+    parameters, which are not all in one plane. InputError: another start, or emcee is not installed.
     """
     require_emcee()
     import emcee
@@ -180,10 +157,10 @@ class Transitional:
     """Samples of the posterior, the evidence, and the stages between prior and posterior.
 
     Args:
-        chain: one chain of n_particles, those with the same parent side by side so that its effective samples tell
-            how many of them are copies.
+        chain: one chain of n_particles, those with the same parent side by side, so that copies reduce its number of
+            effective samples.
         evidence: its logarithm with the standard deviation of that.
-        exponents: (n_stages + 1,) of the likelihood, from 0 to 1.
+        exponents: (n_stages + 1,) exponents of the likelihood, from 0 to 1.
         acceptance: (n_stages,) fraction of the proposals of each stage.
     """
 
@@ -206,14 +183,13 @@ def transitional(
     """Return samples of the posterior and its evidence (Ching & Chen 2007; Song et al. 2021, ref. 48).
 
     The likelihood is raised to exponents that grow from 0 to 1, each as far as the variation of the weights allows;
-    particles are drawn again by weight and moved by Metropolis steps with their own covariance. The
-    evidence is the product of the mean weights, kept as a logarithm. Its standard deviation follows from the fraction
-    of the weight that each first ancestor holds at the end (Lee & Whiteley 2018), so that what the particles
-    of later stages inherit is in it.
+    particles are drawn again by weight and moved by Metropolis steps with their own covariance. The evidence is the
+    product of the mean weights, kept as a logarithm. Its standard deviation follows from the fraction of the weight
+    that each first ancestor has at the end (Lee & Whiteley 2018); it includes the errors that later stages inherit.
 
-    `log_likelihood` is only asked where `log_prior`, which is normalised, is not -inf; `sample_prior` takes n and rng
-    to (n, n_parameters) independent draws. Each of the particles takes `n_moves` Metropolis steps in each stage, and
-    `progress` is called with the exponent. InputError: functions of wrong shape or nan, draws outside the prior, or
+    `log_likelihood` is only evaluated where `log_prior`, which is normalised, is not -inf; `sample_prior` takes n and
+    rng to (n, n_parameters) independent draws. Each of the particles takes `n_moves` Metropolis steps in each stage,
+    and `progress` is called with the exponent. InputError: functions of wrong shape or nan, draws outside the prior, or
     counts out of range. NotDeterminedError: no draw of the prior has a likelihood, or the exponent no longer grows.
     """
     n = as_count(n_particles, "n_particles", least=20)
@@ -231,7 +207,7 @@ def transitional(
         log_evidence += float(logsumexp(log_weight)) - np.log(n)
         weight = np.exp(log_weight - logsumexp(log_weight))
         exponents.append(1.0 if step == 1.0 - exponents[-1] else exponents[-1] + step)
-        # the fraction of each first ancestor, before any is dropped
+        # the fraction of the weight of each first ancestor, before resampling drops some
         concentration = float(np.sum(np.bincount(swarm.ancestor, weight) ** 2))
         covariance = np.atleast_2d(np.cov(swarm.theta, rowvar=False, aweights=weight)) + spread
         swarm.resample(weight, rng)
@@ -240,7 +216,7 @@ def transitional(
         if progress:
             progress(exponents[-1])
     n_stages = len(acceptance)
-    # 1 - (n / (n-1))^n_stages * (probability that two ancestors differ), as Lee & Whiteley have it
+    # 1 - (n / (n-1))^n_stages * (probability that two ancestors differ), by Lee & Whiteley
     variance = -np.expm1(n_stages * np.log(n / (n - 1)) + np.log1p(-min(concentration, 1 - 1e-12)))
     return Transitional(
         chain=Chain(
@@ -258,7 +234,7 @@ def transitional(
 
 
 class _Swarm:
-    """The running state: particles, their densities, the first ancestor of each."""
+    """The particles of transitional Monte Carlo, their densities, and the first ancestor of each."""
 
     def __init__(
         self,
@@ -305,12 +281,13 @@ class _Swarm:
             self.theta[taken], self.prior[taken] = proposal[taken], prior[taken]
             self.likelihood[taken] = likelihood[taken]
             fractions.append(float(taken.mean()))
-            scale = float(np.clip(scale * np.exp(2.0 * (fractions[-1] - AIMED_ACCEPTANCE)), 1e-6, 1e2))
+            # jumps are scaled for an acceptance of 0.3
+            scale = float(np.clip(scale * np.exp(2.0 * (fractions[-1] - 0.3)), 1e-6, 1e2))
         return float(np.mean(fractions)), scale
 
 
 def _exponent_step(log_likelihood: FloatArray, remaining: float) -> float:
-    """How far the exponent may grow: the weights of the particles that have a likelihood vary by `VARIATION`."""
+    """Return the growth of the exponent for which the weights of particles with a likelihood vary by `VARIATION`."""
     alive = log_likelihood[np.isfinite(log_likelihood)]
     alive = alive - alive.max()
 

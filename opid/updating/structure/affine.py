@@ -13,8 +13,6 @@ from scipy import sparse
 from opid.errors import InputError, nearest, refuse
 from opid.signals.recording import FloatArray
 
-SYMMETRY = 1e-8  # of the largest entry: what a matrix of a finite-element code may be unsymmetric by rounding
-
 
 @dataclass(frozen=True, eq=False)
 class AffineStructure:
@@ -22,7 +20,7 @@ class AffineStructure:
 
     Args:
         mass: (n_dof, n_dof) sparse M, kg; symmetric, positive on the diagonal.
-        stiffness: (n_dof, n_dof) sparse K0 of what is not updated (springs it hangs on), N/m; symmetric.
+        stiffness: (n_dof, n_dof) sparse K0 of the parts that are not updated (soft supports, say), N/m; symmetric.
         parts: K_i by the name of the parameter theta_i that multiplies it (1 for the nominal structure), N/m.
         dofs: name of each degree of freedom.
         sensors: degrees of freedom that are measured, by name, in the order of the data.
@@ -88,7 +86,8 @@ def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> 
     elif not np.isfinite(matrix.data).all():
         yield f"the {name} matrix has entries that are not finite: export it again"
     else:
-        if matrix.nnz and np.abs((matrix - matrix.T).data).max(initial=0.0) > SYMMETRY * np.abs(matrix.data).max():
+        # rounding in a finite-element code may leave a small difference
+        if matrix.nnz and np.abs((matrix - matrix.T).data).max(initial=0.0) > 1e-8 * np.abs(matrix.data).max():
             yield f"the {name} matrix is not symmetric: export the whole matrix, or mirror the stored triangle"
         if name == "mass" and matrix.diagonal().min() <= 0:
             bad = dofs[int(np.argmin(matrix.diagonal()))]

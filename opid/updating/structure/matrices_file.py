@@ -1,4 +1,4 @@
-"""Matrices of a finite-element code (npz, Matrix Market, MATLAB), names of degrees of freedom -> `AffineStructure`."""
+"""An `AffineStructure` from matrices of a finite-element code (npz, Matrix Market, MATLAB) and names."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from opid.updating.structure.affine import AffineStructure, matrix_faults, name_
 
 Source = str | os.PathLike[str]
 
-PART = "part_"  # what the name of a matrix begins with that a parameter multiplies: part_E_steel for E_steel
+PART = "part_"  # begins the name of a matrix that a parameter multiplies: part_E_steel for E_steel
 MARKET = (".mtx", ".mtx.gz")
-NAMES = ("dofs", "sensors", "joints")  # what a file may hold beside matrices
-PIECES = ("data", "indices", "indptr")  # of a sparse matrix in npz, row by row as scipy has them
+NAMES = ("dofs", "sensors", "joints")  # arrays that a file may hold beside matrices
+PIECES = ("data", "indices", "indptr")  # of a sparse matrix in npz, by rows as in scipy
 
 
 def read_structure(
@@ -54,7 +54,7 @@ def read_structure(
     """
     structure, faults = checked_structure(matrices, sensors=sensors, joints=joints, dofs=dofs, parameters=parameters)
     where = "the matrices" if isinstance(matrices, Mapping) else str(matrices)
-    # what is wrong with a file as a whole names it
+    # faults of a file as a whole name it themselves
     refuse(faults, None if any(where in fault for fault in faults) else Path(where))
     assert structure is not None  # or it would have been refused
     return structure
@@ -87,7 +87,7 @@ def checked_structure(
     }
     whole = {name: matrix for name, matrix in read.items() if matrix is not None}
     parts = {name.removeprefix(PART): matrix for name, matrix in whole.items() if name.startswith(PART)}
-    # of parts that cannot be read, the names are there
+    # the names of parts that cannot be read count here, too
     held = [name.removeprefix(PART) for name in found if name.startswith(PART)]
     for name in parameters or ():
         if name not in held:
@@ -138,7 +138,7 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
 
 
 def _read_one(path: Path) -> dict[str, Any]:
-    """Everything that a npz or MATLAB file holds, by name."""
+    """Return everything that a npz or MATLAB file holds, by name."""
     if path.name.lower().endswith(MARKET):
         raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
     kind = path.suffix.lower()
@@ -148,7 +148,7 @@ def _read_one(path: Path) -> dict[str, Any]:
 
 
 def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
-    """One matrix from each file that can be read."""
+    """Return one matrix from each file that can be read."""
     found = {name: _try_to(faults, _one_matrix, Path(file)) for name, file in files.items()}
     return {name: matrix for name, matrix in found.items() if matrix is not None}
 
@@ -164,7 +164,7 @@ def _one_matrix(path: Path) -> Any:
 
 
 def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
-    """What is made of the arguments; None, and a fault more, where it is refused."""
+    """Return `make(*given)`; None, with its error added to the faults, where it raises an InputError."""
     try:
         return make(*given)
     except InputError as error:
@@ -173,7 +173,7 @@ def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
 
 
 def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
-    """What a reader makes of a file, its complaints in a sentence."""
+    """Return what a reader makes of a file, with its errors as one InputError."""
     import zipfile
     import zlib
 
@@ -210,7 +210,7 @@ def _matlab(path: Path) -> dict[str, Any]:
 
 
 def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
-    """Arrays of a npz file with the pieces of sparse matrices put together."""
+    """Return the arrays of a npz file, with each sparse matrix made of its pieces."""
     found = dict(arrays)
     for key in arrays:
         name = key.removesuffix("_indptr")
@@ -231,7 +231,7 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _matrix(name: str, value: Any) -> sparse.csr_matrix:
-    """One matrix, real and of two dimensions."""
+    """Return one matrix, which has to be real and square."""
     value = value if sparse.issparse(value) else np.asarray(value)
     if value.dtype.kind not in "iuf":
         raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
@@ -241,7 +241,7 @@ def _matrix(name: str, value: Any) -> sparse.csr_matrix:
 
 
 def _missing(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
-    """Matrices that are missing or unknown; those of files that cannot be read have a clause already."""
+    """Yield matrices that are missing or unknown; files that could not be read (`unread`) have a clause already."""
     matrices = [name for name in found if name not in NAMES]
     of_parts = [name for name in matrices if name.startswith(PART)]
     if "mass" not in found and not unread:
@@ -261,7 +261,7 @@ def _numbers(n_dof: int) -> tuple[str, ...]:
 
 
 def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
-    """Names of the degrees of freedom from a list, a file, or by number."""
+    """Return the names of the degrees of freedom from a list or a file, else their numbers."""
     if given is None:
         return _numbers(n_dof or 0)
     of_file = isinstance(given, str | os.PathLike)
@@ -275,7 +275,7 @@ def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
 
 
 def _label_lines(path: Path, n_dof: int | None) -> tuple[str, ...]:
-    """Labels of a text or CSV file; a first line too many is a header."""
+    """Return the labels of a text or CSV file; if it has one line too many, the first is a header."""
     if not path.is_file():
         raise InputError(f"there is no file {path}: check the name and the folder")
     try:
@@ -295,7 +295,7 @@ def _label_lines(path: Path, n_dof: int | None) -> tuple[str, ...]:
 
 
 def _texts(name: str, given: Any) -> tuple[str, ...]:
-    """Text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
+    """Return the text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
     if isinstance(given, str):
         raise InputError(f"{name} is the text {given!r}: give a list of names")
     cells = [cell for entry in np.ravel(np.asarray(given)) for cell in np.ravel(np.asarray(entry))]
@@ -306,7 +306,7 @@ def _texts(name: str, given: Any) -> tuple[str, ...]:
 
 
 def _joint_ends(given: Any) -> dict[str, tuple[str, str]]:
-    """Joints by name from a table or from rows of name, one end, other end."""
+    """Return the joints by name, from a table or from rows of name, one end, other end."""
     if isinstance(given, Mapping):
         rows = [(name, *((ends,) if isinstance(ends, str) else ends)) for name, ends in given.items()]
     else:

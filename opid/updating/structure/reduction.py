@@ -17,11 +17,8 @@ from opid.updating.structure.affine import AffineStructure
 
 IntArray = NDArray[np.int64]
 
-RANK = 1e-10  # fraction of the mass of a constraint mode below which the free modes hold that direction
-SHIFT = 1e-6  # of the mean ratio of stiffness to mass: shifts the pencil off the rigid-body modes of a free structure
-DENSE = 200  # degrees of freedom up to which the dense eigensolver is the faster one
-SAME_FREQUENCY = 1e-4  # relative difference below which modes share their space
-ALIKE = 0.5  # modal assurance criterion from which a shape is taken for that of another mode
+SHIFT = 1e-6  # of the mean ratio of stiffness to mass: the shift that makes the stiffness of a free structure regular
+ALIKE = 0.5  # modal assurance criterion from which on two shapes are taken for the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +35,7 @@ class ReducedStructure:
         sensors: names of the sensors.
         joints: names of the joints.
         method: "fixed" or "free".
-        n_cut: directions that were cut off because the free modes hold them.
+        n_cut: directions that were removed because the free modes contain them.
     """
 
     mass: FloatArray
@@ -66,14 +63,14 @@ class ReductionErrors:
         frequency_hz: (n,) of the full structure, Hz.
         reduced_hz: (n,) of the reduced one, Hz.
         relative: (n,) reduced over full, less 1.
-        mac: (n,) modal assurance criterion of the shapes over all degrees of freedom, the same number of mode in both.
-            Of modes with equal frequencies it is that of the nearest shape in their common space.
+        mac: (n,) modal assurance criterion of modes with the same number, over all degrees of freedom. For modes with
+            equal frequencies it is that of the nearest shape in their common space.
         nearest: (n,) number, from 1, of the mode of the full structure whose shape each reduced mode has: its own, or
             another one where the order has changed; 0 where none of the n has a MAC of 0.5.
         nearest_mac: (n,) modal assurance criterion with that one, or the largest where there is none.
         method: "fixed" or "free".
         n_dof: coordinates of the reduced structure.
-        n_cut: directions that were cut off because other coordinates hold them.
+        n_cut: directions that were removed because other coordinates contain them.
     """
 
     frequency_hz: FloatArray
@@ -102,15 +99,15 @@ def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, F
     if not 1 <= n_modes <= n_dof:
         raise InputError(f"{n_modes} modes of {n_dof} degrees of freedom: give a number from 1 to {n_dof}")
     m, k = sparse.csc_matrix(mass), sparse.csc_matrix(stiffness)
-    if n_dof <= DENSE or n_modes > n_dof // 2:
+    if n_dof <= 200 or n_modes > n_dof // 2:  # the dense solver is faster
         eigenvalue, shapes = linalg.eigh(k.toarray(), m.toarray(), subset_by_index=(0, n_modes - 1))
     else:
         shift = -SHIFT * k.diagonal().mean() / m.diagonal().mean()
-        # a start of its own keeps the answer the same from call to call
+        # with a fixed start the answer is the same from call to call
         eigenvalue, shapes = eigsh(k, k=n_modes, M=m, sigma=shift, v0=np.random.default_rng(1).standard_normal(n_dof))
         order = np.argsort(eigenvalue)
         eigenvalue, shapes = eigenvalue[order], shapes[:, order]
-    # rounding leaves a rigid-body mode a little below 0
+    # rounding may put a rigid-body mode a little below 0
     if eigenvalue[0] < -max(1e-3 * SHIFT * k.diagonal().mean() / m.diagonal().mean(), 1e-6 * eigenvalue[-1]):
         raise InputError(
             f"the stiffness is not positive: its lowest eigenvalue is {eigenvalue[0]:.3g} 1/s^2; check the sign of its "
@@ -124,10 +121,10 @@ def craig_bampton(
 ) -> ReducedStructure:
     """Reduce a structure to its boundary (sensors, then ends of joints that are no sensors) and internal modes.
 
-    Every boundary degree of freedom keeps its constraint mode, the static shape for a unit of it with the others held.
-    To those come, with "fixed", the lowest modes with the boundary held (Craig and Bampton) or, with "free", the lowest
-    modes of the whole structure, as Song et al. say in section 4.2. Free modes lie almost within the space of the
-    constraint modes: the joint mass matrix is then nearly singular, so directions that are there twice are cut off.
+    Every boundary degree of freedom has its constraint mode, the static shape for a unit of it with the others held.
+    "fixed" adds the lowest modes with the boundary held (Craig and Bampton); "free" adds the lowest modes of the whole
+    structure, as in section 4.2 of Song et al. Free modes lie almost within the space of the constraint modes, so that
+    the common mass matrix is nearly singular: directions that are there twice are removed.
 
     Args:
         structure: the finite-element structure.
@@ -206,9 +203,9 @@ def reduction_errors(
 
     Args:
         structure: the finite-element structure.
-        reduced: what became of it.
+        reduced: the reduced structure.
         n: modes to compare, at most the coordinates of the reduced structure.
-        factors: those that it was reduced with.
+        factors: those of the reduction.
 
     Raises:
         InputError: an unknown factor, or more modes than the reduced structure has.
@@ -222,7 +219,7 @@ def reduction_errors(
     # [i, j]: reduced mode i with the full mode j, or the nearest shape in the space that j shares with its equals
     mac = np.empty((n, n))
     for mode in range(n):
-        alike = np.flatnonzero(np.abs(full_hz - full_hz[mode]) <= SAME_FREQUENCY * full_hz[mode])
+        alike = np.flatnonzero(np.abs(full_hz - full_hz[mode]) <= 1e-4 * full_hz[mode])
         nearest_shapes = shapes[:, alike] @ np.linalg.lstsq(shapes[:, alike], other, rcond=None)[0]
         mac[:, mode] = [modal_assurance(one, found) for one, found in zip(nearest_shapes.T, other.T, strict=True)]
     own = mac.diagonal()
@@ -247,7 +244,7 @@ def modal_assurance(one: FloatArray, other: FloatArray) -> float:
 
 
 def _constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> FloatArray:
-    """Static motion of the inner degrees of freedom for unit of each kept one, -K_ii^-1 K_ib."""
+    """Return the static motion of the inner degrees of freedom for unit of each kept one, -K_ii^-1 K_ib."""
     from scipy.sparse.linalg import splu
 
     try:
@@ -264,9 +261,9 @@ def _constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> Fl
 
 
 def _with_free_modes(mass: sparse.csr_matrix, constraint: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Constraint modes without what the free modes already hold, in mass-orthogonal columns, then the free modes."""
+    """Return constraint modes without the space of the free modes, as mass-orthogonal columns, then the free modes."""
     size = np.einsum("ij,ij->j", constraint, mass @ constraint)
     rest = (constraint - shapes @ (shapes.T @ (mass @ constraint))) / np.sqrt(size)
     weight, direction = linalg.eigh(rest.T @ (mass @ rest))
-    keep = weight > RANK
+    keep = weight > 1e-10
     return np.hstack([rest @ (direction[:, keep] / np.sqrt(weight[keep])), shapes])

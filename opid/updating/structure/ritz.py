@@ -1,4 +1,4 @@
-"""Modes of a structure with affine stiffness for very many parameter values: Ritz vectors that serve all of them."""
+"""Modes of a structure with affine stiffness for many parameter values, by Ritz vectors that serve all of them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,6 @@ from opid.signals.recording import FloatArray
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import SHIFT, lowest_modes
 
-TOLERANCE = 1e-8  # relative error of an eigenvalue at which no more vectors are taken
-N_CANDIDATES = 64  # parameter values, a power of 2, at which the basis is tried
-MOST_ROUNDS = 40  # of refinement; each costs one sparse eigenvalue problem
-DEPENDENT = 1e-7  # part of a shape outside the basis below which it is taken to lie within
-
 
 @dataclass(frozen=True, eq=False)
 class RitzModel:
@@ -31,7 +26,7 @@ class RitzModel:
         sensor_rows: (n_sensors, n) motion of the sensors.
         names: of the parameters.
         sensors: names of the sensors.
-        n_modes: lowest modes that it counts.
+        n_modes: number of its lowest modes that are right.
         worst: estimated largest relative error of an eigenvalue over the box it was made for.
     """
 
@@ -43,25 +38,20 @@ class RitzModel:
     n_modes: int
     worst: float
 
-    @property
-    def n_vectors(self) -> int:
-        """Number of Ritz vectors."""
-        return len(self.stiffness)
-
 
 def ritz_model(
     structure: AffineStructure, *, box: Mapping[str, tuple[float, float]], modes: Sequence[int]
 ) -> RitzModel:
     """Return a small model whose modes are those of the structure everywhere in a box of parameters.
 
-    It begins with the modes at the middle of the box. Where the residual K phi - lambda M phi of a wanted mode, in the
-    norm of the inverse stiffness, is largest among points spread over the box, the shapes of the full structure there
-    are added, until it is small everywhere.
+    It begins with the modes at the middle of the box. Among points spread over the box, that with the largest residual
+    K phi - lambda M phi of a wanted mode, in the norm of the inverse stiffness, is chosen; the shapes of the full
+    structure there are added, until the residual is small everywhere.
 
     Args:
         structure: the finite-element structure.
         box: lower and upper end of each parameter that varies, positive; the others stay at 1.
-        modes: numbers of the wanted modes, from 1; those below are there only to be counted.
+        modes: numbers of the wanted modes, from 1; those below them are only kept so that the numbers are right.
 
     Raises:
         InputError: an unknown parameter, an empty box, no mode or one that is not there.
@@ -82,14 +72,14 @@ def ritz_model(
     solve = _inverse(structure.mass, stiffness_at(middle))
     basis = lowest_modes(structure.mass, stiffness_at(middle), count)[1]
     done: set[int] = set()
-    for _ in range(MOST_ROUNDS):
+    for _ in range(40):
         images = [matrix @ basis for matrix in (base, *parts)]
         reduced = [(each + each.T) / 2 for each in (basis.T @ image for image in images)]
         rows = basis[structure.sensor_indices]
         model = RitzModel(reduced[0], np.array(reduced[1:]), rows, names, structure.sensors, count, 0.0)
         errors = _errors(model, structure.mass @ basis, images, points, wanted, solve, middle)
         worst = int(np.argmax(errors))
-        if errors[worst] <= TOLERANCE or worst in done or len(basis.T) >= structure.n_dof:
+        if errors[worst] <= 1e-8 or worst in done or len(basis.T) >= structure.n_dof:
             break
         done.add(worst)
         shapes = lowest_modes(structure.mass, stiffness_at(points[worst]), count)[1]
@@ -127,17 +117,17 @@ def _refuse_box(structure: AffineStructure, box: Mapping[str, tuple[float, float
 
 
 def _spread(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Points over the box, evenly in the logarithm, its corners among them."""
+    """Return points over the box, evenly in the logarithm, with its corners."""
     from scipy.stats import qmc
 
-    inner = qmc.Sobol(low.size, scramble=False).random(N_CANDIDATES)
+    inner = qmc.Sobol(low.size, scramble=False).random(64)
     corners = np.array(np.meshgrid(*[[0.0, 1.0]] * min(low.size, 6))).reshape(min(low.size, 6), -1).T
     corners = np.pad(corners, ((0, 0), (0, low.size - corners.shape[1])), constant_values=0.5)
     return low * (high / low) ** np.vstack([corners, inner])
 
 
 def _inverse(mass: Any, stiffness: Any) -> Callable[[FloatArray], FloatArray]:
-    """The inverse of a stiffness as a function, a little shifted off rigid-body motion."""
+    """Return the inverse of a stiffness as a function; a small shift makes that of a free structure regular."""
     from scipy.sparse.linalg import splu
 
     shift = SHIFT * stiffness.diagonal().mean() / mass.diagonal().mean()
@@ -153,7 +143,7 @@ def _errors(
     solve: Callable[[FloatArray], FloatArray],
     middle: FloatArray,
 ) -> FloatArray:
-    """(n_points,) estimated relative error of the worst wanted eigenvalue, r^T K^-1 r / lambda.
+    """Return the estimated relative error of the worst wanted eigenvalue, r^T K^-1 r / lambda, (n_points,).
 
     `inertia` is the mass times the basis, and `images` are the stiffness K0 and its parts times the basis.
     """
@@ -169,12 +159,12 @@ def _errors(
 
 
 def _extend_basis(mass: Any, basis: FloatArray, shapes: FloatArray) -> FloatArray:
-    """The basis with what of the shapes lies outside it, mass-orthonormal."""
+    """Return the basis with the parts of the shapes outside it, mass-orthonormal."""
     for shape in shapes.T:
         rest = shape
-        for _ in range(2):  # once more against rounding
+        for _ in range(2):  # the second time against rounding
             rest = rest - basis @ (basis.T @ (mass @ rest))
         size = np.sqrt(rest @ (mass @ rest))
-        if size > DEPENDENT:
+        if size > 1e-7:
             basis = np.column_stack([basis, rest / size])
     return basis
