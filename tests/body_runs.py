@@ -96,16 +96,16 @@ def gears_apart():
 
     The loading stands on the gears: there statics and independence agree.
     """
-    changes, recordings = (150.0, 200.0, 200.0), []
+    changes, recordings, halved = (150.0, 200.0, 200.0), [], SHORT | {"fs": 128.0}
     for number in range(2):
         rng = np.random.default_rng(20 + number)
         columns = {}
         for gear, change in zip(aircraft().gears, changes, strict=True):
             alone = LandingGear(sprung_mass_kg=LandingGear().sprung_mass_kg + number * change)
             sensor = Sensor(noise_m_per_s2=NOISE)
-            run = taxi_run(alone, rng=rng, duration_s=12.0, lower_sensor=sensor, upper_sensor=sensor, **SHORT)
+            run = taxi_run(alone, rng=rng, duration_s=12.0, lower_sensor=sensor, upper_sensor=sensor, **halved)
             columns |= {f"{gear.name}_{side}_z": run.recording.channel(f"{side}_z") for side in ("lower", "upper")}
-        recordings.append(recording_from_arrays([*columns.values()], [*columns], fs=SHORT["fs"]))
+        recordings.append(recording_from_arrays([*columns.values()], [*columns], fs=halved["fs"]))
     loading = tuple(
         PointMass(change, gear.x_m, gear.y_m) for gear, change in zip(aircraft().gears, changes, strict=True)
     )

@@ -118,7 +118,7 @@ def test_equal_masses_give_ratios_only():
 @pytest.mark.parametrize("name", ["arctan_velocity", "cubic_stiffness", "quadratic_damping"])
 def test_equal_masses_that_were_not_equal_say_so(name, given):
     """A real mass change entered as zero: the runs contradict it, no ratio belongs to both, and no fault makes up."""
-    test = taxi_test(LandingGear(law=default_law(name)), rng=np.random.default_rng(0), duration_s=20, fs=256)
+    test = taxi_test(LandingGear(law=default_law(name)), rng=np.random.default_rng(0), duration_s=12, fs=256)
     study = gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording))
     result = identify(study, law=name if given else None)
     assert "same sprung mass" in result.not_determined
@@ -299,7 +299,7 @@ def test_stated_corners_that_are_there_are_no_contradiction():
 def test_a_fact_that_ends_at_a_bound_is_told_as_a_bound(tolerance, gain, words):
     """A gain is looked for within eight standard deviations of what is stated."""
     stated = SensorPair(sprung=SensorFacts(gain_tolerance=tolerance))
-    result = identify(study_of(sensors=stated, upper_sensor=Sensor(gain=gain)), law="arctan_velocity")
+    result = identify(study_of(sensors=stated, duration_s=12, upper_sensor=Sensor(gain=gain)), law="arctan_velocity")
     (sentence,) = contradictions(result)
     assert f"which show {1 + np.sign(gain - 1) * 8 * tolerance:.3g} {words} (8.0 standard deviations off)" in sentence
 

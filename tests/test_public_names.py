@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -112,29 +113,37 @@ def test_namespaces_load_nothing_until_a_name_is_used():
 
 PYRIGHT = shutil.which("pyright")
 CHECKERS = {
-    "mypy": [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "script.py"],
+    "mypy": [sys.executable, "-m", "mypy", "--strict", "script.py"],
     "pyright": [PYRIGHT, "--pythonpath", sys.executable, "script.py"],
 }
 
 
-def checked(checker, folder, text):
+@pytest.fixture(scope="module")
+def mypy_cache(tmp_path_factory):
+    """A folder in which mypy keeps what it knows of opid for the next script."""
+    return tmp_path_factory.mktemp("mypy_cache")
+
+
+def checked(checker, folder, text, mypy_cache):
     """What a type checker says of a script of a user, outside of the repository."""
     if checker == "pyright" and PYRIGHT is None:
         pytest.skip("pyright is not installed")
     (folder / "script.py").write_text(text)
-    return subprocess.run(CHECKERS[checker], cwd=folder, capture_output=True, text=True, check=False)
+    environment = os.environ | {"MYPY_CACHE_DIR": str(mypy_cache)}
+    command = CHECKERS[checker]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
 @pytest.mark.parametrize("checker", CHECKERS)
-def test_a_script_of_a_user_passes_the_type_checkers(checker, tmp_path):
-    done = checked(checker, tmp_path, SCRIPT)
+def test_a_script_of_a_user_passes_the_type_checkers(checker, tmp_path, mypy_cache):
+    done = checked(checker, tmp_path, SCRIPT, mypy_cache)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("checker", CHECKERS)
-def test_what_is_not_public_is_refused_by_the_type_checkers(checker, tmp_path):
+def test_what_is_not_public_is_refused_by_the_type_checkers(checker, tmp_path, mypy_cache):
     """The check above can fail."""
-    said = checked(checker, tmp_path, WRONG).stdout
+    said = checked(checker, tmp_path, WRONG, mypy_cache).stdout
     assert [each for each in FAULTS if f'"{each}"' not in said] == []
 
 
