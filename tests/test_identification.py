@@ -115,10 +115,13 @@ def test_equal_masses_give_ratios_only():
 
 
 @pytest.mark.parametrize("given", [True, False])
-@pytest.mark.parametrize("name", ["arctan_velocity", "cubic_stiffness", "quadratic_damping"])
-def test_equal_masses_that_were_not_equal_say_so(name, given):
+@pytest.mark.parametrize(
+    ("name", "duration_s"), [("arctan_velocity", 20), ("cubic_stiffness", 12), ("quadratic_damping", 20)]
+)
+def test_equal_masses_that_were_not_equal_say_so(name, duration_s, given):
     """A real mass change entered as zero: the runs contradict it, no ratio belongs to both, and no fault makes up."""
-    test = taxi_test(LandingGear(law=default_law(name)), rng=np.random.default_rng(0), duration_s=12, fs=256)
+    gear = LandingGear(law=default_law(name))
+    test = taxi_test(gear, rng=np.random.default_rng(0), duration_s=duration_s, fs=256)
     study = gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording))
     result = identify(study, law=name if given else None)
     assert "same sprung mass" in result.not_determined
