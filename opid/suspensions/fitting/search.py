@@ -450,7 +450,11 @@ class _Search:
         is_only_unlike = found.is_unlike and len(ladder) == 1
         if is_hopeless(fit) or runs_contradict_each_other(fit) or _shares_nothing(fit) or is_only_unlike:
             most, promise = known.most_hopeless_evaluations, known.promise_from_afar
-            near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
+            try:
+                near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
+            except NO_FIT:
+                # what is refused need not be told of all readings
+                near = fit
             return replace(found, fit=near)
         rejected = _rejected(ladder) if is_coarse else set()
         coarse, fit = fit, fit_model(whole, fit.theta)
