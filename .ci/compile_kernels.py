@@ -4,10 +4,9 @@ import numpy as np
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.driven import Interface
+from opid.mechanics.driven import Interface, Noise, predict
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.memory import force_along
-from opid.mechanics.prediction import Noise, predict
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_run
 

@@ -22,8 +22,8 @@ from scenarios import random_case
 from trials import Case, simulated, study_of
 
 from opid import identify
-from opid.mechanics.hysteresis import iwan
 from opid.mechanics.laws.law import LINEAR, law
+from opid.mechanics.structure import iwan
 from opid.virtual.taxi_tests.airframe import LandingGear
 
 KINDS = ("dahl_friction", "lugre_friction", "bouc_wen", "iwan_friction")

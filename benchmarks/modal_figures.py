@@ -22,9 +22,8 @@ import numpy as np
 from silverbox import silverbox_rows
 from tqdm import tqdm
 
-from opid.mechanics.hysteresis import Sliders, iwan
 from opid.mechanics.rig import Rig, rig_run
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.structure import Joint, Sliders, Structure, iwan
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
 from opid.modal.forced.mode_fit import fit_mode

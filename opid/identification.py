@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from opid.modal.result import ModalIdentification
     from opid.modal.study import ModalStudy
     from opid.suspensions.bench.law import BenchLaw
+    from opid.suspensions.bench.record import BenchStudy
     from opid.suspensions.bench.settings import BenchSettings
-    from opid.suspensions.bench.study import BenchStudy
     from opid.suspensions.paper.result import PaperIdentification
     from opid.suspensions.result import Identification
     from opid.suspensions.settings import Settings
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 IDENTIFIERS = {
     "opid.suspensions.study.Study": ("opid.suspensions.identification", "identify"),
-    "opid.suspensions.bench.study.BenchStudy": ("opid.suspensions.bench.law", "law_of_bench"),
+    "opid.suspensions.bench.record.BenchStudy": ("opid.suspensions.bench.law", "law_of_bench"),
     "opid.modal.study.ModalStudy": ("opid.modal.identification", "identify_modes"),
     "opid.updating.study.UpdatingStudy": ("opid.updating.identification", "update_study"),
 }

@@ -9,9 +9,14 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.laws.law import Law
 from opid.signals.spectra import CrossSpectra, Transmissibility
 from opid.suspensions.paper.added_mass import absolute_parameters, match_peaks, two_peak_mass
-from opid.suspensions.paper.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
-from opid.suspensions.paper.transmissibility import Peak, suspension_transmissibility
+from opid.suspensions.paper.transmissibility import (
+    Peak,
+    complex_least_squares,
+    errors_in_variables,
+    mass_over_stiffness,
+    suspension_transmissibility,
+)
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_test
 

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.hysteresis import iwan
 from opid.mechanics.laws.law import LINEAR, law
-from opid.mechanics.rig import Rig
-from opid.mechanics.shaker import Shaker
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.rig import Rig, Shaker
+from opid.mechanics.structure import Joint, Structure, iwan
 from opid.modal.linear.modes import LinearModes, modes_of_structure
 from opid.modal.resonance.appropriation import appropriate_force, levels_for
 from opid.modal.resonance.phase_lock import PhaseLock

@@ -12,8 +12,8 @@ import opid
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, default_law, law
 from opid.mechanics.memory import Motion, gradient_along, recorded_motion
+from opid.suspensions.bench.intervals import cycle_of
 from opid.suspensions.bench.law import law_of_bench
-from opid.suspensions.bench.loop import cycle_of
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.fitting.least_squares import separable_fit, start_laws
 

@@ -10,7 +10,7 @@ from cli_runs import opid as command, refused
 
 import opid
 from opid.errors import InputError, NotDeterminedError
-from opid.suspensions.bench.study import BenchStudy
+from opid.suspensions.bench.record import BenchStudy
 
 N, FS = 1500, 200.0
 KINDS = "candidates = ['arctan_velocity', 'cubic_stiffness']\n"

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import Sliders
 from opid.mechanics.laws.law import law
-from opid.mechanics.structure import Joint, Structure, linear_matrices, natural_frequencies
+from opid.mechanics.structure import Joint, Sliders, Structure, linear_matrices, natural_frequencies
 from opid.modal.linear.modes import condition_number
 from opid.virtual.modal_tests.bolted_structures import component_assembly, fixture_and_plate, level_dependence
 

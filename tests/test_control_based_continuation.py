@@ -10,7 +10,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
 from opid.mechanics.backbones.quadrature_curves import Specimen, phase_error, quadrature_curve
 from opid.mechanics.laws.law import law
 from opid.mechanics.response import advance, state_at
-from opid.mechanics.shaker import Shaker
+from opid.mechanics.rig import Shaker
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
 from opid.virtual.backbone_tests.shaker_feedback import closed_loop, modal_reading

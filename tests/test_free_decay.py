@@ -3,9 +3,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.hysteresis import iwan
 from opid.mechanics.response import time_response
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.structure import Joint, Structure, iwan
 from opid.modal.decay.free_decay import decay_of, free_decay
 from opid.modal.linear.modes import LinearModes, modal_test
 from opid.signals.recording import recording_from_arrays

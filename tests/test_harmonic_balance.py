@@ -5,17 +5,15 @@ from scipy.integrate import quad
 from shooting import shoot
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones.family import backbone
-from opid.mechanics.backbones.harmonic_balance import (
+from opid.mechanics.backbones.continuation import (
     balance,
-    harmonics_of,
     joint_harmonics,
     linear_start,
     modal_motion,
-    period_transform,
     residual,
     solve_at,
 )
+from opid.mechanics.backbones.family import backbone, harmonics_of, period_transform
 from opid.mechanics.laws.law import default_law
 
 SYSTEM = two_pylons(0.05)

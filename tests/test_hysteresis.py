@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import Sliders, force_of, iwan
+from opid.mechanics.structure import Sliders, force_of, iwan
 
 STIFFNESS, SLIP = 1.5e7, 900.0
 models = pytest.mark.parametrize(("chi", "beta"), [(-0.5, 1.0), (-0.8, 0.2), (-0.2, 0.0), (0.0, 3.0)])

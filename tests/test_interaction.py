@@ -5,8 +5,7 @@ import pytest
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import law
-from opid.mechanics.rig import Rig
-from opid.mechanics.shaker import Shaker
+from opid.mechanics.rig import Rig, Shaker
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.linear.modes import LinearModes, modes_of_structure
 from opid.modal.resonance.appropriation import appropriate_force, modal_interaction

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiled_force import compiled_force
 from hypothesis import given, strategies as st
 from scipy.integrate import solve_ivp
 
 import opid.mechanics
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
-from opid.mechanics.kernels import force_kernel, law_arrays
+from opid.mechanics.kernels import law_arrays
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
@@ -59,7 +60,7 @@ def test_parameter_gradient_is_the_derivative_by_each_parameter(name):
 def test_the_compiled_force_is_the_numpy_force(name):
     subject = default_law(name)
     _, codes, values, *_ = law_arrays(subject)
-    compiled = force_kernel(codes, values, Z.ravel(), V.ravel())
+    compiled = compiled_force(codes, values, Z.ravel(), V.ravel())
     np.testing.assert_allclose(compiled, subject.force(Z, V).ravel(), rtol=1e-12, atol=1e-12)
 
 
@@ -260,15 +261,17 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     source = Path(opid.mechanics.__file__).parent
     (package / "mechanics" / "laws").mkdir(parents=True)
     (package / "__init__.py").touch()
-    shutil.copy(source.parent / "errors.py", package / "errors.py")
+    for name in ("errors.py", "estimate.py", "provenance.py", "result.py"):
+        shutil.copy(source.parent / name, package / name)
     laws = (f"laws/{each}.py" for each in ("__init__", "kind", "kinds", "law", "memory_kinds"))
     for name in ("__init__.py", "__init__.pyi", *laws):
         shutil.copy(source / name, package / "mechanics" / name)
     shutil.copytree(source / "kernels", package / "mechanics" / "kernels", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(Path(__file__).parent / "compiled_force.py", package / "mechanics" / "kernels" / "compiled_force.py")
     code = (
         "import numpy as np\n"
         "from opid.mechanics.kernels import law_arrays\n"
-        "from opid.mechanics.kernels.steps import _force_many as kernel\n"
+        "from opid.mechanics.kernels.compiled_force import compiled_force as kernel\n"
         "from opid.mechanics.laws.law import law\n"
         "_, codes, values, *_ = law_arrays(law('cubic_stiffness', stiffness_n_per_m3=1.0))\n"
         "force = kernel(codes, values, np.array([2.0]), np.zeros(1))[0]\n"
@@ -294,8 +297,8 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     assert force_and_hits() == ["16.0", "0"]
     assert force_and_hits() == ["16.0", "1"]
     # a part of another file than that of the kernel
-    choice = package / "mechanics" / "kernels" / "choice.py"
-    choice.write_text(choice.read_text() + "\n")
+    steps = package / "mechanics" / "kernels" / "steps.py"
+    steps.write_text(steps.read_text() + "\n")
     assert force_and_hits() == ["16.0", "0"]
 
 

@@ -9,14 +9,12 @@ from scipy.integrate import solve_ivp
 
 from opid import identify
 from opid.errors import InputError
-from opid.mechanics.driven import Interface, driven_response
-from opid.mechanics.hysteresis import Sliders
+from opid.mechanics.driven import Interface, Noise, driven_response, predict
 from opid.mechanics.laws.kinds import BUILT_IN, Kind, Parameter
 from opid.mechanics.laws.law import LINEAR, Law, Term, TermSet, WithCandidates, default_law, law
 from opid.mechanics.laws.own_kinds import register_kind
-from opid.mechanics.prediction import Noise, predict
 from opid.mechanics.response import time_response
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.structure import Joint, Sliders, Structure
 from opid.report.estimates import formula
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from opid.mechanics.laws.law import LAWS, Law, default_law, law
-from opid.suspensions.paper.nonlinearity import fit_slice, fit_surface
-from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve
+from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve, fit_slice, fit_surface
 
 N = 8000
 

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compiled_force import compiled_force
 
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, driven_response
-from opid.mechanics.kernels import force_kernel, law_arrays
+from opid.mechanics.kernels import law_arrays
 from opid.mechanics.laws.kinds import LAWS, Kind, Parameter
 from opid.mechanics.laws.law import default_law, law
 from opid.mechanics.laws.own_kinds import register_kind, unregister_kind
@@ -43,7 +44,7 @@ def test_an_own_kind_is_a_law_like_any_other():
     expected = 3e9 * z**3 + 1.5e5 * z * np.exp(-((z / 0.005) ** 2))
     np.testing.assert_allclose(subject.force(z, v), expected, rtol=1e-12)
     _, codes, values, *_ = law_arrays(subject)
-    np.testing.assert_allclose(force_kernel(codes, values, z, v), expected, rtol=1e-12)
+    np.testing.assert_allclose(compiled_force(codes, values, z, v), expected, rtol=1e-12)
     with pytest.raises(InputError, match="did you mean 'softening'"):
         law("softning")
 

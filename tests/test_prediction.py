@@ -7,11 +7,10 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 from opid.errors import InputError
-from opid.mechanics.driven import Interface, UnboundedResponseError, driven_response, half_steps
+from opid.mechanics.driven import Interface, Noise, UnboundedResponseError, driven_response, half_steps, predict
 from opid.mechanics.laws.kinds import BUILT_IN, Kind, Parameter
 from opid.mechanics.laws.law import default_law, law
 from opid.mechanics.laws.own_kinds import register_kind, unregister_kind
-from opid.mechanics.prediction import Noise, predict
 
 FS, N = 1024.0, 120
 ACCELERANCE = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1500

@@ -10,7 +10,7 @@ from scripts import script
 from opid.errors import InputError
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.bench.law import law_of_bench
-from opid.suspensions.bench.study import BenchStudy
+from opid.suspensions.bench.record import BenchStudy
 
 real_bodies = script("benchmarks/real_bodies.py")
 real_records = script("examples/real_records.py")

@@ -7,10 +7,18 @@ from scipy import linalg
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import Sliders, force_of, iwan
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.response import advance, assemble, state_at, time_response
-from opid.mechanics.structure import Joint, Structure, frequency_response, linear_matrices, natural_frequencies
+from opid.mechanics.structure import (
+    Joint,
+    Sliders,
+    Structure,
+    force_of,
+    frequency_response,
+    iwan,
+    linear_matrices,
+    natural_frequencies,
+)
 from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
 from opid.virtual.taxi_tests.taxiing import tyre_forces

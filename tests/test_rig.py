@@ -2,12 +2,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import iwan
 from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
-from opid.mechanics.rig import Rig, drive, free_decay, impact, open_rig, rig_run
-from opid.mechanics.shaker import Shaker
-from opid.mechanics.structure import Joint, Structure, frequency_response
+from opid.mechanics.rig import Rig, Shaker, drive, free_decay, impact, open_rig, rig_run
+from opid.mechanics.structure import Joint, Structure, frequency_response, iwan
 
 FS = 2000.0
 FREQUENCY_HZ = np.array([0.0, 120.0, 310.0])

@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import iwan
 from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
-from opid.mechanics.shaker import Shaker, armature_force, on_shaker
-from opid.mechanics.structure import Joint, Structure, frequency_response, natural_frequencies
+from opid.mechanics.rig import Shaker, armature_force, on_shaker
+from opid.mechanics.structure import Joint, Structure, frequency_response, iwan, natural_frequencies
 
 
 def beam():

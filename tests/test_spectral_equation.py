@@ -7,7 +7,7 @@ from law_runs import weightless_test
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law, law
 from opid.suspensions.law_search.pursuit import chosen
-from opid.suspensions.paper.law_search import fit_law, search_law
+from opid.suspensions.paper.identification import fit_law, search_law
 from opid.suspensions.paper.restoring_force import restoring_force
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation

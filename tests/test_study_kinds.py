@@ -17,7 +17,7 @@ from opid.errors import InputError
 from opid.modal.study import ModalStudy
 from opid.signals.recording import recording_from_arrays
 from opid.studies.suspension_study import log_readings
-from opid.suspensions.bench.study import BenchStudy
+from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run, Study, study_of_gear
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.study import UpdatingStudy

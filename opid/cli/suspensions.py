@@ -237,7 +237,7 @@ def law(bench: Path, output: Output, **of_log: Any) -> None:
     from opid.studies.bench_study import bench_study_from_log
     from opid.studies.study_file import read_study
     from opid.suspensions.bench.law import law_of_bench
-    from opid.suspensions.bench.study import BenchStudy
+    from opid.suspensions.bench.record import BenchStudy
 
     given = {name: value for name, value in of_log.items() if value is not None and value is not False}
     options = [f"--{name.removesuffix('_kg').replace('_', '-')}" for name in given]

@@ -20,20 +20,13 @@ from .backbones.quadrature_curves import (
 from .driven import (
     DrivenResponse as DrivenResponse,
     Interface as Interface,
-    driven_response as driven_response,
-    half_steps as half_steps,
-)
-from .hysteresis import (
-    Sliders as Sliders,
-    force_of as force_of,
-    iwan as iwan,
-)
-from .memory import force_along as force_along
-from .prediction import (
     Noise as Noise,
     Prediction as Prediction,
+    driven_response as driven_response,
+    half_steps as half_steps,
     predict as predict,
 )
+from .memory import force_along as force_along
 from .repeatability import Departure as Departure
 from .response import (
     Response as Response,
@@ -43,16 +36,19 @@ from .response import (
 from .rig import (
     Rig as Rig,
     RigRun as RigRun,
+    Shaker as Shaker,
     free_decay as free_decay,
     impact as impact,
     rig_run as rig_run,
 )
-from .shaker import Shaker as Shaker
 from .structure import (
     Joint as Joint,
     Modes as Modes,
+    Sliders as Sliders,
     Structure as Structure,
+    force_of as force_of,
     frequency_response as frequency_response,
+    iwan as iwan,
     linear_transmissibility as linear_transmissibility,
     natural_frequencies as natural_frequencies,
 )

@@ -1,4 +1,4 @@
-"""A body on suspensions whose unsprung sides are measured: what moves is driven by what was recorded.
+"""A body on suspensions whose unsprung sides are measured: its response, and what its sensors read next.
 
 Nothing is known of the ground. Below each suspension (interface) an accelerometer gives u = x1''; the relative motion
 z = x2 - x1 of each interface then obeys
@@ -7,6 +7,13 @@ z = x2 - x1 of each interface then obeys
 
 A = J M^-1 J^T the accelerance of the free body at the interfaces. A gear alone is the smallest case, A = 1/M2. The
 measured acceleration is never integrated: it drives a damped system, so nothing drifts.
+
+The measured acceleration is noisy. A free simulation (`driven_response`) carries that noise along, more so where a law
+is stiff, where a ground spring takes part, or where an AC coupling was undone. `predict` therefore corrects the motion
+by every reading on the body, by as much as the noise of the sensors allows: a Kalman filter about the nonlinear
+trajectory. What is left, the innovation, is white for the true model, whatever the law is, and least squares over it
+are maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4). With exact sensors nothing is
+corrected.
 """
 
 from __future__ import annotations
@@ -21,12 +28,8 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.kernels import law_arrays, predictor
 from opid.mechanics.laws.law import LINEAR, FloatArray, TermSet
 
-# half width of the interpolating kernel in samples; under a Kaiser window of 8.6 a longer one gains nothing
-_HALF_WIDTH = 32
-
-
-# parameters of an interface before those of its law: stiffness, damping, ground stiffness, where the law rests
 N_HEAD = 4
+"""Parameters of an interface before those of its law: stiffness, damping, ground stiffness, where the law rests."""
 
 
 class UnboundedResponseError(NotDeterminedError):
@@ -57,7 +60,7 @@ class Interface:
 
 @dataclass(frozen=True, eq=False)
 class DrivenResponse:
-    """What a driven body answers.
+    """The response of a driven body and its derivatives.
 
     Args:
         travel: (n, n_interfaces) z, m.
@@ -65,7 +68,7 @@ class DrivenResponse:
         acceleration: (n, n_interfaces) x2'' of the body at the interfaces, m/s^2.
         sensitivity: (n, n_interfaces, n_parameters) derivatives of `acceleration`: by stiffness, damping, ground
             stiffness, rest and law of each interface in turn, by each direction of the accelerance, by each direction
-            of the drive, and by travel, velocity, place and velocity below the suspension at the start.
+            of the drive, and by travel and velocity, position and velocity below the suspension at the start.
     """
 
     travel: FloatArray
@@ -119,34 +122,27 @@ def driven_response(
             f"accelerance, drive and start have shapes {matrix.shape}, {u.shape} and {first.shape}: give ({n}, {n}), "
             f"(2 n_samples - 1, {n}) and (4, {n}) for {n} interface(s)"
         )
-    n_samples = u.shape[0] // 2 + 1
-    # readings of zero: the innovation is what the body does, with the other sign
-    nothing, exact = np.zeros((n_samples, n)), np.eye(7)[:, [1]].repeat(n, axis=1)
-    states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
-    by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
-    _, _, changes, motion = predictor(
-        joint_arrays(interfaces, ground=ground),
+    # exact sensors correct nothing, and for readings of zero the innovation is the negative acceleration of the body
+    states = np.concatenate([first if ground else first[:2], np.zeros((2, n))])
+    found = predict(
+        interfaces,
         matrix,
-        by_accelerance,
-        matrix,
-        by_accelerance,
         u,
-        directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
-        nothing,
-        nothing[:, :0, np.newaxis].repeat(n, axis=2),
-        1.0 / fs,
-        np.zeros((states.size, states.size)),
-        exact,
-        ground,
-        sensitivity,
-    )(states)
-    n_absent = 2 * n if sensitivity and not ground else 0
-    by_answer = np.zeros((n, changes.shape[1] + n_absent, n_samples))
-    np.negative(changes, out=by_answer[:, : changes.shape[1]])
-    if not np.isfinite(motion[2, :, -1]).all() or not np.isfinite(by_answer[..., -1]).all():
-        raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
+        np.zeros((u.shape[0] // 2 + 1, n)),
+        fs=fs,
+        noise=Noise(drive=0.0, measured=1.0),
+        start=states,
+        start_covariance=np.zeros((states.size, states.size)),
+        accelerance_directions=accelerance_directions,
+        drive_directions=drive_directions,
+        ground=ground,
+        sensitivity=sensitivity,
+    )
+    n_known = found.sensitivity.shape[1]
+    by_answer = np.zeros((n, n_known + (2 * n if sensitivity and not ground else 0), len(found.acceleration)))
+    np.negative(found.sensitivity, out=by_answer[:, :n_known])
     # one signal after the other in memory, for transforms along time
-    return DrivenResponse(motion[0].T, motion[1].T, motion[2].T, by_answer.transpose(2, 0, 1))
+    return DrivenResponse(found.travel, found.velocity, found.acceleration, by_answer.transpose(2, 0, 1))
 
 
 def half_steps(samples: ArrayLike) -> FloatArray:
@@ -166,7 +162,8 @@ def half_steps(samples: ArrayLike) -> FloatArray:
     from scipy import ndimage
 
     values = np.asarray(samples, dtype=np.float64)
-    offset = np.arange(-_HALF_WIDTH, _HALF_WIDTH) + 0.5
+    # under a Kaiser window of 8.6 a longer kernel than 32 samples on each side gains nothing
+    offset = np.arange(-32, 32) + 0.5
     kernel = np.sinc(offset) * np.kaiser(offset.size, 8.6)
     doubled = np.empty((2 * values.shape[0] - 1, *values.shape[1:]))
     doubled[::2] = values
@@ -178,9 +175,8 @@ def half_steps(samples: ArrayLike) -> FloatArray:
 def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.ndarray, ...]:
     """Return interfaces as the compiled functions take them.
 
-    Returns:
-        Stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law,
-        (n_interfaces, 4); rows, codes, number of inner values, and the rest of `opid.mechanics.kernels.LawArrays`.
+    First come stiffness, damping, ground stiffness and, with ground, stiffness at rest including that of the law,
+    (n_interfaces, 4); then rows, codes, number of inner values, and the other fields of `LawArrays`.
 
     Raises:
         InputError: a ground stiffness with ground=False.
@@ -198,15 +194,10 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
 
 
 def directions(name: str, given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
-    """Return changes to differentiate by as an array of the right shape.
-
-    Args:
-        name: of the argument, for the error.
-        given: as many as one likes, or None.
-        empty: the shape of none of them: the number 0 is that of the directions.
+    """Return directions to differentiate by as an array; `empty` is its shape without any, 0 for their number.
 
     Raises:
-        InputError: another shape.
+        InputError: the argument called `name` has another shape.
     """
     if given is None:
         return np.zeros(empty)
@@ -215,3 +206,191 @@ def directions(name: str, given: ArrayLike | None, empty: tuple[int, ...]) -> Fl
         shape = ", ".join("n_directions" if size == 0 else str(size) for size in empty)
         raise InputError(f"{name} has shape {array.shape}: give ({shape})")
     return array
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the sensors below and on the body, one number for all interfaces or one for each.
+
+    Args:
+        drive: rms of the white noise on the drive, m/s^2.
+        measured: rms of the white noise on the readings of the body, m/s^2.
+        drive_walk: rms step of the drive's offset, a random walk, from sample to sample, m/s^2.
+        measured_walk: rms step of the readings' offset, likewise, m/s^2.
+        motion: rms of a white noise on z'' alone, m/s^2, which neither the sensors below nor the ground show.
+        unmeasured: rms acceleration of the body by forces that nobody measured, m/s^2, a process of first order; 0 for
+            none.
+        unmeasured_corner_hz: above this frequency its spectral density falls, Hz.
+    """
+
+    drive: float | Sequence[float]
+    measured: float | Sequence[float]
+    drive_walk: float | Sequence[float] = 0.0
+    measured_walk: float | Sequence[float] = 0.0
+    motion: float | Sequence[float] = 0.0
+    unmeasured: float | Sequence[float] = 0.0
+    unmeasured_corner_hz: float | Sequence[float] = 10.0
+
+    def table(self, n: int) -> FloatArray:
+        """(7, n) the rows as the predictor takes them: the last is a rate, 1/s."""
+        rows = (self.drive, self.measured, self.drive_walk, self.measured_walk, self.motion, self.unmeasured)
+        rate = 2 * np.pi * np.asarray(self.unmeasured_corner_hz, dtype=np.float64)
+        return np.stack([np.broadcast_to(row, n) for row in (*rows, rate)]).astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The prediction of each sample from the ones before it.
+
+    Args:
+        innovation: (n_interfaces, n) reading less prediction over its standard deviation; it is white with unit
+            variance for the true model and noise.
+        spread: (n_interfaces, n) that standard deviation, m/s^2.
+        sensitivity: (n_interfaces, n_parameters, n) derivatives of `innovation`: by stiffness, damping, ground
+            stiffness, rest and law of each interface in turn, by each direction of the accelerance, of the drive and of
+            the readings, and by travel, velocity (and, with ground, place and velocity below the suspension) at the
+            start, those by ground stiffness zero without ground; no parameters if not asked for.
+        travel: (n, n_interfaces) z, m.
+        velocity: (n, n_interfaces) z', m/s.
+        acceleration: (n, n_interfaces) predicted x2'' of the body at its sensors, m/s^2.
+    """
+
+    innovation: FloatArray
+    spread: FloatArray
+    sensitivity: FloatArray
+    travel: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+def predict(
+    interfaces: Sequence[Interface],
+    accelerance: ArrayLike,
+    drive: ArrayLike,
+    measured: ArrayLike,
+    *,
+    fs: float,
+    noise: Noise,
+    start: ArrayLike,
+    start_covariance: ArrayLike,
+    accelerance_directions: ArrayLike | None = None,
+    reading: ArrayLike | None = None,
+    reading_directions: ArrayLike | None = None,
+    drive_directions: ArrayLike | None = None,
+    measured_directions: ArrayLike | None = None,
+    ground: bool = False,
+    sensitivity: bool = True,
+) -> Prediction:
+    """Return the innovations of a body driven by the accelerations measured below its suspensions.
+
+    Args:
+        interfaces: the suspensions.
+        accelerance: (n_interfaces, n_interfaces) A, 1/kg.
+        drive: (2 n - 1, n_interfaces) acceleration below each suspension at half steps, m/s^2.
+        measured: (n, n_interfaces) acceleration of the body as the sensor of each interface reads it, m/s^2.
+        fs: samples a second, Hz.
+        noise: of the sensors.
+        start: (6 or 4, n_interfaces) rows z, z', [x1, x1'], offset of the drive and of the readings at the first
+            sample; the two in brackets, place and velocity below the suspension, with `ground` only.
+        start_covariance: (6 n_interfaces or 4 n_interfaces, the same) of these, row by row.
+        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
+        reading: (n_interfaces, n_interfaces) R, 1/kg, for sensors that are not at their interfaces: the forces F of the
+            interfaces make them read -R F; A where left out.
+        reading_directions: (n_directions, n_interfaces, n_interfaces) changes of R that go with those of A; those of A
+            where left out.
+        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive to differentiate by.
+        measured_directions: (n, n_directions, n_interfaces) changes of the readings to differentiate by.
+        ground: whether a spring acts between body and ground, which needs the body's own displacement.
+        sensitivity: whether derivatives are wanted.
+
+    Raises:
+        InputError: shapes that do not match, or a ground stiffness with ground=False.
+        UnboundedResponseError: a motion that grows without bound.
+
+    >>> rng = np.random.default_rng(0)
+    >>> readings = 0.01 * rng.standard_normal((500, 1))
+    >>> still = predict([Interface(400.0, 4.0)], [[1.0]], np.zeros((999, 1)), readings, fs=100.0,
+    ...                 noise=Noise(0.0, 0.01), start=np.zeros((4, 1)), start_covariance=np.zeros((4, 4)))
+    >>> bool(np.allclose(still.innovation[0], readings[:, 0] / 0.01)), still.sensitivity.shape
+    (True, (1, 6, 500))
+    """
+    n = len(interfaces)
+    matrix, u, y, first, covariance = (
+        np.array(array, dtype=np.float64, order="C")
+        for array in (accelerance, drive, measured, start, start_covariance)
+    )
+    rows = 6 if ground else 4
+    seen = matrix if reading is None else np.ascontiguousarray(reading, dtype=np.float64)
+    by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
+    by_reading = (
+        by_accelerance
+        if reading_directions is None
+        else directions("reading_directions", reading_directions, (0, n, n))
+    )
+    if seen.shape != (n, n) or by_reading.shape != by_accelerance.shape:
+        raise InputError(
+            f"reading and its directions have shapes {seen.shape} and {by_reading.shape}: give {(n, n)} and "
+            f"{by_accelerance.shape}, as of the accelerance"
+        )
+    shapes = (matrix.shape, u.shape, y.shape, first.shape, covariance.shape)
+    needed = ((n, n), (2 * y.shape[0] - 1, n), (y.shape[0], n), (rows, n), (rows * n, rows * n))
+    if shapes != needed:
+        raise InputError(
+            f"accelerance, drive, measured, start and start_covariance have shapes {', '.join(map(str, shapes))}: give "
+            f"{', '.join(map(str, needed))} for {n} interface(s)"
+        )
+    innovation, spread, changes, motion = predictor(
+        joint_arrays(interfaces, ground=ground),
+        matrix,
+        u,
+        y,
+        step_s=1.0 / fs,
+        covariance_start=covariance,
+        noise=noise.table(n),
+        ground=ground,
+        sensitivity=sensitivity,
+        reading=seen,
+        by_mass=by_accelerance,
+        by_reading=by_reading,
+        by_drive=directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
+        by_measured=directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
+    )(first.ravel())
+    if not (np.isfinite(innovation[:, -1]).all() and np.isfinite(changes[..., -1]).all()):
+        raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
+    return Prediction(innovation, spread, changes, motion[0].T, motion[1].T, motion[2].T)
+
+
+def misfits_of_starts(
+    interface: Interface,
+    accelerance: FloatArray,
+    drive: FloatArray,
+    measured: FloatArray,
+    *,
+    fs: float,
+    noise: Noise,
+    starts: Sequence[FloatArray],
+    start_covariance: FloatArray,
+    ground: bool,
+) -> list[float]:
+    """Return minus twice the log likelihood of the readings of a gear for each of several starts, up to a constant.
+
+    It is infinite where the motion grows without bound. `accelerance`, `drive`, `measured`, `fs`, `noise`, `ground`,
+    each of the `starts` and its `start_covariance` are those of `predict` for one interface.
+    """
+    predictions = predictor(
+        joint_arrays([interface], ground=ground),
+        accelerance,
+        np.ascontiguousarray(drive),
+        np.ascontiguousarray(measured),
+        step_s=1.0 / fs,
+        covariance_start=start_covariance,
+        noise=noise.table(1),
+        ground=ground,
+        sensitivity=False,
+    )
+    found = []
+    for start in starts:
+        innovation, spread, _, _ = predictions(start.ravel())
+        misfit = float(np.sum(innovation**2) + 2 * np.sum(np.log(spread)))
+        found.append(misfit if np.isfinite(misfit) else np.inf)
+    return found

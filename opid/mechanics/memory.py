@@ -1,4 +1,4 @@
-"""The force of a law along a recorded motion, what it remembers followed from the first sample on."""
+"""The force of a law along a recorded motion; what it remembers is followed from the first sample on."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidates
 
-# number of evaluations that a recorded motion keeps: a fit of three or four inner parameters needs so many
+# number of evaluations that a recorded motion keeps; a fit of three or four inner parameters asks for so many again
 _N_KEPT = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Points at which laws are evaluated; a term with memory has the force of a slow motion in one direction there.
+    """Points at which laws are evaluated; there a term with memory has the force of a slow motion in one direction.
 
     Args:
         z: (n,) travel, m.
@@ -36,7 +36,7 @@ class Motion:
         return law.parameter_gradient(self.z, self.v)
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return the forces by which memories that are not zero at first depart, (n, n_memories), in any unit."""
+        """Return what memories that are not zero at the start add to the force, (n, n_memories), in any unit."""
         return np.empty((self.z.size, 0))
 
 
@@ -44,12 +44,12 @@ class Motion:
 class RecordedPath:
     """The velocity of a whole record, along which terms that remember are followed.
 
-    A fit asks for the same term more than once: the last evaluations are kept.
+    A fit asks for the same term more than once, so the last evaluations are kept.
 
     Args:
         v: (n,) velocity, m/s: a straight line between samples.
         fs: samples a second, Hz.
-        is_thinned: whether it has fewer samples than the record; its start columns are then rough.
+        is_thinned: whether it has fewer samples than the record; its start columns are then approximate.
     """
 
     v: FloatArray
@@ -59,7 +59,7 @@ class RecordedPath:
     _starts: dict[Term, FloatArray] = field(init=False, repr=False, default_factory=dict)
 
     def follow(self, term: Term) -> FloatArray:
-        """Return the derivatives by the values of a term for unit amplitude, and its start column behind them.
+        """Return the derivatives by the values of a term for unit amplitude, followed by its start column.
 
         Returns:
             (n, n_values + 1).
@@ -72,7 +72,7 @@ class RecordedPath:
         return found
 
     def _start_column(self, unit: Term) -> FloatArray:
-        """Return the start column; in longer steps that of a term near by is near enough."""
+        """Return the start column; a thinned path takes that of a term with rounded parameters."""
         if not self.is_thinned:
             return _start_column(unit, self.v, self.fs)
         near = _near_by(unit)
@@ -87,8 +87,8 @@ class RecordedPath:
 class RecordedMotion(Motion):
     """Samples of a recorded motion: what a law remembers is followed through the whole record.
 
-    Nobody knows what is remembered where a record begins. Its force fades, and is nearly proportional to it: exactly so
-    for Dahl, LuGre and Maxwell.
+    What a memory holds where a record begins is unknown. The force that it adds fades and is nearly proportional to it,
+    exactly so for Dahl, LuGre and Maxwell.
 
     Args:
         z: (m,) travel of the samples, m.
@@ -119,7 +119,7 @@ class RecordedMotion(Motion):
         return gradient
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return the forces by which memories that are not zero at first depart, (m, n_memories), in any unit."""
+        """Return what memories that are not zero at the start add to the force, (m, n_memories), in any unit."""
         columns = [self._at_samples(term)[:, -1] for term in law.terms if term.kind.memory is not None]
         return np.stack(columns, axis=1) if columns else super().start_columns(law)
 
@@ -128,7 +128,7 @@ class RecordedMotion(Motion):
         return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.path)
 
     def _at_samples(self, term: Term) -> FloatArray:
-        """What the path says of a term, at the samples."""
+        """What `RecordedPath.follow` returns, at the samples."""
         along = self.path.follow(term)
         if not self.path.is_thinned:
             return along[self.sample]
@@ -138,14 +138,14 @@ class RecordedMotion(Motion):
 
 
 def _keep(kept: dict[Term, FloatArray], term: Term, found: FloatArray) -> None:
-    """Keep an evaluation; the last one that was asked for stands last."""
+    """Keep an evaluation as the last one, and drop the oldest."""
     kept[term] = found
     while len(kept) > _N_KEPT:
         del kept[next(iter(kept))]
 
 
 def _near_by(term: Term) -> Term:
-    """Return the term with its inner parameters rounded: positive ones to steps of a fifth, others to a fifth."""
+    """Return the term with rounded inner parameters: positive ones to steps of about 20 %, others to 0.2."""
     values = [
         math.exp(0.2 * round(5.0 * math.log(value)))
         if value > 0 and parameter.role != "shape"
@@ -162,8 +162,8 @@ def recorded_motion(z: FloatArray, v: FloatArray, fs: float, *, steps_per_rms: f
         z: (n,) travel, m.
         v: (n,) velocity, m/s: a straight line between samples.
         fs: samples a second, Hz.
-        steps_per_rms: what is remembered is followed in steps in which the rms velocity covers one part in so many of
-            the rms travel, where the record has more samples than that; None for every sample.
+        steps_per_rms: memories are followed in steps in which the rms velocity covers the rms travel divided by this
+            number, where the record has more samples than that; None for every sample.
     """
     every = 1 if steps_per_rms is None else int(fs * np.std(z) / max(float(np.std(v)), 1e-300) / steps_per_rms)
     every = min(every, z.size // 2)
@@ -182,7 +182,7 @@ def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatA
     """Return f(z, v) along a motion, N, (n,).
 
     Args:
-        law: any law; what it remembers is zero at first.
+        law: any law; its memories are zero at the start.
         z: (n,) extension, m.
         v: (n,) its rate, m/s: a straight line between samples.
         fs: samples a second, Hz.
@@ -200,13 +200,7 @@ def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatA
 def gradient_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatArray:
     """Return the derivatives of the force along a motion by each entry of `law.vector`, (n, n_parameters).
 
-    The column of an amplitude is the term for unit amplitude.
-
-    Args:
-        law: any law; what it remembers is zero at first.
-        z: (n,) extension, m.
-        v: (n,) its rate, m/s: a straight line between samples.
-        fs: samples a second, Hz.
+    The column of an amplitude is the term for unit amplitude. `law`, `z`, `v` and `fs` are those of `force_along`.
     """
     gradient = law.parameter_gradient(z, v)
     remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
@@ -216,30 +210,32 @@ def gradient_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> Flo
 
 
 def _follow_memory(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
-    """Return the derivatives by the values of the terms along a motion, (n, n_parameters), of those with memory."""
-    # numba takes long to load, and laws without memory do without
+    """Return the derivatives along a motion by the values of terms with memory, (n, n_parameters)."""
+    # numba takes long to load, and laws without memory do not need it
     from opid.mechanics.driven import N_HEAD, Interface, joint_arrays
     from opid.mechanics.kernels import remembered_along
 
     faint = WithCandidates(tuple(terms), 0.0, len(terms))
     joints = joint_arrays([Interface(0.0, 0.0, law=faint)], ground=False)
-    return remembered_along(joints, np.ascontiguousarray(v, dtype=np.float64), 1.0 / fs)[:, N_HEAD:]
+    found: FloatArray = remembered_along(joints, np.ascontiguousarray(v, dtype=np.float64), 1.0 / fs)
+    return found[:, N_HEAD:]
 
 
 def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
-    """Return half the force after a motion forward less that after one back, (n,), for unit amplitude.
+    """Return half the difference of the forces after a motion forward and one back, (n,), for unit amplitude.
 
-    It fades: no more of the record is followed than shows it.
+    It fades, so the record is followed only as far as it shows.
     """
     n_before, scale = 20, term.inner[0]
     if is_of_travel := term.kind.parameters[1].unit == "m":
         covered = np.cumsum(np.abs(v)) / fs
     else:
         covered = np.arange(1, v.size + 1) / fs
-    # a memory of travel is nearly full after its scale, and one without a bound is not driven far; of time any will do
+    # after its scale a memory of travel is nearly full, and one without a bound is not driven far; a memory of time
+    # takes any speed
     speed = scale * fs / n_before if is_of_travel else 1.0
     column = np.zeros(v.size)
-    # exp(-14) of most memories is left where fourteen times the scale is covered; one that slips may hold on to more
+    # exp(-14) of most memories is left after fourteen times the scale; one that slips may keep more
     n = max(256, int(np.searchsorted(covered, 14.0 * scale)))
     while True:
         part = v[:n]

@@ -1,7 +1,7 @@
 """No two runs are alike: springs, damping and friction of one suspension differ a little from run to run.
 
-A seal settles, gas and oil warm up. In one run stiffness and laws of the travel are 1 + e times those of the
-suspension, damping and its laws 1 + e times with another e, and friction with a third.
+A seal settles, gas and oil warm up. In each run stiffness and laws of the travel are multiplied by 1 + e, damping and
+its laws by 1 + e with another e, and friction with a third.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.weight import depends_on_travel
 
 PARTS = ("spring", "damper", "friction")
-"""What may differ by itself."""
+"""The parts of a suspension that differ independently of each other."""
 
 
 @dataclass(frozen=True)
 class Departure:
-    """By how much a suspension of one run is not what it is on average, relative.
+    """Relative differences of a suspension in one run from its average.
 
     Args:
         spring: of stiffness and laws of the travel.
@@ -37,36 +37,33 @@ class Departure:
 
     @property
     def values(self) -> tuple[float, float, float]:
-        """In the order of `PARTS`."""
+        """The three differences in the order of `PARTS`."""
         return self.spring, self.damper, self.friction
 
     def of(self, interface: Interface) -> Interface:
-        """Return the suspension as it is in that run, without what that does to the position where it rests."""
-        factor = [1.0 + each for each in self.values]
-        terms = tuple(_scale(term, factor[_part(term)]) for term in interface.law.terms)
+        """Return the suspension of that run; where it rests does not change."""
+        factor = {part: 1.0 + each for part, each in zip(PARTS, self.values, strict=True)}
+        terms = tuple(
+            replace(term, values=(factor[part_of(term.kind)] * term.amplitude, *term.inner))
+            for term in interface.law.terms
+        )
         law = replace(interface.law, terms=terms) if terms else interface.law
         return replace(
-            interface, stiffness=factor[0] * interface.stiffness, damping=factor[1] * interface.damping, law=law
+            interface,
+            stiffness=factor["spring"] * interface.stiffness,
+            damping=factor["damper"] * interface.damping,
+            law=law,
         )
 
 
 def part_rows(interface: Interface) -> list[list[tuple[int, float]]]:
-    """Return what each of `PARTS` multiplies: indices among what an interface has, as it orders them, and values."""
+    """Return what each of `PARTS` multiplies: indices among the parameters of an interface, and their values."""
     rows: list[list[tuple[int, float]]] = [[(0, interface.stiffness)], [(1, interface.damping)], []]
     index = N_HEAD
     for term in interface.law.terms:
-        rows[_part(term)].append((index, term.amplitude))
+        rows[PARTS.index(part_of(term.kind))].append((index, term.amplitude))
         index += len(term.values)
     return rows
-
-
-def _scale(term: Term, factor: float) -> Term:
-    return replace(term, values=(factor * term.amplitude, *term.inner))
-
-
-def _part(term: Term) -> int:
-    """Index of the part that a term belongs to."""
-    return PARTS.index(part_of(term.kind))
 
 
 @lru_cache

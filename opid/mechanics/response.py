@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError
-from opid.mechanics.kernels import law_arrays, runge_kutta_4
+from opid.mechanics.kernels import law_arrays, structure_steps
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.structure import Structure
 
-# what a memory may decay by in a step: its rate times the step; at 2.8 the steps would grow without bound. The truth is
-# simulated with half of what the predictor allows itself
+# largest decay of a memory in a step, as its rate times the step; from 2.8 on the steps would grow without bound. The
+# truth is simulated with half of the decay that the predictor allows
 _MOST_DECAY = 1.0
 
 
@@ -40,13 +40,13 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a structure stands at one time: all that its further motion depends on, beside the force.
+    """The state of a structure at one time: its further motion depends on it and on the force alone.
 
     Attributes:
         displacement: (n_dof,) m.
         velocity: (n_dof,) m/s.
         slider_positions: (n_sliders,) m, of all joints in their order.
-        memory: (n_memories,) what the laws with memory remember, of all joints in their order.
+        memory: (n_memories,) memories of the laws, of all joints in their order.
     """
 
     displacement: FloatArray
@@ -57,7 +57,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Assembled:
-    """A structure as the time step takes it, everything multiplied by M^-1.
+    """A structure as the compiled time step takes it, with all matrices multiplied by M^-1.
 
     Attributes:
         n_dof: number of degrees of freedom.
@@ -65,9 +65,8 @@ class Assembled:
         n_sliders: number of sliders of all joints.
         n_memories: number of terms with memory in the laws of all joints.
         matrices: stiffness and damping without the joints, first and last nonzero of each row, and M^-1 loads.
-        joints: of the joints the directions, ranges of their entries, linear stiffness and damping, loads and laws, and
+        joints: directions of the joints, ranges of their entries, linear stiffness and damping, loads, laws, and
             stiffness and reach of the sliders.
-        kernel: the compiled time step.
     """
 
     n_dof: int
@@ -76,7 +75,6 @@ class Assembled:
     n_memories: int
     matrices: tuple[Any, ...]
     joints: tuple[Any, ...]
-    kernel: Any
 
 
 def time_response(
@@ -92,10 +90,10 @@ def time_response(
 ) -> Response:
     """Return the motion of a structure under a force, by the classical Runge-Kutta method of order 4.
 
-    The step h = 1 / (fs steps_per_sample) is explicit. It puts the frequency of a mode of omega rad/s off by
-    (omega h)^4 / 120: take omega h < 0.2 for the highest that matters, where that is 1e-5. Every mode, excited or not,
-    needs omega h < 2.8, beyond which it grows without bound. Sliders are dragged along at the end of each step, so with
-    a joint that slips the error falls with the square of the step.
+    The step h = 1 / (fs steps_per_sample) is explicit. It puts the frequency of a mode of omega rad/s off by the
+    fraction (omega h)^4 / 120: take omega h < 0.2 for the highest mode that matters, where that is 1e-5. Every mode,
+    excited or not, needs omega h < 2.8, beyond which it grows without bound. Sliders are dragged along at the end of
+    each step, so with a joint that slips the error falls with the square of the step.
 
     Args:
         structure: the structure with its nonlinear joints.
@@ -132,11 +130,7 @@ def time_response(
 
 
 def assemble(structure: Structure, loads: ArrayLike | None = None) -> Assembled:
-    """Return a structure as `advance` takes it.
-
-    Args:
-        structure: the structure with its nonlinear joints.
-        loads: (n_dof, n_inputs), generalised force of each input of 1 N; one input a degree of freedom where left out.
+    """Return a structure that is ready for `advance`; `loads` are those of `time_response`.
 
     Raises:
         InputError: loads of the wrong shape or not finite.
@@ -171,25 +165,12 @@ def assemble(structure: Structure, loads: ArrayLike | None = None) -> Assembled:
         n_sliders=table.shape[1],
         n_memories=len(laws.elements),
         matrices=matrices,
-        joints=(
-            directions,
-            spans,
-            linear,
-            loads_of_joints,
-            laws[1:5],
-            table,
-        ),
-        kernel=runge_kutta_4(),
+        joints=(directions, spans, linear, loads_of_joints, laws[1:5], table),
     )
 
 
 def state_at(ready: Assembled, displacement: ArrayLike | None = None, velocity: ArrayLike | None = None) -> State:
-    """Return the state of a structure that came from rest at zero to a displacement and a velocity.
-
-    Args:
-        ready: the structure.
-        displacement: (n_dof,) m; zero where left out.
-        velocity: (n_dof,) m/s; zero where left out.
+    """Return the state of a structure, `ready`, that came from rest at zero to a displacement, m, and a velocity, m/s.
 
     Raises:
         InputError: a wrong number of values, or values that are not finite.
@@ -205,13 +186,13 @@ def state_at(ready: Assembled, displacement: ArrayLike | None = None, velocity: 
 def advance(
     ready: Assembled, state: State, forces: FloatArray, *, fs: float, steps_per_sample: int = 1
 ) -> tuple[Response, State]:
-    """Return the motion from a state on, and the state at its last sample, from which another call goes on.
+    """Return the motion from a state on, and the state at its last sample, from which another call can go on.
 
-    The time of the response counts from the state given. Its last sample is the first of the next call.
+    The time of the response counts from the given state. Its last sample is the first one of the next call.
 
     Args:
         ready: the structure, see `assemble`.
-        state: where it stands.
+        state: from which it moves on.
         forces: (2 n steps_per_sample + 1, n_inputs) N at half steps, t = k / (2 fs steps_per_sample); n + 1 samples
             are returned.
         fs: samples a second, Hz.
@@ -236,7 +217,7 @@ def advance(
         )
     if not np.isfinite(forces).all():
         raise InputError("the force has values that are not finite: mend it before it drives a structure")
-    displacement, velocity, acceleration, positions, memory, quickest = ready.kernel(
+    displacement, velocity, acceleration, positions, memory, quickest = structure_steps(
         ready.matrices,
         ready.joints,
         np.ascontiguousarray(forces),
@@ -262,7 +243,7 @@ def advance(
 
 
 def _spans(nonzero: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """First index and the one after the last that is true in each row, (n, 2); both 0 where none is."""
+    """First true index of each row and the one after the last, (n, 2); both 0 where none is true."""
     n_columns = nonzero.shape[1]
     some = nonzero.any(axis=1)
     first, last = nonzero.argmax(axis=1), n_columns - nonzero[:, ::-1].argmax(axis=1)

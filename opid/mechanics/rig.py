@@ -1,8 +1,11 @@
-"""A virtual modal test: a structure with sensors, driven by a shaker or a hammer or left to decay."""
+"""A virtual modal test: a structure with sensors, driven by a shaker or a hammer or left to decay.
+
+The shaker is electrodynamic, has a voltage amplifier, and holds the structure by a stinger.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,15 +13,117 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import Assembled, State, advance, assemble, initial_values, require_steps, state_at
-from opid.mechanics.shaker import Shaker, armature_force, on_shaker
-from opid.mechanics.structure import Structure, natural_frequencies
+from opid.mechanics.structure import Joint, Structure, natural_frequencies, read_only
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
+
+ARMATURE, STINGER = "armature", "stinger"
+
+
+@dataclass(frozen=True)
+class Shaker:
+    """A modal shaker with a voltage amplifier; by default one of 450 N (100 lbf).
+
+    The coil's current (V - Bl v) / R makes the force (Bl/R) V - (Bl)^2/R v on the armature, v its velocity: seen from
+    the structure the amplifier's voltage is a force, and the back-EMF a damper. The coil's inductance is left out (it
+    matters above some kHz). The amplifier and the flux distort the voltage,
+
+        F = (Bl/R) (V + 2 h V^2 / V_full),
+
+    so that a sine of amplitude V_full has a second harmonic of h times its fundamental, and one of half the amplitude
+    half that fraction: distortion grows with the amplitude, whatever hangs on the shaker.
+
+    Args:
+        armature_kg: moving mass, kg.
+        suspension_n_per_m: stiffness that centres the armature, N/m.
+        suspension_n_s_per_m: its damping, N s/m.
+        back_emf_n_s_per_m: (Bl)^2 / R, N s/m.
+        force_per_volt_n: Bl / R, N/V.
+        stinger_n_per_m: axial stiffness of the stinger with the force cell, N/m.
+        stinger_n_s_per_m: its damping, N s/m.
+        second_harmonic: h, fraction of the second harmonic at the full voltage; 0 for none.
+        full_voltage_v: V_full, amplitude of the voltage at full force, V.
+
+    Raises:
+        InputError: a mass, stinger, gain or full voltage that is not positive, or another value below 0.
+    """
+
+    armature_kg: float = 0.45
+    suspension_n_per_m: float = 6e3
+    suspension_n_s_per_m: float = 10.0
+    back_emf_n_s_per_m: float = 250.0
+    force_per_volt_n: float = 16.0
+    stinger_n_per_m: float = 1.5e7
+    stinger_n_s_per_m: float = 50.0
+    second_harmonic: float = 0.0
+    full_voltage_v: float = 28.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            positive = each.name in ("armature_kg", "force_per_volt_n", "stinger_n_per_m", "full_voltage_v")
+            if not (0.0 <= value < np.inf and (value > 0.0 or not positive)):
+                needed = "a positive number" if positive else "0 or more"
+                raise InputError(f"{each.name} of the shaker is {value}: give {needed}")
+
+
+def armature_force(shaker: Shaker, voltage: ArrayLike) -> FloatArray:
+    """Return the force on an armature that is held, N, of the shape of the voltage.
+
+    >>> armature_force(Shaker(second_harmonic=0.05, full_voltage_v=10.0), [-10.0, 10.0])
+    array([-144.,  176.])
+    """
+    volts = np.asarray(voltage, dtype=np.float64)
+    distorted = volts + 2.0 * shaker.second_harmonic / shaker.full_voltage_v * volts**2
+    return shaker.force_per_volt_n * distorted
+
+
+def on_shaker(structure: Structure, shaker: Shaker, direction: ArrayLike) -> Structure:
+    """Return a structure with the armature as one more degree of freedom, the last one, "armature".
+
+    The stinger is the last joint, "stinger": its force is what the force cell reads, and acts on the structure along
+    `direction`.
+
+    Args:
+        structure: the structure alone.
+        shaker: the shaker; its body stands on the ground.
+        direction: (n_dof,), the drive point moves by direction . x; in modal coordinates the row of its shapes.
+
+    Raises:
+        InputError: a direction of the wrong shape or without any motion, or a structure that is on a shaker already.
+
+    >>> block = Structure([[20.0]], [[0.0]], [[0.0]])
+    >>> on_shaker(block, Shaker(), [1.0]).names
+    ('x1', 'armature')
+    """
+    point = np.asarray(direction, dtype=np.float64)
+    if point.shape != (structure.n_dof,) or not np.isfinite(point).all() or not point.any():
+        raise InputError(
+            f"the drive point has the direction {direction!r}: give {structure.n_dof} finite number(s), not all zero"
+        )
+    if ARMATURE in structure.names or any(joint.name == STINGER for joint in structure.joints):
+        raise InputError("the structure has an armature or a stinger already: one shaker can drive it")
+    stinger = Joint(STINGER, np.append(-point, 1.0), shaker.stinger_n_per_m, shaker.stinger_n_s_per_m)
+    return Structure(
+        _border(structure.mass, shaker.armature_kg),
+        _border(structure.damping, shaker.suspension_n_s_per_m + shaker.back_emf_n_s_per_m),
+        _border(structure.stiffness, shaker.suspension_n_per_m),
+        (*(replace(joint, direction=np.append(joint.direction, 0.0)) for joint in structure.joints), stinger),
+        names=(*structure.names, ARMATURE),
+    )
+
+
+def _border(matrix: FloatArray, corner: float) -> FloatArray:
+    bordered = np.zeros((matrix.shape[0] + 1, matrix.shape[0] + 1))
+    bordered[:-1, :-1] = matrix
+    bordered[-1, -1] = corner
+    return bordered
+
 
 FORCE = "force"
 
 LARGEST_ANGLE = 0.2
-"""Of the highest natural frequency in a step, rad: it is then right to 1 part in 10^5."""
+"""Largest phase step of the highest natural frequency, rad: the frequency is then right to 1 part in 10^5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +150,10 @@ class Rig:
     def __post_init__(self) -> None:
         n_dof = self.structure.n_dof
         for name, n_axes in (("drive_point", 1), ("sensors", 2)):
-            array = np.array(getattr(self, name), dtype=np.float64)
+            array = read_only(getattr(self, name))
             if array.ndim != n_axes or array.shape[-1] != n_dof or not array.size or not np.isfinite(array).all():
                 needed = f"({n_dof},)" if n_axes == 1 else f"(n_sensors, {n_dof})"
                 raise InputError(f"{name} of the rig has shape {array.shape}: give {needed} finite numbers")
-            array.flags.writeable = False
             object.__setattr__(self, name, array)
         names = tuple(self.sensor_names)
         if len(names) != len(self.sensors) or len({*names, FORCE}) != len(names) + 1:
@@ -62,7 +166,7 @@ class Rig:
 
 @dataclass(frozen=True, eq=False)
 class RigRun:
-    """What a virtual test recorded.
+    """The record of a virtual test.
 
     Attributes:
         recording: "force" (N), where there is one, and each sensor (m/s^2), with noise.
@@ -79,7 +183,7 @@ class RigRun:
 
 @dataclass(frozen=True, eq=False)
 class OpenRig:
-    """A rig as `drive` takes it.
+    """A rig that is ready for `drive`.
 
     Attributes:
         ready: the structure with its shaker.
@@ -102,7 +206,7 @@ class OpenRig:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What the force cell and the sensors read, without noise.
+    """Readings of the force cell and of the sensors, without noise.
 
     Attributes:
         force: (n,) on the drive point, N.
@@ -137,8 +241,10 @@ def open_rig(
     if not 0.0 < fs < np.inf:
         raise InputError(f"fs is {fs} Hz: give a positive rate")
     structure, sensors, stinger, load = rig.structure, rig.sensors, None, rig.drive_point
-    start = [initial_values(name, given, structure.n_dof) for name, given in
-             (("initial_displacement", initial_displacement), ("initial_velocity", initial_velocity))]  # fmt: skip
+    start = [
+        initial_values("initial_displacement", initial_displacement, structure.n_dof),
+        initial_values("initial_velocity", initial_velocity, structure.n_dof),
+    ]
     if rig.shaker is not None:
         structure = on_shaker(structure, rig.shaker, rig.drive_point)
         sensors = np.column_stack([sensors, np.zeros(len(sensors))])
@@ -147,22 +253,24 @@ def open_rig(
         load = np.eye(structure.n_dof)[-1]
         start = [np.append(each, rig.drive_point @ each) for each in start]
     ready = assemble(structure, load[:, np.newaxis])
-    steps = _steps(structure, fs) if steps_per_sample is None else steps_per_sample
-    require_steps(steps)
-    return OpenRig(ready, sensors, stinger, rig.shaker, float(fs), int(steps), state_at(ready, *start))
+    if steps_per_sample is None:
+        highest = 2.0 * np.pi * float(natural_frequencies(structure).frequency_hz[-1])
+        steps_per_sample = max(1, int(np.ceil(highest / (LARGEST_ANGLE * fs))))
+    require_steps(steps_per_sample)
+    return OpenRig(ready, sensors, stinger, rig.shaker, float(fs), int(steps_per_sample), state_at(ready, *start))
 
 
 def drive(rig: OpenRig, state: State, voltage: FloatArray, *, fs: float | None = None) -> tuple[Readings, State]:
-    """Return what is read while a voltage drives a rig from a state on, and the state after it.
+    """Return the readings while a voltage drives a rig from a state on, and the state after it.
 
-    The last sample is the first of the next call, whose voltage begins with the last of this one.
+    The last sample is the first one of the next call, whose voltage begins with the last one of this call.
 
     Args:
         rig: the rig, see `open_rig`.
-        state: where it stands; `rig.start` at the begin.
+        state: from which it moves on; `rig.start` at the beginning.
         voltage: (2 n steps_per_sample + 1,) V at half steps, for n + 1 samples; N without a shaker.
-        fs: samples a second in this call, Hz, such as a whole number a period of the drive; that of `open_rig` where
-            left out, and not below 0.8 of it, because the step grows.
+        fs: samples a second in this call, Hz, for instance a whole number in a period of the drive; that of `open_rig`
+            where left out, and not below 0.8 of it, because the step grows.
 
     Raises:
         InputError: a voltage of another shape or not finite, a rate too low, or a motion without bound.
@@ -199,7 +307,7 @@ def rig_run(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> RigRun:
-    """Return what is recorded while a voltage drives a rig, channels "force" and the sensors.
+    """Return the record while a voltage drives a rig, with the channels "force" and the sensors.
 
     Between its samples the voltage is the band-limited signal through them: it should hold nothing above 0.45 fs, and
     begin and end near zero, since the sudden start of anything else has no band. The readings are sampled as they are,
@@ -233,7 +341,7 @@ def rig_run(
     given = recording_from_arrays([volts], ["voltage"], fs=fs, unit="V")
     finer = 2 * ready.steps_per_sample
     between = resampled(given, finer * fs, n_samples=finer * (volts.size - 1) + 1).samples[:, 0]
-    # the spline may be off by rounding where the voltage is given
+    # at the samples themselves the spline may be off by rounding
     between = between.copy()
     between[::finer] = volts
     return _record(rig, ready, between, noise_share, rng, FORCE)
@@ -251,16 +359,16 @@ def impact(
     noise_share: float = 0.01,
     steps_per_sample: int | None = None,
 ) -> RigRun:
-    """Return what is recorded of the blow of a hammer at the drive point, the shaker taken off.
+    """Return the record of a hammer blow at the drive point, with the shaker taken off.
 
     Args:
         rig: the rig.
         peak_n: peak of the force, a half sine, N.
-        pulse_s: its length, s.
+        pulse_s: length of the pulse, s.
         fs: samples a second, Hz.
         duration_s: length of the record, s.
         rng: source of the noise.
-        at_s: when it begins, s.
+        at_s: when the pulse begins, s.
         noise_share: as for `rig_run`.
         steps_per_sample: as for `open_rig`.
 
@@ -272,7 +380,7 @@ def impact(
             f"a pulse of {peak_n} N and {pulse_s} s at {at_s} s is wanted in {duration_s} s at {fs} Hz: give one of "
             "four samples or more inside the record"
         )
-    ready = open_rig(_without_shaker(rig), fs, steps_per_sample=steps_per_sample)
+    ready = open_rig(replace(rig, shaker=None), fs, steps_per_sample=steps_per_sample)
     phase = (_half_steps_s(ready, duration_s) - at_s) / pulse_s
     force = np.where((phase > 0.0) & (phase < 1.0), peak_n * np.sin(np.pi * phase), 0.0)
     return _record(rig, ready, force, noise_share, rng, FORCE)
@@ -289,7 +397,7 @@ def free_decay(
     noise_share: float = 0.01,
     steps_per_sample: int | None = None,
 ) -> RigRun:
-    """Return what the sensors record of a motion that no force drives, the shaker taken off.
+    """Return what the sensors record of a motion that no force drives, with the shaker taken off.
 
     Args:
         rig: the rig.
@@ -305,7 +413,7 @@ def free_decay(
         InputError: as `rig_run`.
     """
     ready = open_rig(
-        _without_shaker(rig), fs, steps_per_sample=steps_per_sample,
+        replace(rig, shaker=None), fs, steps_per_sample=steps_per_sample,
         initial_displacement=initial_displacement, initial_velocity=initial_velocity,
     )  # fmt: skip
     return _record(rig, ready, np.zeros(_half_steps_s(ready, duration_s).size), noise_share, rng)
@@ -320,7 +428,7 @@ def _record(
     columns = [*(readings.force for _ in forces), *readings.acceleration.T]
     channels = (*(Channel(name, "N") for name in forces), *(Channel(name, "m/s^2") for name in rig.sensor_names))
     clean = np.stack(columns, axis=1)
-    # one row of numbers a channel: another sensor at the end does not change the noise of the others
+    # each channel has a row of random numbers, so that a further sensor does not change the noise of the others
     noise = rng.standard_normal(clean.T.shape).T * (noise_share * np.sqrt(np.mean(clean**2, axis=0)))
     made = (f"virtual test, {ready.steps_per_sample} steps a sample",)
     return RigRun(
@@ -331,18 +439,9 @@ def _record(
     )
 
 
-def _without_shaker(rig: Rig) -> Rig:
-    return Rig(rig.structure, rig.drive_point, rig.sensors, rig.sensor_names)
-
-
 def _half_steps_s(ready: OpenRig, duration_s: float) -> FloatArray:
     n_samples = round(duration_s * ready.fs) if np.isfinite(duration_s) else 0
     if n_samples < 2:
         raise InputError(f"{duration_s} s at {ready.fs:g} Hz are {n_samples} sample(s): at least two are needed")
     finer = 2 * ready.steps_per_sample
     return np.arange(finer * (n_samples - 1) + 1) / (finer * ready.fs)
-
-
-def _steps(structure: Structure, fs: float) -> int:
-    highest = 2.0 * np.pi * float(natural_frequencies(structure).frequency_hz[-1])
-    return max(1, int(np.ceil(highest / (LARGEST_ANGLE * fs))))

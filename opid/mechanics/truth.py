@@ -1,4 +1,4 @@
-"""What is true of a simulated test: a result is compared with it; `opid.virtual` makes, writes and reads it."""
+"""The truth of a simulated test, which a result is compared with; `opid.virtual` makes, writes and reads it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from opid.mechanics.laws.law import Law
 
 @dataclass(frozen=True)
 class GearNumbers:
-    """What is true of a gear in its reference run, under the names of the result.
+    """True parameters of a gear in its reference run, under the names of the result.
 
     Args:
         sprung_mass_kg: M2.
@@ -28,14 +28,14 @@ class GearNumbers:
 
 @dataclass(frozen=True)
 class BodyNumbers:
-    """What is true of a body in its reference run, under the names of the result.
+    """True parameters of a body in its reference run, under the names of the result.
 
     Args:
-        sprung_mass_kg: of the body.
+        sprung_mass_kg: mass of the body.
         roll_inertia_kg_m2: about the x axis through the centre of gravity.
-        pitch_inertia_kg_m2: about the y axis through it.
-        x_cg_m: of the centre of gravity, forward.
-        y_cg_m: likewise, to the left.
+        pitch_inertia_kg_m2: about the y axis through the centre of gravity.
+        x_cg_m: position of the centre of gravity, forward.
+        y_cg_m: the same to the left.
     """
 
     sprung_mass_kg: float
@@ -50,8 +50,8 @@ class SuspensionTruth:
     """One suspension of a body and its force K z + C z' + f(z, z').
 
     Args:
-        x_m: where it is, forward.
-        y_m: likewise, to the left.
+        x_m: its position, forward.
+        y_m: the same to the left.
         stiffness_n_per_m: K.
         damping_n_s_per_m: C.
         law: f.
@@ -66,13 +66,13 @@ class SuspensionTruth:
 
 @dataclass(frozen=True)
 class GearTruth:
-    """What is true of a taxi test of one gear.
+    """The truth of a taxi test of one gear.
 
     Args:
         parameters: of the reference run.
         law: of the suspension.
         mass_change_kg: sprung mass of the second run less that of the first.
-        settings: that it was simulated with.
+        settings: of the simulation.
     """
 
     parameters: GearNumbers
@@ -83,13 +83,13 @@ class GearTruth:
 
 @dataclass(frozen=True)
 class BodyTruth:
-    """What is true of a taxi test of an aircraft.
+    """The truth of a taxi test of an aircraft.
 
     Args:
         parameters: of the reference run.
         interfaces: the suspensions by name.
-        loadings: by run, what it carries more than the reference: rows of kg, x and y in m.
-        settings: that it was simulated with.
+        loadings: what each run carries beyond the reference run, rows of kg, x and y in m.
+        settings: of the simulation.
     """
 
     parameters: BodyNumbers
@@ -100,12 +100,12 @@ class BodyTruth:
 
 @dataclass(frozen=True)
 class ModeTruth:
-    """What is true of a nonlinear mode; its curves hold while all other modes are at rest.
+    """The truth of a nonlinear mode; its curves hold while all other modes are at rest.
 
     Args:
-        k: coefficients of the stiffness by power; none where the joint is no power law.
-        c: those of the damping.
-        amplitude: at which the curves are known.
+        k: coefficients of the stiffness by power; empty where the joint is no power law.
+        c: coefficients of the damping by power.
+        amplitude: amplitudes at which the curves are known.
         frequency_hz: at each amplitude.
         damping_ratio: at each amplitude.
     """
@@ -119,7 +119,7 @@ class ModeTruth:
 
 @dataclass(frozen=True)
 class LinearModesTruth:
-    """What is true of the linear modes, in their order.
+    """True frequencies and damping ratios of the linear modes, in their order.
 
     Args:
         frequency_hz: of each.
@@ -132,13 +132,13 @@ class LinearModesTruth:
 
 @dataclass(frozen=True)
 class ModalTruth:
-    """What is true of a series of modal tests.
+    """The truth of a series of modal tests.
 
     Args:
         nonlinear: the nonlinear modes by number, from 1.
         linear_modes: all modes at small amplitudes.
-        structure: what was tested, in a sentence.
-        settings: that it was simulated with.
+        structure: the tested structure in a sentence.
+        settings: of the simulation.
     """
 
     nonlinear: Mapping[int, ModeTruth]
@@ -149,13 +149,13 @@ class ModalTruth:
 
 @dataclass(frozen=True)
 class UpdatingTruth:
-    """What is true of measured backbones.
+    """The truth of measured backbones.
 
     Args:
         linear: factors of the linear structure by name.
         law: of the joints.
-        structure: what was tested, in a sentence.
-        settings: that it was simulated with.
+        structure: the tested structure in a sentence.
+        settings: of the simulation.
     """
 
     linear: Mapping[str, float]

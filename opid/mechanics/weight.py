@@ -1,13 +1,13 @@
 """Where each run rests: the weight that it carries more than the reference run moves it along the springs' curves.
 
 Travel z is measured from where a suspension rests. Let F(d) be its whole spring force over the travel d from there in
-the reference run. A run that carries more mass rests at d, where
+the reference run. A run that carries more mass rests at the d at which
 
     sum_s j_s (F_s(d_s) - F_s(0)) = L g,    d = J q,
 
-with j_s the rows of J, L the loading's mass matrix and g what a body in free fall accelerates by. Nothing here is free:
-d follows from stiffness, law and mass, and the implicit function gives its derivatives. For linear springs it is
-without consequence.
+with j_s the rows of J, L the loading's mass matrix and g the acceleration of free fall. There is no free parameter:
+d follows from stiffness, law and mass, and the implicit function theorem gives its derivatives. For linear springs d
+changes nothing.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ ATMOSPHERE_PA = 101325.0
 """Standard atmosphere, ISO 2533."""
 
 
-# no suspension travels so far
 FARTHEST_REST_M = 10.0
-_MOST_STEPS, _MOST_HALVINGS = 50, 30
+"""No suspension travels so far."""
 # a kind may divide zero by zero at rest before it replaces the result
 _QUIETLY = np.errstate(all="ignore")
 
@@ -41,8 +40,8 @@ class Rest:
 
     Args:
         travel: (n_interfaces,) from where they rest in the reference run, m.
-        compliance: (n_interfaces, n_interfaces) what a force on each interface moves, m/N.
-        by_load: (n_interfaces,) what the load moves, times one over the reference mass, m kg.
+        compliance: (n_interfaces, n_interfaces) travel of each interface for a unit force on each, m/N.
+        by_load: (n_interfaces,) travel that the load causes to first order, times the reference mass, m kg.
     """
 
     travel: FloatArray
@@ -58,9 +57,9 @@ def find_rest(
 
     Args:
         interfaces: each law where it rests in the reference run; forces per unit of the reference mass.
-        rows: (n_interfaces, n_dof) j of each.
-        load: (n_dof,) what the run's loading weighs, likewise.
-        held: (n_dof,) what the suspensions carry of the body less than in the reference run, likewise.
+        rows: (n_interfaces, n_dof) j of each interface.
+        load: (n_dof,) weight of the run's loading, per unit of the reference mass.
+        held: (n_dof,) by how much less of the body's weight the suspensions carry than in the reference run, likewise.
 
     Raises:
         UnboundedResponseError: no position at which springs and weight balance.
@@ -69,15 +68,15 @@ def find_rest(
     carried, slope = _springs(interfaces, travel)
     total = load + held
     missing = total
-    for _ in range(_MOST_STEPS):
+    for _ in range(50):
         compliance = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
         step = compliance @ missing
         size = np.abs(step).max()
         # a micrometre is far below what any accelerometer resolves
         if size < 1e-9:
             return Rest(travel + step, compliance @ rows.T, compliance @ load)
-        # where a spring gives way, Newton's step goes too far: what is missing, as travel, must become less
-        for _ in range(_MOST_HALVINGS):
+        # where a spring gives way, Newton's step goes too far: halve it until the missing force, as travel, is less
+        for _ in range(30):
             force, slope = _springs(interfaces, travel + step)
             missing = total - rows.T @ (force - carried)
             if np.abs(compliance @ missing).max() < size:
@@ -94,10 +93,8 @@ def find_rest(
 def laws_at_rest(interfaces: Sequence[Interface], rows: FloatArray, load: FloatArray) -> list[Law]:
     """Return the laws of suspensions that carry a load, each where it rests then.
 
-    Args:
-        interfaces: the suspensions as they rest without it.
-        rows: (n_interfaces, n_dof) j of each.
-        load: (n_dof,) what it weighs, N and N m.
+    `interfaces` are the suspensions as they rest without the load, `rows` their j, (n_interfaces, n_dof), and `load` is
+    its weight, (n_dof,) N and N m.
 
     Raises:
         UnboundedResponseError: no position at which springs and weight balance.
@@ -110,7 +107,7 @@ def laws_at_rest(interfaces: Sequence[Interface], rows: FloatArray, load: FloatA
 
 
 def by_parameters(interface: Interface, travel: float) -> FloatArray:
-    """Return the derivatives of a spring's force at rest by what an interface has, as `Interface` orders them.
+    """Return the derivatives of a spring's force at rest by the parameters of an interface, in their order.
 
     Args:
         interface: where it rests in the reference run.
@@ -122,36 +119,31 @@ def by_parameters(interface: Interface, travel: float) -> FloatArray:
 
 
 def resting(interface: Interface, travel: float) -> Interface:
-    """Return a suspension that rests elsewhere.
-
-    Args:
-        interface: where it rests in the reference run.
-        travel: where it rests now, from there, m.
-    """
+    """Return the suspension of an interface that rests `travel`, m, away from where it rests in the reference run."""
     return replace(interface, law=replace(interface.law, rest_m=interface.law.rest_m + float(travel)))
 
 
 @_QUIETLY
 def depends_on_travel(law: TermSet) -> bool:
-    """Return whether a law has a force at rest somewhere."""
+    """Return whether a law has a force somewhere without any motion."""
     travel = np.multiply.outer([-1.0, 1.0], [1e-3, 1e-2, 1e-1, 1.0]).ravel()
     return any(bool(np.any(term.evaluate(travel, np.zeros_like(travel))[0])) for term in law.terms)
 
 
 def depends_on_rest(law: TermSet) -> bool:
-    """Return whether it matters where on a law a run rests: springs, and friction in proportion to their force."""
+    """Return whether a law depends on where a run rests: springs do, and friction that their force presses."""
     is_loaded = any(term.kind.is_friction and term.kind.is_about_rest for term in law.terms)
     return is_loaded or depends_on_travel(law)
 
 
 @_QUIETLY
 def slopes_at_rest(law: TermSet) -> bool:
-    """Return whether a law adds to the tangent stiffness where it rests; what it remembers does not count."""
+    """Return whether a law adds to the tangent stiffness where it rests; memories do not count."""
     return bool(law.gradient(0.0, 0.0)[0])
 
 
 def _springs(interfaces: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Spring forces, each about the origin of its law, and their slopes."""
+    """Spring forces about the origins of their laws, and their slopes."""
     force, slope = np.empty((2, len(interfaces)))
     for number, (interface, z) in enumerate(zip(interfaces, travel, strict=True)):
         slope[number] = interface.stiffness + interface.ground_stiffness

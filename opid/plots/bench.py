@@ -25,8 +25,8 @@ from opid.plots.style import (
     panels,
     thicken,
 )
+from opid.suspensions.bench.intervals import sine_of
 from opid.suspensions.bench.law import BenchLaw
-from opid.suspensions.bench.loop import sine_of
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.law_search.pursuit import chosen
 

@@ -30,8 +30,7 @@ from opid.plots.style import (
     thicken,
 )
 from opid.suspensions.paper.chain import RunEvidence
-from opid.suspensions.paper.nonlinearity import LawFit
-from opid.suspensions.paper.restoring_force import SliceCurve
+from opid.suspensions.paper.restoring_force import LawFit, SliceCurve
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Identification
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.kinds import Parameter
-from opid.mechanics.laws.law import Law
-from opid.mechanics.laws.rows import unit_of_parameter
+from opid.mechanics.laws.law import Law, unit_of_parameter
 from opid.mechanics.truth import Truth
 from opid.report.document import Row, Table, columns
 

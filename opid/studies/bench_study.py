@@ -13,7 +13,7 @@ from opid.signals.logs import write_log
 from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, as_table, read_beside, run_from_files, sources_of
 from opid.studies.schema import Document, Say, fields_of, prefix_errors, read_tables, recast, text_of
 from opid.studies.study_file import TEST_BENCH
-from opid.suspensions.bench.study import BenchStudy
+from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run
 
 _NAME = "the name of a channel in quotes"

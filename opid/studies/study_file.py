@@ -17,7 +17,7 @@ from opid.studies.schema import Document, Say, find_misspelt, load
 
 if TYPE_CHECKING:
     from opid.modal.study import ModalStudy
-    from opid.suspensions.bench.study import BenchStudy
+    from opid.suspensions.bench.record import BenchStudy
     from opid.suspensions.study import Study
     from opid.updating.study import UpdatingStudy
 
@@ -63,7 +63,7 @@ SUSPENSIONS = StudyKind(
     ("interfaces", "body_sensors", "structure", "sensors", "log"),
 )
 TEST_BENCH = StudyKind(
-    "suspensions.bench.study.BenchStudy",
+    "suspensions.bench.record.BenchStudy",
     "bench_study",
     "a test bench",
     "law",

@@ -5,12 +5,12 @@ from .bench.law import (
 )
 from .bench.record import (
     Bench as Bench,
+    BenchStudy as BenchStudy,
     bench_from_recording as bench_from_recording,
     quasi_static_bench as quasi_static_bench,
 )
 from .bench.settings import BenchSettings as BenchSettings
 from .bench.simulation import MovingPart as MovingPart
-from .bench.study import BenchStudy as BenchStudy
 from .fitting.fit import (
     Fit as Fit,
     fit_model as fit_model,
@@ -19,11 +19,11 @@ from .flights.comparison import (
     Comparison as Comparison,
     compare as compare,
 )
+from .flights.departures import FlightSettings as FlightSettings
 from .flights.results import (
     Flights as Flights,
     read_flights as read_flights,
 )
-from .flights.settings import FlightSettings as FlightSettings
 from .identification import identify as identify
 from .law_search.pursuit import search_laws as search_laws
 from .model.run import driven_run as driven_run
@@ -40,22 +40,15 @@ from .paper.chain import (
     PaperChain as PaperChain,
     compute_chain as compute_chain,
 )
-from .paper.direct_parameters import (
-    complex_least_squares as complex_least_squares,
-    errors_in_variables as errors_in_variables,
-    mass_over_stiffness as mass_over_stiffness,
-)
-from .paper.identification import identify_by_paper as identify_by_paper
-from .paper.law_search import (
+from .paper.identification import (
     fit_law as fit_law,
+    identify_by_paper as identify_by_paper,
     search_law as search_law,
-)
-from .paper.nonlinearity import (
-    fit_slice as fit_slice,
-    fit_surface as fit_surface,
 )
 from .paper.restoring_force import (
     binned_surface as binned_surface,
+    fit_slice as fit_slice,
+    fit_surface as fit_surface,
     restoring_force as restoring_force,
     slice_curve as slice_curve,
 )
@@ -68,6 +61,9 @@ from .paper.spectral_equation import (
 )
 from .paper.transmissibility import (
     Peak as Peak,
+    complex_least_squares as complex_least_squares,
+    errors_in_variables as errors_in_variables,
+    mass_over_stiffness as mass_over_stiffness,
     suspension_transmissibility as suspension_transmissibility,
     transmissibility_peaks as transmissibility_peaks,
     transmissibility_without_force as transmissibility_without_force,

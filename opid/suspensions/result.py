@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws.law import LINEAR, Law
-from opid.mechanics.laws.rows import law_rows
+from opid.mechanics.laws.law import LINEAR, Law, law_rows
 from opid.mechanics.weight import slopes_at_rest
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow

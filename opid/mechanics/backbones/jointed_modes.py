@@ -10,6 +10,7 @@ from scipy import linalg
 
 from opid.errors import InputError, nearest
 from opid.mechanics.laws.law import FloatArray
+from opid.mechanics.structure import read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +36,9 @@ class JointedModes:
 
     def __post_init__(self) -> None:
         for name in ("eigenvalue", "at_sensors", "at_joints"):
-            array = np.array(getattr(self, name), dtype=np.float64)
+            array = read_only(getattr(self, name))
             if not np.isfinite(array).all():
                 raise InputError(f"{name} has values that are not finite: mend the matrices they come from")
-            array.flags.writeable = False
             object.__setattr__(self, name, array)
         for name in ("sensors", "joints"):
             names = tuple(getattr(self, name))

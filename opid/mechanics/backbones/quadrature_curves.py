@@ -1,6 +1,6 @@
 """Backbones as single-point forcing finds them: one sensor in quadrature with the force, level after level.
 
-The records that a measurement fills, and the same curves by harmonic balance of the damped, forced structure.
+Here are the records that a measurement fills, and the same curves by harmonic balance of the damped, forced structure.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from opid.errors import InputError
 from opid.mechanics.backbones.family import laws_of_joints, require_amplitudes
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import FloatArray, Law
-from opid.mechanics.shaker import Shaker
+from opid.mechanics.rig import Shaker
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
-# number of frequencies among which quadrature of the linear structure is looked for
+# number of frequencies among which quadrature of the linear structure is sought
 _N_SCANNED = 6001
 # fraction of the largest extension by which a solution may differ from its prediction
 _FROM_PREDICTION = 0.05
@@ -37,8 +37,8 @@ class Specimen:
         laws: one law a joint; a single `Law` counts for all.
         damping_ratio: (n_modes,) zeta of each mode, or one number for all.
         drive: name of the sensor at which the force acts.
-        shaker: None for a force that acts directly; else the feedback moves its armature, and the force is that in its
-            stinger. Its amplifier is taken as linear.
+        shaker: None for a force that acts directly; otherwise the feedback moves its armature, and the force is that in
+            its stinger. Its amplifier is taken as linear.
 
     Raises:
         InputError: counts that do not match, damping that is not positive, an unknown sensor, or a shaker that
@@ -86,20 +86,20 @@ class Specimen:
 
 @dataclass(frozen=True, eq=False)
 class ContinuationLevel:
-    """One amplitude, held at phase quadrature, and what was recorded then.
+    """One amplitude that was held at phase quadrature, and the record of it.
 
     Harmonics are complex amplitudes by the number of the harmonic less one, x(t) = Re sum_h X_h exp(j h omega t).
 
     Args:
         wanted_m: amplitude that was asked for, m.
-        frequency_hz: at which it was recorded, Hz.
+        frequency_hz: frequency of the record, Hz.
         force: (n_harmonics,) of the force on the structure, N.
         sensors: (n_sensors, n_harmonics) of the displacements, m.
         phase_error_rad: phase of the sensor against the force, off quadrature, radians.
         invasiveness: rms of the control's harmonics above the first over its first.
         converged: whether phase, control and amplitude are within their tolerance.
-        n_records: that it took.
-        periods: of the drive that it took.
+        n_records: number of records that it took.
+        periods: number of periods of the drive that it took.
         reason: why it has not converged, "" if it has.
     """
 
@@ -124,7 +124,7 @@ class MeasuredCurve:
         sensor: whose quadrature was held.
         controlled_sensor: whose amplitude was stepped up.
         sensors: names of all sensors, in the order of the levels' rows.
-        levels: in the order in which they were driven; after some that fail the curve ends.
+        levels: in the order in which they were driven; after several failures the curve ends.
     """
 
     mode: int
@@ -165,9 +165,9 @@ class MeasuredCurve:
 
     @property
     def amplitude(self) -> FloatArray:
-        """(n, n_sensors) first harmonic, m, as far as it is in phase with the controlled sensor.
+        """(n, n_sensors) the part of the first harmonic that is in phase with the controlled sensor, m.
 
-        At resonance a mode lags the force by a quarter; what the force moves beside the mode is out of phase with it.
+        At resonance a mode lags the force by a quarter of a period; other motion is out of phase with it.
         """
         first = self.harmonics[:, :, 0]
         held = first[:, [self.sensors.index(self.controlled_sensor)]]
@@ -180,7 +180,7 @@ class MeasuredCurve:
 
     @property
     def reason(self) -> str:
-        """Why the curve is not whole: that of the first level that failed, "" if none did."""
+        """Why the curve is incomplete: the reason of the first level that failed, "" if none did."""
         return next((level.reason for level in self.levels if level.reason), "")
 
 
@@ -194,7 +194,7 @@ def quadrature_curve(
     harmonics: Sequence[int] = (1, 3, 5, 7),
     widest_fraction: float = 0.03,
 ) -> MeasuredCurve:
-    """Return the curve that single-point forcing tends to, by harmonic balance: what continuation measures, in no time.
+    """Return the curve that single-point forcing tends to, by harmonic balance, without simulating a measurement.
 
     A sensor may be in quadrature more than once. The curve begins at the linear quadrature that is nearest to the mode
     and keeps to its branch by secants over the amplitude, with steps between the levels where they need them.
@@ -203,8 +203,8 @@ def quadrature_curve(
 
         z_h + R_jj(h w) F_h(z) - R_jd(h w) f delta_h1 = 0,  Re X_s1 = 0,  |X_c1| = A
 
-    are solved for the extensions z of the joints, w and f at each amplitude A. The control is not part of it: it has
-    vanished.
+    are solved for the extensions z of the joints, w and f at each amplitude A. The control has vanished and does not
+    appear.
 
     Args:
         specimen: the structure; its shaker is left out, the force acts directly.
@@ -262,7 +262,7 @@ def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | N
         there = replace(balance, amplitude=goal)
         x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
         off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
-        # a sensor may have two quadratures that lie close: what is far from the prediction is the other one
+        # a sensor may have two quadratures close to each other: a solution far from the prediction is the other one
         if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
             branch, goal = _Branch(goal, x, (x - branch.x) / step), amplitude
         elif step > _LEAST_STEP * amplitude:

@@ -14,10 +14,10 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from opid.errors import InputError
-from opid.mechanics.kernels.backbone_steps import _backbones
-from opid.mechanics.kernels.choice import code_of
+from opid.mechanics.kernels.backbone_steps import backbones
+from opid.mechanics.kernels.compilation import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
-from opid.mechanics.kernels.steps import _force_many, _remembered_along, _structure_steps
+from opid.mechanics.kernels.steps import remembered_along, structure_steps
 from opid.mechanics.laws.kinds import BUILT_IN, Kind
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet
 
@@ -25,31 +25,33 @@ __all__ = [
     "backbones",
     "check_compiles",
     "code_of",
-    "force_kernel",
     "law_arrays",
     "predictor",
     "remembered_along",
-    "runge_kutta_4",
+    "structure_steps",
 ]
 
 
 class LawArrays(NamedTuple):
-    """Laws as the compiled functions take them: one table with the terms of all.
+    """Laws as the compiled functions take them: one table with the terms of all laws.
 
     Args:
         firsts: (n_laws + 1,) row at which each law begins and, at the end, the number of rows.
-        codes: (n_terms,) of each term, see `code_of`.
-        values: (n_terms, 14) amplitude times `Term.loading`, and two inner values, filled up with ones; where it rests;
-            at rest the force for unit amplitude and its derivatives by z and by both inner values; the fourth inner
-            value, 0 where there is none; the third one, 1 where there is none; `Term.loading` where it rests and the
-            derivatives of its logarithm by that position and by both inner values.
-        memories: (n_terms, 4) first of its memories and how many a term has, and the same of the states of a prediction
-            that stand for them: one for each memory, or one for the mean of those that slip. The first memory is -1
-            where there is none, and -2 - q where a faint term's first is that of the index q among those of all faint
-            terms, which have no states.
-        elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.laws.Kind`; of
-            one that slips h' / v and its derivatives by three inner values, else zero; its weight.
-        elements_followed: the same of the memories of faint terms.
+        codes: (n_terms,) code of each term, see `code_of`.
+        values: (n_terms, 14) by columns:
+            0 to 2: amplitude times `Term.loading`, and two inner values, 1 where there is none;
+            3 to 7: where the law rests, and there the force for unit amplitude and its derivatives by z and by both
+            inner values; all are 0 for a term with memory;
+            8 and 9: the fourth inner value, 0 where there is none, and the third one, 1 where there is none;
+            10 to 13: `Term.loading` where the law rests, and the derivatives of its logarithm by that position and by
+            both inner values.
+        memories: (n_terms, 4) first memory of a term and their number; first state of a prediction that stands for them
+            and their number: one for each memory, or one for the mean of those that slip. The first memory is -1 where
+            there is none. Faint terms have no states; their first memory is -2 - q, where q is its index among the
+            memories of all faint terms.
+        elements: (n_memories, 7) u of each memory and its limit, see `opid.laws.Kind`; h' / v of one that slips and its
+            derivatives by three inner values, otherwise zero; its weight.
+        elements_followed: the same for the memories of faint terms.
     """
 
     firsts: NDArray[np.int64]
@@ -79,7 +81,7 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
         values[row, 10:] = term.loading(rest_m)
         values[row, 0] *= values[row, 10]
         if term.kind.memory is None:
-            # a kind may divide zero by zero at rest before it puts the right value in place
+            # a kind may divide zero by zero at rest before it replaces the result
             with np.errstate(all="ignore"):
                 shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
             values[row, 3:8] = rest_m, shape, by_z, first, second
@@ -105,79 +107,58 @@ def _elements(term: Term) -> list[FloatArray]:
     return rows
 
 
-def force_kernel(codes: NDArray[np.int64], values: FloatArray, z: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the force of one law, N, (n,).
-
-    Args:
-        codes: of the terms, as `law_arrays` gives them.
-        values: of the terms.
-        z: (n,) extension, m.
-        v: (n,) its rate, m/s.
-    """
-    return _force_many(codes, values, z, v)
-
-
-def runge_kutta_4() -> Any:
-    """Return the compiled time step of a structure, `opid.mechanics.kernels.steps._structure_steps`.
-
-    It takes (matrices, joints, forces, step_s, steps_per_sample, x, v, positions, memory), as `opid.mechanics.response`
-    makes them, and returns displacement, velocity and acceleration at each sample, (n, n_dof) each, the sliders'
-    positions and what the laws remember after the last, and how fast the quickest memory decayed, 1/s.
-    """
-    return _structure_steps
-
-
-def backbones() -> Any:
-    """Return the compiled Newton's method for backbones, `opid.mechanics.kernels.backbone_steps._backbones`.
-
-    It takes (system, sensors, harmonics, law, transform, amplitudes), as `opid.mechanics.backbones.family` makes them.
-    """
-    return _backbones
-
-
 def predictor(
     joints: tuple[Any, ...],
     accelerance: FloatArray,
-    by_mass: FloatArray,
-    reading: FloatArray,
-    by_reading: FloatArray,
     drive: FloatArray,
-    by_drive: FloatArray,
     measured: FloatArray,
-    by_measured: FloatArray,
+    *,
     step_s: float,
     covariance_start: FloatArray,
     noise: FloatArray,
     ground: bool,
     sensitivity: bool,
+    reading: FloatArray | None = None,
+    by_mass: FloatArray | None = None,
+    by_reading: FloatArray | None = None,
+    by_drive: FloatArray | None = None,
+    by_measured: FloatArray | None = None,
 ) -> Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Return a function of the start state, (n_states,): z, v, [d, e], offsets of drive and measured, each of all.
+    """Return a function of the start state, (n_states,): z, v, [d, e], both offsets, each of all interfaces.
 
-    It gives innovation and spread (n_interfaces, n), derivatives of the first, and motion (3, n_interfaces, n).
+    It gives innovation and spread (n_interfaces, n), derivatives of the innovation, and motion (3, n_interfaces, n).
 
     Args:
         joints: stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law
-            (n_interfaces, 4); rows, codes, number of inner values, and the rest of `LawArrays`.
+            (n_interfaces, 4); rows, codes, number of inner values, and the other fields of `LawArrays`.
         accelerance: (n_interfaces, n_interfaces), 1/kg.
-        by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
-        reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg.
-        by_reading: (n_directions, n_interfaces, n_interfaces) the same directions of that.
         drive: (2 n - 1, n_interfaces), m/s^2.
-        by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive.
         measured: (n, n_interfaces), m/s^2.
-        by_measured: (n, n_directions, n_interfaces) directions of the measured.
         step_s: s.
         covariance_start: (n_states, n_states).
-        noise: (7, n_interfaces) rms of drive and measured, what their offsets walk in a step, rms of motion and of the
-            acceleration by unmeasured forces, m/s^2, and at what rate the latter decays, 1/s.
+        noise: (7, n_interfaces) see `opid.mechanics.driven.Noise.table`.
         ground: whether d and e are states.
         sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
+        reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg; the
+            accelerance where left out.
+        by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance; none where left out.
+        by_reading: (n_directions, n_interfaces, n_interfaces) the same directions of the reading; `by_mass` where left
+            out.
+        by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive; none where left out.
+        by_measured: (n, n_directions, n_interfaces) directions of the measured; none where left out.
     """
     n = drive.shape[1]
-    # nothing is corrected where the state is certain and nothing disturbs it
+    reading = accelerance if reading is None else reading
+    by_mass = np.zeros((0, n, n)) if by_mass is None else by_mass
+    by_reading = by_mass if by_reading is None else by_reading
+    # directions stand last, because the innermost loops go over them
+    of_mass, of_reading = (np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading))
+    by_drive = np.zeros((len(drive), 0, n)) if by_drive is None else by_drive
+    by_measured = np.zeros((len(measured), 0, n)) if by_measured is None else by_measured
+    # there is nothing to correct where the state is certain and nothing disturbs it
     correct = bool(covariance_start.any() or noise[[0, 2, 3, 4, 5]].any())
     unmeasured = bool(noise[5].any())
-    # the kernel follows z, v, what the laws remember, both offsets, [d, e], [w]
+    # the kernel orders its states as z, v, what the laws remember, both offsets, [d, e], [w]
     n_start = len(covariance_start)
     order = np.arange(n_start).reshape(-1, n)
     offsets = order[[4, 5, 2, 3]] if ground else order[2:]
@@ -188,65 +169,33 @@ def predictor(
     into[2 * n + memory_start.size : n_given] = np.eye(n_start)[offsets.ravel()]
     covariance = into @ covariance_start @ into.T
     covariance[n_given:, n_given:] = np.diag(noise[5, : n * unmeasured] ** 2)
-    covariance[np.arange(2 * n, 2 * n + memory_start.size), np.arange(2 * n, 2 * n + memory_start.size)] = (
-        memory_start**2 if correct else 0.0
-    )
+    of_memory = np.arange(2 * n, 2 * n + memory_start.size)
+    covariance[of_memory, of_memory] = memory_start**2 if correct else 0.0
     # the kernel for one interface has room for few states
     single = n == 1 and memory_start.size <= 1 and not (ground and unmeasured)
-    # directions last: the innermost loops go over them
-    directions = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     begun = into[:, : n_start - 2 * n].copy()
 
     def predictions(start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        # for None, unlike 1 or False, numba compiles a kernel of its own without the code for the other case
         innovation, spread, changes, motion = _predictions(
-            # None, not 1 and not False: numba compiles a kernel of its own for it and leaves out what is behind it
             None if single else n,
             (0.0,) * memory_start.size if single else (),
             (ground or None) if single else ground,
             (unmeasured or None) if single else unmeasured,
-            joints,
-            accelerance,
-            directions[0],
-            reading,
-            directions[1],
-            drive,
-            by_drive,
-            measured,
-            by_measured,
-            step_s,
-            into @ start,
-            begun,
-            covariance,
-            noise,
-            correct,
-            sensitivity,
-        )
-        # made sample by sample: rows of a whole record, a power of two apart, would share few lines of the cache
+            joints, accelerance, of_mass, reading, of_reading, drive, by_drive, measured, by_measured,
+            step_s, into @ start, begun, covariance, noise, correct, sensitivity,
+        )  # fmt: skip
+        # samples come first in the kernel: rows of a whole record, a power of two apart, would share few cache lines
         return innovation, spread, changes.transpose(1, 2, 0), motion
 
     return predictions
 
 
 def memory_starts(joints: tuple[Any, ...]) -> FloatArray:
-    """Return how uncertain the memories are where a record begins, one number for each state of them."""
+    """Return the standard deviations of the memories where a record begins, one for each state."""
     codes, memories = joints[2], joints[5]
     rows = np.flatnonzero(memories[:, 0] >= 0)
     return np.repeat([BUILT_IN[code].memory_start for code in codes[rows]], memories[rows, 3]).astype(np.float64)
-
-
-def remembered_along(joints: tuple[Any, ...], v: FloatArray, step_s: float) -> FloatArray:
-    """Return the derivatives of the force of one joint by its parameters along a motion, those of memories alone.
-
-    Args:
-        joints: of one interface, as of `predictor`, all terms of its law faint.
-        v: (n,) rate of its extension, m/s.
-        step_s: from one value to the next, s.
-
-    Returns:
-        (n, n_parameters), by stiffness, damping, ground stiffness, rest and law in turn.
-    """
-    found: FloatArray = _remembered_along(joints, v, step_s)
-    return found
 
 
 def check_compiles(kind: Kind) -> None:
@@ -258,7 +207,7 @@ def check_compiles(kind: Kind) -> None:
     try:
         values = njit(kind.function, error_model="numpy")(0.001, 0.02, 1.0, 1.0)
     except NumbaError as error:
-        # the first line only names the step that failed
+        # the first line of the message only names the step that failed
         reason = [*str(error).splitlines(), ""][1].strip()
         raise InputError(
             f"numba cannot compile the function of {kind.name!r} ({reason}): write it with numpy alone, no helpers"

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from opid.mechanics.kernels.choice import evaluate
-from opid.mechanics.kernels.compilation import kernel, part
+from opid.mechanics.kernels.compilation import evaluate, kernel, part
 
-# the relative step after which Newton's method stops: the error it leaves is about its square
+# relative step after which Newton's method stops; the error is then about its square
 _SMALL_STEP = 1e-8
 _MOST_ITERATIONS = 12
-# how often a step of the amplitude is halved before a point is given up
+# number of halvings of a step of the amplitude after which a point is given up
 _MOST_HALVINGS = 8
-# parts of the eigenvalue and of the extensions by which a point may lie beside its prediction: farther off it may be
-# on another branch, and smaller steps are taken
+# fractions of the eigenvalue and of the extensions by which a point may differ from its prediction; a point that is
+# farther off may be on another branch, and smaller steps are taken
 _FARTHEST = 0.05
 _FARTHEST_EXTENSION = 0.2
 # keeps powers of |z| finite at z = 0
@@ -66,7 +65,7 @@ def _motion_of_joint(z, n_joints, j, cosines, motion):  # type: ignore[no-untype
 
 @part(inline=True)
 def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: ignore[no-untyped-def]
-    """Add one term of a law at all times of a period; the powers apart, which are taken several at once."""
+    """Add one term of a law at all times of a period; powers have loops of their own that take several at once."""
     for t in range(motion.size):
         z = motion[t]
         if power == 3:
@@ -125,8 +124,8 @@ def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[
 def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  # type: ignore[no-untyped-def]
     """Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
 
-    The target mode's q is put in from the sensor's equation, q = (A + r F_1) / phi_m(a), r = sum phi_i(a) psi_i /
-    (l_i - l): no singularity at its own resonance.
+    The sensor's equation replaces the coordinate of the target mode, q = (A + r F_1) / phi_m(a) with
+    r = sum phi_i(a) psi_i / (l_i - l), so the equations are regular at its resonance.
     """
     own, own_joints, others, others_products, eigenvalue, products = system
     n_harmonics, n_joints = force.shape
@@ -163,7 +162,7 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
                 by_force = (own[0] / at - 1.0) * once[n_joints * n_joints + i] / own[1] + own_joints[i] / at
                 for other in range(n_harmonics):
                     matrix[n - 1, other * n_joints + i] = by_force * slope[i, k, other]
-            # over the eigenvalue, so that all rows are of one size
+            # division by the eigenvalue makes all rows of similar size
             matrix[n - 1, n] = (own[0] / at - 1.0) * seen / own[1] + pushed / at
             matrix[n - 1, n - 1] = (-seen / at + (own[0] / at - 1.0) * seen_slope) / own[1]
 
@@ -196,7 +195,7 @@ def _eliminate(matrix):  # type: ignore[no-untyped-def]
 
 @part(inline=False)
 def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):  # type: ignore[no-untyped-def]
-    """Move y to a solution for a fraction of the law, leave its forces in the rooms; False where none is near."""
+    """Move y to a solution for a fraction of the law, and leave its forces in `rooms`; False where none is near."""
     force, slope, once, twice, matrix, work, moved = rooms
     n = y.size
     predicted = y[n - 1]
@@ -204,7 +203,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
     for k in range(n - 1):
         moved[k] = 0.0
     for _ in range(_MOST_ITERATIONS):
-        # without times of a period there is the closed form
+        # the closed form needs no times of a period
         if work[0].size == 0:
             _power_forces(law, sample, y, force, slope)
         else:
@@ -216,7 +215,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
                     for other in range(force.shape[0]):
                         slope[j, k, other] *= fraction
         if done:
-            # of the first harmonic alone: an interaction may change the others at once
+            # the first harmonic alone counts, because an interaction may change the others abruptly
             farthest, size = 0.0, 0.0
             for k in range(n - 1):
                 if harmonics[k // force.shape[1]] == 1:
@@ -234,7 +233,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
             step = max(step, abs(matrix[k, n]))
             size = max(size, abs(y[k]))
         y[n - 1] -= matrix[n - 1, n]
-        # the comparison is written so that nan is no success
+        # in this form the comparison fails for nan
         if not abs(y[n - 1] - predicted) < abs(predicted):
             return False
         done = step <= _SMALL_STEP * size and abs(matrix[n - 1, n]) <= _SMALL_STEP * y[n - 1]
@@ -259,7 +258,7 @@ def _predict(positions, ratios, n_known, position, amplitude, y):  # type: ignor
 
 @part(inline=False)
 def _remember(positions, ratios, n_known, position, amplitude, y):  # type: ignore[no-untyped-def]
-    """Put a point in front of the others and return how many there are."""
+    """Put a point in front of the others, and return their number."""
     for known in range(min(n_known, 2), 0, -1):
         positions[known] = positions[known - 1]
         for k in range(y.size):
@@ -273,10 +272,10 @@ def _remember(positions, ratios, n_known, position, amplitude, y):  # type: igno
 
 @part(inline=False)
 def _march(system, harmonics, law, sample, transform, known, n_known, goal, held, y, rooms):  # type: ignore[no-untyped-def]
-    """Go from the last known point to a goal, in smaller steps where needed, and return how many points are known.
+    """Go from the last known point to a goal, in smaller steps where needed, and return the number of known points.
 
-    The goal is an amplitude or, where one is held (not 0), a fraction of the law. 0 where it is not reached: then
-    the known points stay as they were.
+    The goal is an amplitude or, where an amplitude is held (not 0), a fraction of the law. Where it is not reached, 0
+    is returned and the known points stay as they were.
     """
     positions, ratios, trial_positions, trial_ratios = known
     for point in range(n_known):
@@ -288,7 +287,7 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
     while last < goal:
         # the last step ends on the goal itself
         target = goal if last + step >= goal * (1.0 - 1e-12) else last + step
-        # points that lie close together tell little about one far from them
+        # an extrapolation from close points does not reach far
         near = target - last <= last - trial_positions[n_trial - 1]
         amplitude, fraction = (target, 1.0) if held == 0.0 else (held, target)
         _predict(trial_positions, trial_ratios, n_trial if near else 1, target, amplitude, y)
@@ -330,7 +329,7 @@ def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[
 
 
 @kernel()
-def _backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: ignore[no-untyped-def]
+def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: ignore[no-untyped-def]
     """Eigenvalue, shapes and extensions (harmonic by harmonic) of all samples at all amplitudes, which grow."""
     own, own_joints, _, others_products, _, _ = system
     n_samples, n_points, n_joints = law[4].shape[0], amplitudes.size, own_joints.size
@@ -354,7 +353,7 @@ def _backbones(system, sensors, harmonics, law, transform, amplitudes):  # type:
         begun = False
         for point in range(n_points):
             amplitude, reached = amplitudes[point], 0
-            # the second method, by fractions of the law, is for laws stiff at rest: there the curve does not begin
+            # the second method, by fractions of the law, is for laws that are stiff at rest, whose curve does not begin
             # in the linear mode
             for method in range(1 if begun else 2):
                 if not begun:

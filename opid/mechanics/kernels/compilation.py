@@ -1,8 +1,11 @@
-"""Two decorators that say how numba compiles a function: `kernel` for what Python calls, `part` for what kernels call.
+"""How numba compiles: the decorators of kernels and their parts, the choice among kinds of law, and small arrays.
 
 numba keeps the machine code of a kernel on disk and makes it anew when the file of the kernel changes, but not when
-another file changes whose functions are compiled into it. The name under which it is kept therefore holds a digest of
-all sources that kernels are made of: code of other sources has another name.
+another file changes whose functions are compiled into it. The name under which the code is kept therefore holds a
+digest of all sources that kernels are made of: other sources give another name.
+
+A built-in kind of law has the code of its index in `BUILT_IN` and is compiled into the kernels. A user's own kind is
+compiled alone, and its code is the address of what was compiled: no kernel is compiled anew for it.
 """
 
 from __future__ import annotations
@@ -13,32 +16,41 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from numba import njit
+import numpy as np
+from llvmlite import ir
+from numba import carray, cfunc, extending, njit, types
+from numba.core import cgutils
+from numba.np.arrayobj import make_array, populate_array
 
 from opid.mechanics.laws import kind, kinds, memory_kinds
+from opid.mechanics.laws.kinds import BUILT_IN, LAWS, Kind
 
 Freedom = Literal["none", "fused", "any order"]
 # what LLVM may do with sums and products, in its own words
 _FLAGS: dict[Freedom, Any] = {"none": False, "fused": {"contract"}, "any order": {"reassoc", "nsz", "contract"}}
+# Any: the functions it decorates take one argument less than they state
+_intrinsic: Any = extending.intrinsic
+_NUMBER = types.float64
+_CODES = {kind.name: code for code, kind in enumerate(BUILT_IN)}
 
 
 def part(*, inline: bool, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator for a function that kernels call; it is compiled with the first kernel that calls it.
+    """Return a decorator for a function that kernels call; numba compiles it with the first kernel that calls it.
 
     Args:
-        inline: whether its code is put in place of each call. A call with many arrays takes longer than what a short
-            function computes; a long function that is put in at several places takes longer to compile.
-        freedom: what the compiler may do beyond the letter of the arithmetic: "none"; "fused", a product and a sum in
-            one instruction, rounded once; "any order", sums in any order besides, so that it takes several numbers at
+        inline: whether its code replaces each call. A call with many arrays takes longer than a short function does; a
+            long function that is inlined at several places takes longer to compile.
+        freedom: what the compiler may change in the arithmetic: "none"; "fused", a product and a sum in one
+            instruction, rounded once; "any order", in addition sums in any order, so that it takes several numbers at
             once.
     """
-    # Python does not call it, and the wrappers that numba would make for that lengthen the compilation
+    # Python never calls a part, and numba's wrappers for such calls would lengthen the compilation
     no_wrappers: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(error_model="numpy", fastmath=_FLAGS[freedom], forceinline=inline, **no_wrappers)
 
 
 def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator for a function that Python calls; what is compiled of it is kept on disk."""
+    """Return a decorator for a function that Python calls; its machine code is kept on disk."""
 
     def compile_at_first_call(function: Callable[..., Any]) -> Any:
         function.__qualname__ = f"{function.__qualname__}_{_digest()}"
@@ -53,3 +65,137 @@ def _digest() -> str:
     of_kinds = [Path(str(module.__file__)) for module in (kind, kinds, memory_kinds)]
     sources = [*of_kinds, *sorted(Path(__file__).parent.glob("*.py"))]
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:12]
+
+
+def code_of(name: str) -> int:
+    """Return the number by which compiled code knows a kind of law."""
+    return _CODES[name] if name in _CODES else int(_compile_own(LAWS[name]).address)
+
+
+@cache
+def _compile_own(kind: Kind) -> Any:
+    """Compile a user's kind; the cache keeps the machine code as long as the process lives."""
+    evaluate_own = njit(kind.function, error_model="numpy")
+
+    def write_values(z: Any, v: Any, a: Any, b: Any, out: Any) -> None:
+        values = carray(out, 5)
+        values[0], values[1], values[2], values[3], values[4] = evaluate_own(z, v, a, b)
+
+    return cfunc(types.void(*[_NUMBER] * 4, types.CPointer(_NUMBER)), error_model="numpy")(write_values)
+
+
+@cache
+def _inline(function: Callable[..., Any]) -> Any:
+    return part(inline=True)(function)
+
+
+@_intrinsic
+def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
+    """Compile a call of the kind with this code: (code, z, v, a, b) -> force for unit amplitude and its derivatives.
+
+    Args:
+        code: see `code_of`.
+        z: extension, m.
+        v: its rate, m/s.
+        a: first inner value.
+        b: second inner value.
+    """
+    functions = {code: kind.function for code, kind in enumerate(BUILT_IN)}
+    return _compiled_choice(_typing, functions, n_in=4, n_out=5)
+
+
+@_intrinsic
+def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: Any) -> Any:
+    """Compile a call of the kind with memory of this code: (code, h, v, a, b, c, u) -> h', by h, v, a, b, c.
+
+    Args:
+        code: see `code_of`, of a built-in kind with memory.
+        h: what the kind remembers.
+        v: rate of the extension, m/s.
+        a: first inner value.
+        b: second inner value.
+        c: third inner value.
+        u: element.
+    """
+    functions = {code: kind.memory for code, kind in enumerate(BUILT_IN) if kind.memory is not None}
+    return _compiled_choice(_typing, functions, n_in=6, n_out=6)
+
+
+def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n_in: int, n_out: int) -> Any:
+    """Signature and code of a call of one of several functions of numbers, chosen by its key.
+
+    Compiled code cannot index a tuple of functions, so the choice is written in the language of LLVM: one branch for
+    each function, and one for an address.
+    """
+    answer_type = types.UniTuple(_NUMBER, n_out)
+    parts = {key: typing.resolve_value_type(_inline(function)) for key, function in functions.items()}
+    signatures = {key: each.get_call_type(typing, (_NUMBER,) * n_in, {}) for key, each in parts.items()}
+
+    def write_choice(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        code, *numbers = arguments
+        own, done = builder.append_basic_block("own"), builder.append_basic_block("done")
+        choice = builder.switch(code, own)
+        answers = []
+        for key, signature in signatures.items():
+            block = builder.append_basic_block(f"case_{key}")
+            choice.add_case(key, block)
+            builder.position_at_end(block)
+            call = context.get_function(parts[key], signature)
+            context.add_linking_libs(getattr(call, "libs", ()))
+            answer = context.cast(builder, call(builder, numbers), signature.return_type, answer_type)
+            answers.append((cgutils.unpack_tuple(builder, answer, n_out), builder.block))
+            builder.branch(done)
+        builder.position_at_end(own)
+        answers.append((_call_address(context, builder, code, numbers, answer_type), builder.block))
+        builder.branch(done)
+        builder.position_at_end(done)
+        values = [builder.phi(ir.DoubleType()) for _ in range(n_out)]
+        for answer, block in answers:
+            for value, incoming in zip(values, answer, strict=True):
+                value.add_incoming(incoming, block)
+        return context.make_tuple(builder, answer_type, values)
+
+    return answer_type(types.int64, *(_NUMBER,) * n_in), write_choice
+
+
+def _call_address(context: Any, builder: Any, address: Any, numbers: Any, answer_type: Any) -> Any:
+    double, pointer = ir.DoubleType(), ir.DoubleType().as_pointer()
+    takes = [double] * len(numbers) + [pointer]
+    function = builder.inttoptr(address, ir.FunctionType(ir.VoidType(), takes).as_pointer())
+    room = cgutils.alloca_once(builder, context.get_value_type(answer_type))
+    builder.call(function, [*numbers, builder.bitcast(room, pointer)])
+    return cgutils.unpack_tuple(builder, builder.load(room), len(answer_type))
+
+
+@_intrinsic
+def small_zeros(_: Any, several: Any, remembered: Any, shape: Any) -> Any:
+    """Compile np.zeros(shape); for one interface it lies on the stack of the kernel, which must not return it.
+
+    The compiler takes arrays of known size apart into numbers, which stay in registers.
+
+    Args:
+        several: the number of interfaces, or None for one.
+        remembered: a tuple with a number for each memory of one interface.
+        shape: tuple of whole numbers. For one interface with m memories the largest have 6 + m states by as many, or
+            what m memories do at five stages, 40 m.
+    """
+    array = types.Array(types.float64, len(shape), "C")
+
+    def make_on_heap(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        return context.compile_internal(builder, lambda shape: np.zeros(shape), array(shape), arguments[2:])
+
+    def make_on_stack(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        n_memories = len(remembered)
+        room = ir.ArrayType(ir.DoubleType(), max((6 + n_memories) ** 2, 40 * n_memories))
+        start = cgutils.alloca_once_value(builder, room(None), zfill=True)
+        sizes = cgutils.unpack_tuple(builder, arguments[2])
+        strides = [context.get_constant(types.intp, 8)]
+        for size in sizes[:0:-1]:
+            strides.insert(0, builder.mul(strides[0], size))
+        made = make_array(array)(context, builder)
+        data = builder.bitcast(start, ir.DoubleType().as_pointer())
+        item_bytes = context.get_constant(types.intp, 8)
+        populate_array(made, data=data, shape=sizes, strides=strides, itemsize=item_bytes, meminfo=None)
+        return made._getvalue()
+
+    return array(several, remembered, shape), make_on_stack if several is types.none else make_on_heap

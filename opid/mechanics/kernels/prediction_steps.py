@@ -1,13 +1,13 @@
-"""Predict, correct, repeat: the filter of `opid.mechanics.prediction`, compiled.
+"""Predict, correct, repeat: the filter of `opid.mechanics.driven.predict`, compiled.
 
-State of n interfaces, n numbers each: z, v, [h], offset of the drive o, offset of the readings r, [d, e], [w]. What the
-laws remember, h, is one number for each term with memory, h' = r(h, v). d and e are there only where a ground spring
-needs the position of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. w is the acceleration of the
-body by forces that nobody measured. It decays by a factor from sample to sample and is pushed anew at random; between
-two samples it is a straight line. With b = w - A F, z' = v and v' = b - u - o, a sensor reads b + r; one that sits
-beside its interface reads w - R F + r.
+The state of n interfaces has n numbers each of: z, v, [h], offset of the drive o, offset of the readings r, [d, e],
+[w]. Of what the laws remember, h, there is one number for each term with memory, h' = r(h, v). d and e are there only
+where a ground spring needs the position of the body: x = z + d, and d' = e, e' = u + o, which do not depend on the law.
+w is the acceleration of the body by forces that nobody measured. From sample to sample it decays by a factor and is
+pushed at random; between two samples it is a straight line. With b = w - A F, z' = v and v' = b - u - o, a sensor reads
+b + r; a sensor that is not at its interface reads w - R F + r.
 
-What a step does to small changes of the state, to derivatives and to the covariance stands in `small_changes`.
+`small_changes` has what a step does to small changes of the state, to derivatives and to the covariance.
 
 A memory that turns over quickly needs short steps: where t |rh| is above `_MOST_DECAY`, the time from one sample to the
 next is divided, and the drive between its half steps is the parabola through them.
@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from opid.mechanics.kernels.compilation import kernel, part
-from opid.mechanics.kernels.small_arrays import small_zeros
+from opid.mechanics.kernels.compilation import kernel, part, small_zeros
 from opid.mechanics.kernels.small_changes import (
     _balance,
     _by_offset_and_ground,
@@ -49,18 +48,19 @@ from opid.mechanics.kernels.steps import (
     _remembered_force,
     _slipping_force,
     _sum_of_elements,
+    _sum_of_held,
 )
 
-# what a memory may decay by in a step, as its rate times the step; at 2.8 the steps would grow without bound. So fast a
-# memory is nearly where it ends: after a reversal, where it matters, the velocity and with it the decay are small
+# largest decay of a memory in a step, as its rate times the step; from 2.8 on the steps would grow without bound. So
+# fast a memory has nearly reached its end; after a reversal, where it matters, velocity and decay are small
 _MOST_DECAY = 2.0
-# of a sample: a memory that needs more is a step, and static laws describe it
+# largest number of steps in a sample: a memory that needs more is nearly a jump, which static laws describe
 _MOST_STEPS = 30
 
 
 @part(inline=True)
 def _interpolate(given, start, begin, end, out):  # type: ignore[no-untyped-def]
-    """Rows of a parabola through three half steps at the beginning, middle and end of a part of their step."""
+    """Values of the parabola through three half steps, at the beginning, middle and end of a part of the step."""
     for row in range(3):
         t = begin + 0.5 * row * (end - begin)
         first, middle, last = (2.0 * t - 1.0) * (t - 1.0), 4.0 * t * (1.0 - t), t * (2.0 * t - 1.0)
@@ -73,14 +73,12 @@ def _interpolate(given, start, begin, end, out):  # type: ignore[no-untyped-def]
 
 @part(inline=False)
 def _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, held, moved):  # type: ignore[no-untyped-def]
-    """Spread the correction of state q over the elements that it stands for, as far as they did not slip."""
+    """Spread the correction of state q over those of its elements that did not slip."""
     memories, elements = joints[5], joints[6]
     for term in range(len(memories)):
         begin, count = memories[term, 0], memories[term, 1]
         if memories[term, 3] > 0 and memories[term, 2] == q and elements[begin, 1] < np.inf:
-            total = 0.0
-            for e in range(begin, begin + count):
-                total += elements[e, 6] * held[e]
+            total = _sum_of_held(elements, begin, count, held)
             for e in range(begin, begin + count if total > 0.0 else begin):
                 part_of_it = held[e] / total
                 for i in range(n):
@@ -91,15 +89,13 @@ def _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, 
 
 @part(inline=False)
 def _look_ahead(joints, travels, pulled, held, at_end):  # type: ignore[no-untyped-def]
-    """Mean h' / v of the elements that stick where a step ends, and how much of those held before still does."""
+    """Mean h' / v of the elements that stick where a step ends, and the part of `held` that still sticks."""
     firsts, memories, elements = joints[1], joints[5], joints[6]
     for i in range(firsts.size - 1):
         for term in range(firsts[i], firsts[i + 1]):
             begin, count, q = memories[term, 0], memories[term, 1], memories[term, 2]
             if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
-                total = 0.0
-                for e in range(begin, begin + count):
-                    total += elements[e, 6] * held[e]
+                total = _sum_of_held(elements, begin, count, held)
                 _, slope, _, _, _, kept = _sum_of_elements(elements, begin, count, travels[4, i], pulled, held)
                 at_end[q, 0], at_end[q, 1] = slope, kept / total if total > 0.0 else 0.0
 
@@ -126,17 +122,17 @@ def _predictions(  # type: ignore[no-untyped-def]
     several, remembered, ground_is_followed, unmeasured_is_followed, joints, accelerance, by_mass, reading, by_reading,
     drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
 ):  # fmt: skip
-    """Predict each sample from the ones before it, see `opid.mechanics.prediction`.
+    """Predict each sample from the ones before it, see `opid.mechanics.driven.predict`.
 
     `several` is the number of interfaces, or None for one: the compiler then knows the sizes of all small arrays and
     keeps their numbers in registers. For one interface `remembered` is a tuple with a number for each memory, and
     `ground_is_followed` and `unmeasured_is_followed` are True or None; for several they are empty and bools.
 
-    The covariance is that of z + tied d, travel about where both springs balance. By itself d grows, for no
-    reading sees it in the long run, and with it z: their small difference would drown.
+    The covariance is that of z + tied d, the travel about the point where both springs balance. The variance of d, and
+    with it that of z, grows because no reading shows d in the long run: rounding would hide their small difference.
 
-    Parameters: those of the joints, directions of A (the last axis of `by_mass`), of the drive, of the measured, then
-    those of `by_start`.
+    Parameters are those of the joints, directions of A (the last axis of `by_mass`), of the drive and of the measured,
+    then those of `by_start`.
     """
     n = 1 if several is None else several
     ground = False if ground_is_followed is None else ground_is_followed
@@ -149,15 +145,13 @@ def _predictions(  # type: ignore[no-untyped-def]
     first_measured = n_own + n_mass + n_drive
     n_known = first_measured + n_measured
     n_parameters = n_known + by_start.shape[1] if differentiate else 0
-    state, covariance = (
-        small_zeros(several, remembered, (n_states,)),
-        small_zeros(several, remembered, (n_states, n_states)),
-    )
+    state = small_zeros(several, remembered, (n_states,))
+    covariance = small_zeros(several, remembered, (n_states, n_states))
     for s in range(n_states):
         state[s] = start[s]
         for q in range(n_states):
             covariance[s, q] = covariance_start[s, q]
-    # The compiler takes blocks of columns at once; columns that nobody reads fill up the last block.
+    # the compiler takes blocks of columns at once; unused columns fill up the last block
     width = (n_parameters + 15) // 16 * 16
     moving, carried = np.zeros((n_moving, width)), np.zeros((n_moving, width))
     resting = np.zeros((n_states - n_moving, width))
@@ -167,55 +161,43 @@ def _predictions(  # type: ignore[no-untyped-def]
                 moving[s, n_known + c] = by_start[s, c]
             for s in range(n_moving, n_states):
                 resting[s - n_moving, n_known + c] = by_start[s, c]
-    # of the rows of the stages the last is that of the prediction, which is the first stage where nothing is corrected
+    # row of the stages that the prediction fills: the last one, or the first stage itself where nothing is corrected
     seen = 4 if correct else 0
-    force, by_z, by_v, by_own = (
-        small_zeros(several, remembered, (5, n)),
-        small_zeros(several, remembered, (5, n)),
-        small_zeros(several, remembered, (5, n)),
-        np.zeros((5, n_own)),
-    )
+    force = small_zeros(several, remembered, (5, n))
+    by_z = small_zeros(several, remembered, (5, n))
+    by_v = small_zeros(several, remembered, (5, n))
+    by_own = np.zeros((5, n_own))
     evolution = small_zeros(several, remembered, (5, n_moving - 2 * n, 8))
-    of_acceleration, of_force, of_drive, of_memory = (
-        small_zeros(several, remembered, (4, n_moving, n)),
-        small_zeros(several, remembered, (4, n_moving, n)),
-        small_zeros(several, remembered, (3, n_moving, n)),
-        small_zeros(several, remembered, (4, n_moving, n_moving - 2 * n)),
-    )
-    transition, work = (
-        small_zeros(several, remembered, (n_moving, n_states)),
-        small_zeros(several, remembered, (n_moving,)),
-    )
+    of_acceleration = small_zeros(several, remembered, (4, n_moving, n))
+    of_force = small_zeros(several, remembered, (4, n_moving, n))
+    of_drive = small_zeros(several, remembered, (3, n_moving, n))
+    of_memory = small_zeros(several, remembered, (4, n_moving, n_moving - 2 * n))
+    transition = small_zeros(several, remembered, (n_moving, n_states))
+    work = small_zeros(several, remembered, (n_moving,))
     product = small_zeros(several, remembered, (n_moving, n_states))
-    by_state, gain, scale = (
-        small_zeros(several, remembered, (n, n_states)),
-        small_zeros(several, remembered, (n, n_states)),
-        small_zeros(several, remembered, (n, n)),
-    )
+    by_state = small_zeros(several, remembered, (n, n_states))
+    gain = small_zeros(several, remembered, (n, n_states))
+    scale = small_zeros(several, remembered, (n, n))
     white, change = small_zeros(several, remembered, (n,)), np.zeros((n, width))
     here, following = small_zeros(several, remembered, (4, n)), small_zeros(several, remembered, (4, n))
-    memory, memory_next = (
-        small_zeros(several, remembered, (n_moving - 2 * n,)),
-        small_zeros(several, remembered, (n_moving - 2 * n,)),
-    )
+    memory = small_zeros(several, remembered, (n_moving - 2 * n,))
+    memory_next = small_zeros(several, remembered, (n_moving - 2 * n,))
     part_drive, part_by_drive = np.zeros((3, 1, n)), np.zeros((3, n_drive, n))
     whole_drive = drive.reshape(drive.shape[0], 1, n)
-    # of elements that slip: h, h' / v of those that did not slip when the last step ended, and the derivatives of h
+    # elements that slip: h, h' / v of those that did not slip when the last step ended, and the derivatives of h
     elements, n_elements = joints[6], len(joints[6]) if n_moving > 2 * n else 0
     pulled, held, moved = np.zeros(n_elements), np.zeros(n_elements), np.zeros((n_elements, width))
     slips = False
     for e in range(n_elements):
         held[e], slips = elements[e, 2], slips or elements[e, 1] < np.inf
-    # how far each interface went since the step began, at its stages and its end; slope and what is held at the end
+    # travel of each interface since the step began, at its stages and its end; what `_look_ahead` finds at the end
     travels, at_end, before = np.zeros((5, n)), np.zeros((n_moving - 2 * n, 2)), np.zeros((n, width))
-    # what faint terms remember, and v where a step begins and ends
+    # memories of faint terms, and v where a step begins and ends
     n_followed = len(joints[7])
     followed, pace = np.zeros((3, n_followed, 4)), np.zeros((2, n))
-    tied, decay, of_push = (
-        small_zeros(several, remembered, (n,)),
-        small_zeros(several, remembered, (n,)),
-        small_zeros(several, remembered, (n_moving, n)),
-    )
+    tied = small_zeros(several, remembered, (n,))
+    decay = small_zeros(several, remembered, (n,))
+    of_push = small_zeros(several, remembered, (n_moving, n))
     for i in range(n):
         by_state[i, n_moving + n + i], scale[i, i] = 1.0, noise[1, i]
         if unmeasured:
@@ -250,7 +232,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             if step == 0:
                 _followed_forces(joints, i, owns[i] + 4, 2, seen, state[n + i], followed, by_own)
             else:
-                # where the step before ended
+                # the last stage of the step before was here
                 _copy_followed(joints, i, owns[i] + 4, 3, seen, by_own)
         for i in range(n):
             body = 0.0
@@ -326,7 +308,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             for q in range(n_moving - 2 * n):
                 quickest = max(quickest, np.abs(evolution[seen, q, 1]))
             needed = quickest * step_s / _MOST_DECAY
-            # written so that nan is many
+            # in this form nan gives the largest number
             n_steps = 1 + int(needed) if needed < _MOST_STEPS else _MOST_STEPS
         part_s = step_s / n_steps
         for i in range(n if unmeasured else 0):
@@ -383,7 +365,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                         relative += (1.0 - ends + ends * decay[i]) * state[n_states - n + i]
                     for k in range(n):
                         relative -= accelerance[i, k] * force[stage, k]
-                    # z before v and d before e: the rate of the first is the second, as it stands at this stage
+                    # z before v, and d before e, because the rate of the first is the second at this stage
                     following[0, i] += weight * here[1, i]
                     here[0, i] = state[i] + ahead * here[1, i]
                     following[1, i] += weight * relative
@@ -422,38 +404,20 @@ def _predictions(  # type: ignore[no-untyped-def]
                         followed[0, q, k] = followed[2, q, k]
 
             _step_matrices(
-                accelerance,
-                by_z,
-                by_v,
-                evolution,
-                owners,
-                part_s,
-                of_acceleration,
-                of_force,
-                of_memory,
-                transition,
-                work,
-            )
+                accelerance, by_z, by_v, evolution, owners, part_s,
+                of_acceleration, of_force, of_memory, transition, work,
+            )  # fmt: skip
             if slips:
                 _slip(joints, evolution, at_end, of_acceleration, of_force, transition)
             _by_offset_and_ground(
-                linear,
-                of_acceleration,
-                of_force,
-                part_s,
-                ground,
-                unmeasured,
-                decay,
-                transition,
-                of_drive,
-                of_push,
+                linear, of_acceleration, of_force, part_s, ground, unmeasured, decay, transition, of_drive, of_push
             )
             if differentiate:
                 is_first = correct and piece == 0
                 for row in range(n_moving):
                     for p in range(width):
                         carried[row, p] = 0.0
-                    # of the correction z, v and h keep what the step makes of it, the others all
+                    # the step transforms the correction of z, v and h; the others keep theirs
                     for i in range(n if is_first else 0):
                         coefficient = _dot_of_rows(transition, row, gain, i)
                         for p in range(width):
@@ -487,17 +451,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                 if ground:
                     _balance(part_s, tied, transition)
                 _carry_covariance(
-                    transition,
-                    part_s,
-                    n_steps,
-                    ground,
-                    unmeasured,
-                    decay,
-                    of_push,
-                    noise,
-                    tied,
-                    covariance,
-                    product,
+                    transition, part_s, n_steps, ground, unmeasured, decay, of_push, noise, tied, covariance, product
                 )
             if slips:
                 _end_step(n, joints, travels, pulled, held, state)

@@ -11,8 +11,8 @@ c:
     y(next) = T y + sum_s L_s (0, c_s, 0),   L_4 = t/6,  L_3 = t/3 + t L_4 J_4,  L_2 = t/3 + t/2 L_3 J_3,
                                              L_1 = t/6 + t/2 L_2 J_2,            T = 1 + sum_s L_s J_s.
 
-These matrices are made once a step and serve all parameters and the covariance: the derivatives are those of the steps
-themselves, with the gain of the correction held fixed.
+These matrices are made once in a step and serve all parameters and the covariance. The derivatives are those of the
+steps themselves, with the gain of the correction held fixed.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from opid.mechanics.kernels.steps import _STAGE_STEP, _STAGE_WEIGHT
 def _step_matrices(  # type: ignore[no-untyped-def]
     accelerance, by_z, by_v, evolution, owners, step_s, of_acceleration, of_force, of_memory, transition, work
 ):
-    """T; what a body acceleration, a joint force or a rate of a memory at a stage does to (z, v, h) after the step.
+    """T, and what a body acceleration, a joint force or a rate of a memory at a stage does to (z, v, h) after the step.
 
-    These are L_s (0, 1, 0), L_s (0, -A, 0) and L_s (0, 0, 1), made from the last stage to the first, one row of L_s J_s
-    in `work` at a time.
+    The latter are L_s (0, 1, 0), L_s (0, -A, 0) and L_s (0, 0, 1), made from the last stage to the first, one row of
+    L_s J_s in `work` at a time.
     """
     n, n_moving = by_z.shape[1], transition.shape[0]
     for row in range(n_moving):
@@ -61,10 +61,10 @@ def _step_matrices(  # type: ignore[no-untyped-def]
 
 @part(inline=False, freedom="fused")
 def _slip(joints, evolution, at_end, of_acceleration, of_force, transition):  # type: ignore[no-untyped-def]
-    """What slipping elements add to these matrices: their mean h is a state that moves with z.
+    """Add to these matrices what slipping elements do: their mean h is a state that moves with z.
 
-    At a stage h is that of the beginning and what the travel since then makes of it, dh_s = r_s dh + T_s (dz_s - dz):
-    `_step_matrices` knew A T_s as a slope of the force, and A r_s as its derivative by h. `at_end` has T and r where
+    At a stage h follows from its value at the beginning and the travel since then, dh_s = r_s dh + T_s (dz_s - dz).
+    `_step_matrices` took A T_s as a slope of the force, and A r_s as its derivative by h. `at_end` has T and r where
     the step ends.
     """
     firsts, memories, elements = joints[1], joints[5], joints[6]
@@ -93,7 +93,7 @@ def _slip(joints, evolution, at_end, of_acceleration, of_force, transition):  # 
 
 @part(inline=False, freedom="fused")
 def _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carried):  # type: ignore[no-untyped-def]
-    """Add to `carried` what elements that slip at a stage do otherwise than their mean; `moved` has derivatives."""
+    """Add to `carried` how elements that slip at a stage differ from their mean; `moved` has their derivatives."""
     _, firsts, _, _, values, memories, elements, _ = joints
     for i in range(n):
         for term in range(firsts[i], firsts[i + 1]):
@@ -114,9 +114,9 @@ def _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carri
 
 @part(inline=False, freedom="fused")
 def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ignore[no-untyped-def]
-    """Move the elements that slip to the end of a step, with their derivatives; put the mean of these in `carried`.
+    """Move the derivatives of elements that slip to the end of a step, and put their mean in `carried`.
 
-    `before` are the derivatives of z where the step began.
+    `before` has the derivatives of z where the step began.
     """
     _, firsts, _, n_inner, _, memories, elements, _ = joints
     width = carried.shape[1]
@@ -138,7 +138,7 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
                         for p in range(width):
                             carried[row, p] += elements[e, 6] * moved[e, p]
                     else:
-                        # what slips no longer knows where it came from
+                        # an element that slips does not depend on where it was
                         for p in range(width):
                             moved[e, p] = 0.0
                 for p in range(width):
@@ -150,9 +150,9 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
 def _by_offset_and_ground(  # type: ignore[no-untyped-def]
     linear, of_acceleration, of_force, step_s, ground, unmeasured, decay, transition, of_drive, of_push
 ):
-    """What the drive at each half step does to (z, v, h), by itself and by d of later stages; columns of o, d, e and w.
+    """What the drive at each half step does to (z, v, h), directly and through d; the columns of o, d, e and w of T.
 
-    `of_push` is what a push at the end of the step does, which w grows to from nothing at its beginning.
+    `of_push` is what a push of w does that grows from zero at the beginning of the step to its full size at the end.
     """
     n, n_moving = linear.shape[0], transition.shape[0]
     n_states = transition.shape[1]
@@ -188,11 +188,11 @@ def _dot_of_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
 
 @part(inline=True, freedom="fused")
 def _carry(n, transition, ground, unmeasured, moving, resting, carried):  # type: ignore[no-untyped-def]
-    """Add rows z, v and h of Phi times columns to `carried`; `moving` has these rows of them, `resting` the others."""
+    """Add rows z, v and h of Phi times columns to `carried`; `moving` has these rows of them, `resting` the rest."""
     n_moving, n_states = transition.shape
     for row in range(n_moving):
         for i in range(n):
-            # an offset of the readings moves nothing
+            # an offset of the readings does not move the body
             z, v, o = transition[row, i], transition[row, n + i], transition[row, n_moving + i]
             if ground:
                 d, e = transition[row, n_moving + 2 * n + i], transition[row, n_moving + 3 * n + i]
@@ -214,7 +214,7 @@ def _carry(n, transition, ground, unmeasured, moving, resting, carried):  # type
 
 @part(inline=True, freedom="fused")
 def _carry_ground(step_s, n, resting):  # type: ignore[no-untyped-def]
-    """Put rows d and e of Phi times columns in place of those in `resting`: d' = e, e' = o."""
+    """Replace rows d and e of columns in `resting` by Phi times the columns: d' = e, e' = o."""
     for i in range(n):
         for c in range(resting.shape[1]):
             e, o = resting[3 * n + i, c], resting[i, c]
@@ -230,7 +230,7 @@ def _push(owns, start, by_mass, by_drive, force, by_own, of_acceleration, of_for
         for i in range(n):
             first, second = of_force[0, row, i], of_force[1, row, i]
             third, fourth = of_force[2, row, i], of_force[3, row, i]
-            # max, and counting from 0: the compiler then knows that no index counts from the end
+            # max and counting from 0 show the compiler that no index is negative
             begin = max(0, owns[i])
             for p in range(owns[i + 1] - owns[i]):
                 carried[row, begin + p] += (
@@ -271,7 +271,7 @@ def _push_memories(joints, owns, evolution, of_memory, carried):  # type: ignore
 
 @part(inline=True, freedom="fused")
 def _push_ground(start, step_s, first_drive, by_drive, resting):  # type: ignore[no-untyped-def]
-    """What directions of the drive do to d and e in a step whose drive begins at `start`."""
+    """Add what directions of the drive do to d and e in a step whose drive begins at `start`."""
     n = by_drive.shape[2]
     for c in range(by_drive.shape[1]):
         for i in range(n):
@@ -327,7 +327,7 @@ def _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale
 
 @part(inline=True, freedom="fused")
 def _balance(step_s, tied, transition):  # type: ignore[no-untyped-def]
-    """The transition with z + tied d in place of z."""
+    """Change the transition from z to z + tied d."""
     n, n_moving = tied.size, transition.shape[0]
     d, e = n_moving + 2 * n, n_moving + 3 * n
     for i in range(n):
@@ -343,9 +343,9 @@ def _balance(step_s, tied, transition):  # type: ignore[no-untyped-def]
 def _carry_covariance(  # type: ignore[no-untyped-def]
     transition, step_s, n_steps, ground, unmeasured, decay, of_push, noise, tied, covariance, product
 ):
-    """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step, that of the motion spares d.
+    """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step, noise of the motion not on d.
 
-    In each of `n_steps` steps from one sample to the next an offset walks an n-th of its variance, and white noise of
+    In each of the n steps from one sample to the next an offset walks by an n-th of its variance, and white noise of
     the same density has n times its variance.
     """
     n_moving, n_states, n = transition.shape[0], covariance.shape[0], noise.shape[1]
@@ -386,7 +386,7 @@ def _carry_covariance(  # type: ignore[no-untyped-def]
             covariance[e + i, d + i] += 0.5 * variance * step_s**3
             covariance[e + i, e + i] += variance * step_s**2
     for i in range(n if unmeasured else 0):
-        # the rows z, v and h of `product` have the old w, the others the new one but for its push
+        # rows z, v and h of `product` still have the old w; the others have the new one without its push
         w, pushed = n_states - n + i, noise[5, i] ** 2 * (1.0 - decay[i] ** 2)
         for row in range(n_moving):
             product[row, w] = decay[i] * product[row, w] + pushed * of_push[row, i]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from opid.mechanics.kernels.choice import evaluate, evolve
-from opid.mechanics.kernels.compilation import kernel, part
+from opid.mechanics.kernels.compilation import evaluate, evolve, kernel, part
 
 
 @part(inline=True)
@@ -19,7 +18,7 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
 
 @part(inline=True)
 def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ignore[no-untyped-def]
-    """Force of the terms of a law, and how fast the quickest memory decays, 1/s; rates of memories go to `rates`."""
+    """Force of the terms of a law, and decay of the quickest memory, 1/s; the rates of memories go to `rates`."""
     codes, values, memories, elements = law_table
     total, quickest = 0.0, 0.0
     for row in range(first, last):
@@ -38,22 +37,19 @@ def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ig
 
 @part(inline=True)
 def _confine(h, limit):  # type: ignore[no-untyped-def]
-    # written so that nan stays nan
+    # these comparisons leave nan as nan
     h = limit if h > limit else h
     return -limit if h < -limit else h
 
 
 @part(inline=True, freedom="any order")
 def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
-    """Force of Jenkins elements; their sliders stand where they stood when the step began."""
+    """Force of Jenkins elements, whose sliders do not move within a step."""
     total = 0.0
     begin = max(0, first)
     for k in range(last - first):
         stretch, reach = z - positions[begin + k], sliders[1, begin + k]
-        # written so that nan stays nan
-        stretch = reach if stretch > reach else stretch
-        stretch = -reach if stretch < -reach else stretch
-        total += sliders[0, begin + k] * stretch
+        total += sliders[0, begin + k] * _confine(stretch, reach)
     return total
 
 
@@ -76,7 +72,7 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
 @part(inline=True, freedom="any order")
 def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     total = 0.0
-    # max, and counting from 0: the compiler then knows that no index counts from the end, and takes several at once
+    # max and counting from 0 show the compiler that no index is negative, so that it takes several numbers at once
     begin = max(0, first)
     for k in range(last - first):
         total += matrix[row, begin + k] * x[begin + k]
@@ -106,8 +102,8 @@ def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-de
 def _accelerate(matrices, joints, drive, positions, memory, x, v, out, rates):  # type: ignore[no-untyped-def]
     """out = drive - stiffness x - damping v - sum_j loads_j (K_j z + C_j w + f_j(z, w) + sliders_j), z = d_j x.
 
-    Of each row of a matrix only what lies between its first and its last nonzero (`spans`) is taken. The rates of
-    memories go to `rates`; how fast the quickest of them decays is returned.
+    Each row of a matrix counts only between its first and its last nonzero (`spans`). The rates of memories go to
+    `rates`, and the decay of the quickest one is returned.
     """
     quickest = 0.0
     stiffness, damping, spans, _ = matrices
@@ -128,22 +124,19 @@ def _accelerate(matrices, joints, drive, positions, memory, x, v, out, rates):  
     return quickest
 
 
-@kernel()
-def _force_many(codes, values, z, v):  # type: ignore[no-untyped-def]
-    force = np.empty(z.size)
-    for k in range(force.size):
-        force[k] = _force(codes, values, 0, codes.size, z[k], v[k])
-    return force
-
-
-# the stages of the classical Runge-Kutta method: position in half steps, weight, and step to the next stage
+# stages of the classical Runge-Kutta method: position in half steps, weight, and step to the next stage
 _STAGE_PLACE = (0, 1, 1, 2)
 _STAGE_WEIGHT = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
 
 
 @kernel()
-def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0, memory0):  # type: ignore[no-untyped-def]
+def structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0, memory0):  # type: ignore[no-untyped-def]
+    """Displacement, velocity and acceleration at each sample, (n, n_dof) each, and the state after the last.
+
+    `matrices` and `joints` are those of `opid.mechanics.response.Assembled`, `forces` stand at half steps. The state
+    is the sliders' positions and what the laws remember; the last value is how fast the quickest memory decayed, 1/s.
+    """
     n_steps = forces.shape[0] // 2
     n_samples = n_steps // steps_per_sample + 1
     displacement = np.empty((n_samples, x0.size))
@@ -164,7 +157,7 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
         for q in range(memory.size):
             h_begin[q] = h_next[q] = memory[q]
         sample = step // steps_per_sample
-        # the last sample takes no step, it only needs its acceleration
+        # the last sample takes no step and needs its acceleration alone
         for stage in range(4 if step < n_steps else 1):
             if stage == 1 or stage == 3:
                 _drive(inputs, spans, forces, 2 * step + _STAGE_PLACE[stage], drive)
@@ -196,9 +189,9 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
 
 @part(inline=True)
 def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
-    """Force of joint i without what it remembers, k z + c v + f(z, v) + g x, and its slopes by z and v.
+    """Force of joint i without its terms with memory, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
-    Its derivatives by its own parameters (k, c, g, where its law rests, the law's own) go to by_own[stage] from
+    Its derivatives by its own parameters (k, c, g, where its law rests, those of the law) go to by_own[stage] from
     `column` on; the column after them is returned, too.
     """
     linear, firsts, codes, n_inner, values, memories, _, _ = joints
@@ -230,11 +223,11 @@ def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-
 
 @part(inline=True)
 def _remembered_force(joints, i, column, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
-    """Force of the terms of joint i that remember, A (h + d h'), and its slope by v; what slips has another part.
+    """Force of the terms of joint i with memory, A (h + d h'), and its slope by v; `_slipping_force` is for what slips.
 
-    Their derivatives by their own parameters go to by_own[stage], from `column` on, where the law's own begin. Of each
-    memory q, h' goes to evolution[stage, q], followed by its derivatives by h and v, that of the force by h, and those
-    of h' by the inner parameters. `memory` holds h from `first_memory` on.
+    The derivatives by the parameters of the law go to by_own[stage], from `column` on. For each memory q,
+    evolution[stage, q] gets h', its derivatives by h and v, the derivative of the force by h, and those of h' by the
+    inner parameters. `memory` holds h from `first_memory` on.
     """
     _, firsts, codes, n_inner, values, memories, elements, _ = joints
     total, slope_v = 0.0, 0.0
@@ -264,9 +257,17 @@ def _remembered_force(joints, i, column, stage, v, first_memory, memory, by_own,
     return total, slope_v
 
 
+@part(inline=True)
+def _sum_of_held(elements, begin, count, held):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for e in range(begin, begin + count):
+        total += elements[e, 6] * held[e]
+    return total
+
+
 @part(inline=False, freedom="any order")
 def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ignore[no-untyped-def]
-    """Weighted sums of h after a travel, of h' / v of what sticks, its derivatives, and of what was held before."""
+    """Weighted sums over elements: h after a travel; h' / v of those that stick, its derivatives, and their `held`."""
     total, slope, by_a, by_b, by_c, kept = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     begin = max(0, begin)
     for k in range(count):
@@ -274,9 +275,7 @@ def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ign
         limit, weight = elements[e, 1], elements[e, 6]
         free = pulled[e] + elements[e, 2] * travel
         sticks = weight if np.abs(free) < limit else 0.0
-        # written so that nan stays nan
-        h = limit if free > limit else free
-        total += weight * (-limit if h < -limit else h)
+        total += weight * _confine(free, limit)
         slope += sticks * elements[e, 2]
         by_a += sticks * elements[e, 3]
         by_b += sticks * elements[e, 4]
@@ -289,11 +288,13 @@ def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ign
 def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by_own, evolution):  # type: ignore[no-untyped-def]
     """Force of the terms of joint i whose elements slip, A times their mean h, and its slope by z.
 
-    The joint moved by `travel` since h was `pulled`; where the step only begins (`is_begun` is False) that is zero, and
-    so is the slope: h is then a state. `held` is h' / v of the elements that did not slip when the last step ended.
+    The joint moved by `travel` since h was `pulled`. At the beginning of a step (`is_begun` is False) the travel is
+    zero, and so is the slope, for h is a state there. `held` is h' / v of the elements that did not slip when the last
+    step ended, and 0 for the others.
 
-    Of the state q that stands for a term, evolution[stage, q, 3] is the derivative of the force by it, spread over the
-    elements held as their h' / v: what of it those carry that still stick. evolution[stage, q, 7] is the slope.
+    A state q stands for the mean h of a term. A change of it spreads over the elements in proportion to `held`, and
+    those that have begun to slip lose their part: evolution[stage, q, 3] is the derivative of the force by what is
+    left. evolution[stage, q, 7] is the slope.
     """
     _, firsts, _, n_inner, values, memories, elements, _ = joints
     total, slope_z = 0.0, 0.0
@@ -302,12 +303,10 @@ def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by
         if memories[row, 3] > 0 and elements[begin, 1] < np.inf:
             amplitude = values[row, 0]
             of_all, slope, by_a, by_b, by_c, kept = _sum_of_elements(elements, begin, count, travel, pulled, held)
-            before = 0.0
-            for e in range(begin, begin + count):
-                before += elements[e, 6] * held[e]
+            before = _sum_of_held(elements, begin, count, held)
             for k in range(8):
                 evolution[stage, q, k] = 0.0
-            evolution[stage, q, 3] = values[row, 0] * kept / before if before > 0.0 else 0.0
+            evolution[stage, q, 3] = amplitude * kept / before if before > 0.0 else 0.0
             if is_begun:
                 evolution[stage, q, 7] = amplitude * slope
                 slope_z += amplitude * slope
@@ -322,7 +321,7 @@ def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by
 
 @part(inline=False)
 def _places(joints):  # type: ignore[no-untyped-def]
-    """Where the own parameters of each interface begin (k, c, g, where its law rests, and those of the law)."""
+    """First column of the parameters of each interface (k, c, g, where its law rests, those of the law)."""
     _, firsts, _, n_inner, _, _, _, _ = joints
     owns = np.zeros(firsts.size, np.int64)
     for i in range(firsts.size - 1):
@@ -334,10 +333,10 @@ def _places(joints):  # type: ignore[no-untyped-def]
 
 @part(inline=True)
 def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untyped-def]
-    """Move what faint terms remember over a step in which v is a straight line, by the midpoint rule.
+    """Move the memories of faint terms over a step in which v is a straight line, by the midpoint rule.
 
-    A faint term moves nothing, so its memory h is no state: `followed` holds h and its derivatives by three inner
-    parameters, (3, n, 4), at the beginning, the middle and the end of the step.
+    A faint term moves nothing, so its memory h is no state: `followed`, (3, n, 4), holds h and its derivatives by three
+    inner parameters at the beginning, the middle and the end of the step.
     """
     _, firsts, codes, _, values, memories, _, elements = joints
     for i in range(firsts.size - 1):
@@ -346,7 +345,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
             for q in range(begin, begin + (memories[row, 1] if begin >= 0 else 0)):
                 u, limit = elements[q, 0], elements[q, 1]
                 for half in range(2 if limit < np.inf else 0):
-                    # v is a straight line: h moves with the travel
+                    # until it slips h moves with the travel
                     travel = 0.5 * step_s * (v_begin[i] + (0.25 + 0.5 * half) * (v_end[i] - v_begin[i]))
                     free = followed[half, q, 0] + elements[q, 2] * travel
                     followed[half + 1, q, 0] = _confine(free, limit)
@@ -369,7 +368,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
                             rate, _, _, _, _, _ = evolve(codes[row], h, v, a, b, c, u)
                         rate, by_h, _, by_a, by_b, by_c = evolve(codes[row], h + 0.5 * part_s * rate, v, a, b, c, u)
                         h += part_s * rate
-                        # implicit, so that it stays stable for any decay
+                        # an implicit step stays stable for any decay
                         fading = 0.5 * part_s * by_h
                         for column, by_value in enumerate((by_a, by_b, by_c)):
                             before = followed[then, q, 1 + column] * (1.0 + fading)
@@ -406,7 +405,7 @@ def _followed_forces(joints, i, column, half, stage, v, followed, by_own):  # ty
 
 @part(inline=True)
 def _copy_followed(joints, i, column, before, stage, by_own):  # type: ignore[no-untyped-def]
-    """Take the derivatives by the parameters of the faint terms with memory of joint i from another stage."""
+    """Copy the derivatives by the parameters of the faint terms with memory of joint i from another stage."""
     _, firsts, _, n_inner, _, memories, _, _ = joints
     for row in range(firsts[i], firsts[i + 1]):
         for k in range(1 + n_inner[row] if memories[row, 0] < -1 else 0):
@@ -427,7 +426,7 @@ def _owners(joints):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
+def remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
     """Derivatives of the force of one joint, all of whose terms are faint, along a motion: (n, n_own)."""
     n_followed, n_own = len(joints[7]), _places(joints)[1]
     followed, by_own, pace = np.zeros((3, n_followed, 4)), np.zeros((1, n_own)), np.zeros((2, 1))

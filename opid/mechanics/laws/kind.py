@@ -22,13 +22,13 @@ def _no_limits(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
+    """One parameter of a kind of law: its name with the unit in it, unit, role and a default that suits a gear.
 
-    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` or a `shape` any
-    number; a search tries several lags, and a shape from its default on. Outside of `over_rms`, in rms motions, a scale
-    cannot be seen: below, friction is a step, above, a straight line. A scale in seconds is compared with the ratio of
-    rms travel and velocity. `within` is where an exponent is searched; `known` are the value and the standard deviation
-    that are known of an exponent before any measurement.
+    The force is proportional to an `amplitude`. A `scale` or an `exponent` is positive, a `lag` or a `shape` any
+    number; a search tries several lags, and a shape from its default on. `over_rms` is the range of a scale, in rms
+    motions, in which it can be seen: below it friction is a step, above it a straight line. A scale in seconds is
+    compared with the ratio of rms travel and rms velocity. `within` is the range in which an exponent is searched, and
+    `known` are its value and standard deviation before any measurement.
     """
 
     name: str
@@ -49,33 +49,34 @@ class Kind:
         latex: the force as a formula, with r"\\dot z" for the rate.
         parameters: the amplitude first, then at most two inner ones, a and b; four with a memory.
         function: (z, v, a, b) -> the force for unit amplitude and its derivatives by z, v, a and b. It is pure and
-            written with numpy, works on arrays and, compiled by numba, on numbers; a parameter that the kind does not
+            written with numpy, works on arrays and, compiled by numba, on numbers. A parameter that the kind does not
             have is passed all the same, and its derivative is 0.0. Squares and products are twenty times faster than
             z**3.
-        searched: whether a search for the law of a suspension tries it; the others are terms of a series, for which
-            their neighbours would be taken, and only laws that are asked for have them.
-        bench_only: whether only the search on a test bench tries it, where the force is measured. From runs a free
-            power is not distinguished from the kinds that it contains as special cases.
+        searched: whether a search for the law of a suspension tries it. The others are terms of a series that a search
+            would mistake for their neighbours; only laws that are asked for by name have them.
+        bench_only: whether only the search on a test bench tries it, where the force is measured. Runs do not
+            distinguish a free power from the kinds that it contains as special cases.
         is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
             same curve about another position is the same kind with other parameters, and needs no origin.
         quasi_static: inner values with which it is loaded slowly, None for those that are as in quick motion; empty
-            where all are. The amplitude of such a kind is the force that it carries at its origin, and 1 less its force
-            for unit amplitude the fraction that is left elsewhere. Loaded slowly it comes to rest on one curve, and
-            moves from there on another.
-        limits: (values, rest_m) -> names and values of kinds that it imitates so well near some of its values that no
-            derivative asks for the exchange; they are about where a suspension rests, rest_m away from its origin.
-        is_stop: whether it is a stop: there is no force on the way to it, and it never pulls.
-        is_even: whether its force is the same on either side of its origin, as of a term of an odd law about another.
+            where all are. Such a kind comes to rest on its slow curve and moves from there on its quick one. Its
+            amplitude is the force that it carries at its origin; at another extension it carries 1 less its force for
+            unit amplitude as a fraction of that.
+        limits: (values, rest_m) -> names and values of kinds that it imitates near some of its values, so well that no
+            derivative suggests the exchange; they are about where a suspension rests, rest_m away from its origin.
+        is_stop: whether it is a stop, which has no force before it is reached and never pulls.
+        is_even: whether its force is the same on both sides of its origin.
         is_pressed: whether it is friction that the load of the spring presses.
-        is_friction: whether it is friction or yielding, whose force grows and falls by itself from run to run.
+        is_friction: whether it is friction or yielding, whose force differs from run to run independently of springs
+            and dampers.
         memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
             (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
             its inner parameters are a, b, c and d in this order, d = 0 where there is none, and `function` is the force
             of a slow motion that goes on in one direction.
-        elements: values of u, one for each of several memories that stand side by side.
-        weights: of the elements, 1 in all: the force is the mean of the elements with them.
-        limit: what |h| does not pass: where it would, something slips. Such a kind has no d, and until it slips h moves
-            with the travel: h' is v times what a, b, c and u make of it.
+        elements: values of u, one for each of several memories side by side.
+        weights: weights of the elements, whose sum is 1: the force is their weighted mean.
+        limit: largest |h|, at which an element slips. Such a kind has no d, and until it slips h moves with the travel:
+            h' is v times a function of a, b, c and u.
         memory_start: standard deviation of h where a record begins, in the unit of h.
     """
 
@@ -100,10 +101,10 @@ class Kind:
 
     @property
     def slides(self) -> bool:
-        """Whether it is friction that slides after some travel, and remembers by one number how far it is from that."""
+        """Whether it is friction that slides after some travel and has one memory."""
         return self.memory is not None and self.is_friction and not self.slips
 
     @property
     def slips(self) -> bool:
-        """Whether it remembers by elements that slip."""
+        """Whether its memories are elements that slip."""
         return self.memory is not None and self.limit < math.inf

@@ -1,7 +1,7 @@
 """The kinds of restoring-force law: what a term of a law can be, one function each.
 
-A kind is a force for unit amplitude together with its derivatives. The first entry of every kind says what the force
-is, the comment above it what it stands for in a suspension. Kinds that remember are in `memory_kinds`.
+A kind is a force for unit amplitude together with its derivatives. The comment above each entry says what it stands for
+in a suspension. Kinds that remember are in `memory_kinds`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from opid.mechanics.laws.memory_kinds import MEMORY_KINDS
 __all__ = ["BUILT_IN", "KNOWN", "LAWS", "ForceAndDerivatives", "Kind", "Parameter"]
 
 TWO_OVER_PI = 2.0 / math.pi
-# fraction of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
+# fraction of the gas length by which a strut can be compressed; beyond it the force continues along its tangent
 BOTTOM = 0.95
-# width over which the stiffness of a stop grows, over its gap: beyond, the force is that of a stop that begins at once
+# width over which the stiffness of a stop grows, over its gap; beyond it the force is that of a sharp corner
 ROUNDING = 0.1
 
 
@@ -151,7 +151,7 @@ def _dead_zone_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
 
 
 def _limits_of_dead_zone(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
-    """Stops with one of its corners: what is stiff beyond it is the stop, and the other corner may not be visited."""
+    """Stops at one of its corners, for motions that never visit the other corner."""
     stiffness, gap_m = values
     # where on the travel from rest it becomes stiffer, and in which direction
     corner = math.copysign(gap_m, stiffness)
@@ -186,12 +186,16 @@ def _gas_column(z: Any, v: Any, h: Any, n: Any) -> ForceAndDerivatives:
     return 1.0 - pressure + by_extension * beyond, by_extension / h, 0.0, -by_extension * extension / h, by_n
 
 
+# parameters that several kinds of friction share
+FORCE_N = Parameter("amplitude_n", "N", "amplitude", 400.0)
+TURNING_M_PER_S = Parameter("scale_m_per_s", "m/s", "scale", 0.02)
+
 BUILT_IN = (
     # dry friction that turns over within the velocity s
     Kind(
         "arctan_velocity",
         r"A \tfrac{2}{\pi} \arctan(\dot z / s)",
-        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
+        (FORCE_N, TURNING_M_PER_S),
         _arctan_velocity,
         is_friction=True,
     ),
@@ -199,7 +203,7 @@ BUILT_IN = (
     Kind(
         "arctan_displacement",
         r"A \tfrac{2}{\pi} \arctan(z / s)",
-        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m", "m", "scale", 0.002)),
+        (FORCE_N, Parameter("scale_m", "m", "scale", 0.002)),
         _arctan_displacement,
     ),
     # Iwaniec & Uhl 2007, eq. (3), f/M2 = a z + arctan(d b (z + c v)): A = (pi/2) M2 (1 m/s^2), s = 1/(d b),
@@ -208,7 +212,7 @@ BUILT_IN = (
         "arctan_mixed",
         r"A \tfrac{2}{\pi} \arctan((z + c \dot z) / s)",
         (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            FORCE_N,
             # of z + c z', which is larger than z
             Parameter("scale_m", "m", "scale", 0.002, over_rms=(0.01, 10.0)),
             Parameter("lag_s", "s", "lag", 0.05),
@@ -220,19 +224,19 @@ BUILT_IN = (
     Kind(
         "coulomb_friction",
         r"A \tanh(\dot z / s)",
-        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
+        (FORCE_N, TURNING_M_PER_S),
         _coulomb_friction,
         is_friction=True,
     ),
-    # friction of seals and bearings that the spring force presses together: A at rest, elsewhere in proportion to that
-    # force, none once the spring has extended by d. Of a straight spring d is the static deflection F0/K, near the rest
-    # of a column of gas h/n. Suspensions of 1 to 4 Hz have deflections of 250 to 15 mm
+    # friction of seals and bearings that the spring force presses together: A at rest, elsewhere in proportion to the
+    # spring force, zero once the spring has extended by d. For a straight spring d is the static deflection F0/K, for a
+    # column of gas near its rest h/n. Suspensions of 1 to 4 Hz have deflections of 250 to 15 mm
     Kind(
         "loaded_friction",
         r"A (1 - z / d)_+ \tfrac{2}{\pi} \arctan(\dot z / s)",
         (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m_per_s", "m/s", "scale", 0.02),
+            FORCE_N,
+            TURNING_M_PER_S,
             Parameter("deflection_m", "m", "exponent", 0.06, within=(0.015, 0.5), known=(0.06, 0.04)),
         ),
         _loaded_friction,
@@ -248,8 +252,8 @@ BUILT_IN = (
         (Parameter("damping_n_s2_per_m2", "N s^2/m^2", "amplitude", 4e4),),
         _quadratic_damping,
     ),
-    # the same with another orifice in rebound than in compression, as oleo struts have it: c while it shortens, r c
-    # while it extends
+    # oil pressed through another orifice in rebound than in compression, as in oleo struts: c while the strut shortens,
+    # r c while it extends
     Kind(
         "orifice_damping",
         r"c\, \dot z |\dot z| (1 + (r - 1) [\dot z > 0])",
@@ -266,7 +270,7 @@ BUILT_IN = (
         (Parameter("damping_n_s3_per_m3", "N s^3/m^3", "amplitude", 5e5),),
         _cubic_damping,
     ),
-    # powers that a mode of a bolted structure may be described by
+    # powers that may describe a mode of a bolted structure
     Kind(
         "quartic_damping",
         r"c\, \dot z |\dot z|^3",
@@ -292,7 +296,7 @@ BUILT_IN = (
         _signed_power_damping,
         bench_only=True,
     ),
-    # other valves in rebound than in compression: damping C + c while it extends, C - c while it shortens
+    # valves that differ in rebound and compression: damping C + c while the strut extends, C - c while it shortens
     Kind(
         "asymmetric_damping",
         r"c\, |\dot z|",
@@ -313,7 +317,7 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
         _quadratic_stiffness,
     ),
-    # a spring that is stiffer in one direction, straighter than a gas: of a mode the force at twice its frequency
+    # a spring that is stiffer in one direction, straighter than a gas; a mode has a force at twice its frequency by it
     Kind(
         "even_quadratic_stiffness",
         r"k\, z^2",
@@ -329,7 +333,7 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9),),
         _cubic_stiffness,
     ),
-    # a power that a mode of a bolted structure may be described by
+    # a power that may describe a mode of a bolted structure
     Kind(
         "quartic_stiffness",
         r"k\, z |z|^3",
@@ -337,7 +341,7 @@ BUILT_IN = (
         _quartic_stiffness,
         searched=False,
     ),
-    # and the one after that: a spring that hardens late
+    # the odd term after the cubic one: a spring that hardens late
     Kind(
         "quintic_stiffness",
         r"k\, z^5",
@@ -370,7 +374,7 @@ BUILT_IN = (
         _dead_zone_stiffness,
         limits=_limits_of_dead_zone,
     ),
-    # what a strut runs into at the end of its stroke, a gap away from where it rests: a buffer in compression ...
+    # the buffer that a strut meets at the end of its stroke in compression, a gap away from where it rests ...
     Kind(
         "bump_stop",
         r"-k\, (-z - g)_+",
@@ -414,7 +418,7 @@ BUILT_IN = (
 )
 """The kinds that are always there. A new one is one function and one entry above; nothing else changes."""
 
-# what the process knows: the built-in kinds and those registered by `opid.register_kind`
+# the built-in kinds, and those that `opid.register_kind` added in this process
 KNOWN = {kind.name: kind for kind in BUILT_IN}
 
 LAWS: Mapping[str, Kind] = MappingProxyType(KNOWN)

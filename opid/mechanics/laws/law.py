@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, meant_by, nearest
+from opid.estimate import Estimate
 from opid.mechanics.laws.kinds import LAWS, ForceAndDerivatives, Kind, Parameter
+from opid.result import SummaryRow
 
 FloatArray = NDArray[np.float64]
 
@@ -73,9 +75,9 @@ class Term:
         return self.kind.function(z, v, *(*self.inner, 1.0, 1.0)[:2])
 
     def evaluate_about(self, rest_m: float, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
-        """Return the same about a rest position: the force and its derivatives by inner values are zero there.
+        """Return the same about a rest position, at which the force and its derivatives by inner values are zero.
 
-        What is loaded slowly on another curve than it moves on is at rest on the first one (see `loading`).
+        A term that is loaded slowly on another curve than it moves on rests on the slow one (see `loading`).
 
         Args:
             rest_m: extension at rest, m.
@@ -99,7 +101,7 @@ class Term:
         )
 
     def static_force(self, z: FloatArray) -> tuple[Any, Any, Any, Any]:
-        """Return the force for unit amplitude of the term standing still, by z and by the first two inner values.
+        """Return the force for unit amplitude of the term standing still, its derivatives by z and two inner values.
 
         Args:
             z: extension to which it was brought slowly, m.
@@ -113,10 +115,10 @@ class Term:
         return shape, by_z, first, second
 
     def loading(self, rest_m: float) -> tuple[float, float, float, float]:
-        """Return the factor on the amplitude where the term was brought slowly to rest, and what it depends on.
+        """Return the factor on the amplitude where the term was brought slowly to rest, and its derivatives.
 
-        A gas that carries the force 1 - s there, as its slow curve s(z) says, moves as if it carried the factor at its
-        origin: with its quick curve q(z) that is (1 - s)/(1 - q).
+        A gas that carries the force 1 - s there, by its slow curve s(z), moves on its quick curve q(z) as if it carried
+        (1 - s)/(1 - q) at its origin: that is the factor.
 
         Args:
             rest_m: extension at rest, m.
@@ -139,7 +141,7 @@ class Term:
 
 @dataclass(frozen=True)
 class TermSet:
-    """Terms side by side, several of one kind among them: each stands for itself.
+    """Terms side by side, of which several may be of one kind.
 
     Args:
         terms: each about its own origin.
@@ -156,7 +158,7 @@ class TermSet:
 
     @property
     def n_faint(self) -> int:
-        """How many of the last terms are too weak to move anything: their memory follows the motion."""
+        """How many of the last terms are too weak to move anything, so that their memories only follow the motion."""
         return 0
 
     @property
@@ -173,7 +175,7 @@ class TermSet:
         return total
 
     def static_force(self, z: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what the law carries more standing still at an extension than where it rests, N.
+        """Return how much more the law carries standing still at an extension than where it rests, N.
 
         Args:
             z: extension from where it rests, to which it was brought slowly, m.
@@ -183,11 +185,8 @@ class TermSet:
             n_parameters).
         """
         position, rest = np.asarray(z, dtype=np.float64) + self.rest_m, np.array(self.rest_m)
-        force, by_z, by_values = (
-            np.zeros(position.shape),
-            np.zeros(position.shape),
-            np.zeros((*position.shape, self.vector.size)),
-        )
+        force, by_z = np.zeros(position.shape), np.zeros(position.shape)
+        by_values = np.zeros((*position.shape, self.vector.size))
         column = 0
         # a kind may divide zero by zero at rest before it replaces the result
         with np.errstate(all="ignore"):
@@ -231,12 +230,12 @@ class TermSet:
 
 @dataclass(frozen=True)
 class WithCandidates(TermSet):
-    """A law with further terms behind it that are too weak to move anything.
+    """A law followed by further terms that are too weak to move anything.
 
     Args:
-        terms: those of the law, then the others.
+        terms: terms of the law, then the faint ones.
         rest_m: where on them the joint rests, m.
-        n_faint: how many others.
+        n_faint: number of faint terms.
     """
 
     n_faint: int = 0
@@ -304,7 +303,7 @@ class Law(TermSet):
         return Law(terms, self.rest_m)
 
     def resting_at(self, rest_m: float) -> Law:
-        """Return the law of a joint that rests elsewhere on it.
+        """Return the law of a joint that rests at another extension.
 
         Args:
             rest_m: the extension at which it rests, from the origin of the terms, m.
@@ -381,7 +380,7 @@ def default_law(name: str) -> Law:
 
 
 def _no_such_law(name: str) -> str:
-    """Why a name is refused: with the kinds that a search tries, and those that it leaves to who asks for them."""
+    """Why a name is refused, with the kinds that a search tries and those that are fitted only by name."""
     known = [*LAWS, "linear"]
     if meant_by(name, known):
         return f"there is no law {name!r}: {nearest(name, known)}"
@@ -433,3 +432,29 @@ def _add_up(name: str, terms: tuple[Term, ...]) -> Term:
 def _broadcast(z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
     z, v = np.broadcast_arrays(np.asarray(z, dtype=np.float64), np.asarray(v, dtype=np.float64))
     return z, v
+
+
+def unit_of_parameter(parameter: Parameter, *, per_mass: bool) -> str:
+    """Return the unit of a parameter of a law whose force is given in N, or per kg.
+
+    >>> [unit_of_parameter(each, per_mass=True) for each in LAWS["arctan_velocity"].parameters]
+    ['N/kg', 'm/s']
+    """
+    return f"{parameter.unit}/kg" if per_mass and parameter.role == "amplitude" else parameter.unit
+
+
+def law_rows(
+    law: Law, estimates: Mapping[str, Mapping[str, Estimate]], name: str, *, per_mass: bool = False
+) -> Iterator[SummaryRow]:
+    """Yield the parameters of a law as rows of a summary.
+
+    Names of rows begin with `name`; a kind that `estimates`, {kind: {parameter: Estimate}}, lacks has no rows;
+    `per_mass` says that the force is given per kg.
+    """
+    for term in law.terms:
+        for parameter in term.kind.parameters if term.name in estimates else ():
+            yield SummaryRow.of(
+                f"{name}.{term.name}.{parameter.name}",
+                estimates[term.name][parameter.name],
+                unit_of_parameter(parameter, per_mass=per_mass),
+            )

@@ -12,9 +12,9 @@ import numpy as np
 
 from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter, RateAndDerivatives
 
-# fractions of the force of a joint between which each of its elements carries it: nearly of equal ratio, for many small
-# sliders give way first. Of the force of joints of forty sliders ten such elements leave 0.3 %, as do forty alike; six
-# alike leave 1.3 to 1.8 %
+# Each element carries the force of a joint between two of these fractions. Their ratios are nearly equal, because many
+# small sliders give way first. For joints of forty sliders ten such elements are 0.3 % off, as are forty equal ones;
+# six equal ones are 1.3 to 1.8 % off
 _EDGES = (0.0, *np.geomspace(0.02, 1.0, 10).tolist())
 ELEMENTS = tuple(0.5 * (low + high) for low, high in pairwise(_EDGES))
 WEIGHTS = tuple(high - low for low, high in pairwise(_EDGES))
@@ -146,4 +146,4 @@ MEMORY_KINDS = (
         memory=_maxwell,
     ),
 )
-"""In the order in which a law names them, after those without memory."""
+"""In the order in which a law names them, after the kinds without memory."""

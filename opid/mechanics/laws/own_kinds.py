@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import InputError, nearest
 from opid.mechanics.laws.kinds import BUILT_IN, KNOWN, Kind
 
-# motions of a gear at which a new kind is tried, m and m/s, and how far the derivatives may be off
+# motions of a gear at which a new kind is tried, and the largest relative error of its derivatives
 TRAVEL_M, VELOCITY_M_PER_S, N_POINTS = 0.01, 0.2, 50
 TOLERANCE = 1e-4
 
@@ -42,7 +42,7 @@ def register_kind(kind: Kind) -> None:
     'cubic_stiffness+softening'
     >>> unregister_kind("softening")
     """
-    # numba takes long to load and is needed nowhere else here
+    # numba takes long to load, and nothing else here needs it
     from opid.mechanics.kernels import check_compiles
 
     _check_description(kind)
@@ -122,7 +122,7 @@ def _check_derivatives(kind: Kind) -> None:
         numeric = _difference(kind.function, points, index, step)
         rounding = 1e-14 * float(np.abs(shape).max()) / step
         allowed = TOLERANCE * float(np.abs(numeric).max()) + rounding
-        # a corner within a step of a point would be an accident of one in ten thousand
+        # the chance of a corner within a step of a point is about one in ten thousand
         wrong = np.abs(given - numeric) > allowed
         if wrong.any():
             worst = int(np.argmax(np.abs(given - numeric)))

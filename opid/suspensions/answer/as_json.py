@@ -21,8 +21,8 @@ from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, chosen
 from opid.suspensions.own_structure import SCHEMA as STRUCTURE_SCHEMA, StructureIdentification
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
-from opid.suspensions.paper.direct_parameters import DirectParameters
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.paper.transmissibility import DirectParameters
 from opid.suspensions.result import (
     SCHEMA,
     Evidence,

@@ -1,4 +1,7 @@
-"""How far the parameters of a bench law may be off, and why some have no interval."""
+"""Intervals of a bench law: of its parameters, why some have none, and of the energy that it takes in a cycle.
+
+The energy of a cycle is known better than the parameters that it follows from.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.estimate import Estimate
-from opid.mechanics.laws.law import Term
-from opid.signals.recording import FloatArray
+from opid.estimate import Estimate, Estimates
+from opid.mechanics.laws.law import FloatArray, Law, Term
+from opid.mechanics.memory import gradient_along
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
@@ -22,17 +25,17 @@ class Spread:
     """How far the parameters may be off.
 
     Args:
-        covariance: of stiffness, damping, offset, mass where parts move, the values of the law, and of what is held at
-            first; NaN where no parameter has an interval.
+        covariance: of stiffness, damping, offset, mass where parts move, the values of the law, and what the memories
+            hold at the start; NaN where no parameter has an interval.
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells over which scores were added up, s.
-        why_untold: why no parameter has an interval, one sentence each.
+        reasons: why no parameter has an interval, one sentence each.
     """
 
     covariance: FloatArray
     student: float
     cell_s: float
-    why_untold: tuple[str, ...]
+    reasons: tuple[str, ...]
 
 
 def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, settings: BenchSettings) -> Spread:
@@ -51,27 +54,28 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
     least, most = settings.cells
     length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
     cells = np.arange(n) // length
-    # few cells: Student's interval instead of the normal one
+    # with few cells the interval is Student's instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
     columns, worth = slopes, residual_worth(residual, n_independent)
     for index, std in known:
-        # what was known before is one more cell
+        # what was known beforehand counts as one more cell
         columns = np.vstack([columns, worth / std * np.eye(1, n_values, index)])
         residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
     covariance = clustered_covariance(columns, residual, cells)
-    why = []
+    reasons = []
     if n_independent <= 2 * n_values:
-        why.append(
+        reasons.append(
             f"what the law leaves over changes so slowly that it amounts to {n_independent:.0f} independent samples: "
             "no parameter has an interval; record longer, or a motion that turns more often"
         )
     if refined is None:
-        why += [*_of_memories(bench, fit, covariance, settings), *_of_mass(bench, fit, slopes, covariance)]
-    return Spread(np.full_like(covariance, np.nan) if why else covariance, student, length / bench.fs, tuple(why))
+        reasons += [*_why_no_memory(bench, fit, covariance, settings), *_why_no_mass(bench, fit, slopes, covariance)]
+    known_covariance = np.full_like(covariance, np.nan) if reasons else covariance
+    return Spread(known_covariance, student, length / bench.fs, tuple(reasons))
 
 
 def fades_linearly(term: Term) -> bool:
-    """Return whether what a memory held at first fades in proportion to itself, as of Dahl, LuGre and Maxwell."""
+    """Return whether what a memory held at the start fades in proportion to itself, as with Dahl, LuGre and Maxwell."""
     kind = term.kind
     if kind.memory is None or np.isfinite(kind.limit):
         return False
@@ -80,8 +84,8 @@ def fades_linearly(term: Term) -> bool:
     return bool(np.allclose(slopes, slopes[0]))
 
 
-def _of_memories(bench: Bench, fit: SeparableFit, covariance: FloatArray, settings: BenchSettings) -> Iterator[str]:
-    """Why a memory has no interval, in the first sentence that holds."""
+def _why_no_memory(bench: Bench, fit: SeparableFit, covariance: FloatArray, settings: BenchSettings) -> Iterator[str]:
+    """The first reason why a memory has no interval."""
     for term in fit.law.terms:
         if len(term.kind.elements) > 1 and term.inner[0] > settings.slips * np.ptp(bench.travel):
             yield (
@@ -100,8 +104,8 @@ def _of_memories(bench: Bench, fit: SeparableFit, covariance: FloatArray, settin
             return
 
 
-def _of_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: FloatArray) -> Iterator[str]:
-    """Why a mass has no interval: the residual, were it all noise of the acceleration, would move it by a deviation.
+def _why_no_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: FloatArray) -> Iterator[str]:
+    """Why a mass has no interval: if the residual is noise of the acceleration, it moves the mass by its deviation.
 
     Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).
     """
@@ -121,7 +125,7 @@ def _of_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: Fl
 
 
 def estimate_parameters(fit: SeparableFit, spread: Spread) -> tuple[list[Estimate], dict[str, dict[str, Estimate]]]:
-    """Return value and interval of what enters linearly, and of every parameter of the law."""
+    """Return values and intervals of what enters linearly, and of every parameter of the law."""
     values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
     std = np.sqrt(np.clip(np.diag(spread.covariance)[: values.size], 0, None))
     bound = (*(False,) * fit.weights.size, *fit.at_bound)
@@ -159,3 +163,82 @@ def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
         low, high = sorted((value / (1 + part) ** power, value / (1 - part) ** power))
         intervals.append((low, high))
     return [Estimate(each.value, each.std, ends) for each, ends in zip(estimates, intervals, strict=True)]
+
+
+@dataclass(frozen=True)
+class Loop(Estimates):
+    """The loop that a force draws over travel, under a sine of the size and pace of the record.
+
+    Args:
+        travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
+        frequency_hz: of the sine, its rms velocity over its rms travel that of the record; None where time means
+            nothing.
+        area_j: what the loop encloses, the energy that is taken per cycle; empty where its interval reaches farther
+            than the energy that a dry friction as strong as the rms force takes, for then it says nothing.
+    """
+
+    travel_amplitude_m: float
+    frequency_hz: float | None
+    area_j: Estimate
+
+    @property
+    def friction_n(self) -> Estimate:
+        """Dry friction that takes the same energy in the cycle, N."""
+        path_m, area = 4.0 * self.travel_amplitude_m, self.area_j
+        value, std = (None if each is None else each / path_m for each in (area.value, area.std))
+        ends = None if area.interval95 is None else (area.interval95[0] / path_m, area.interval95[1] / path_m)
+        return Estimate(value, std, ends)
+
+
+def loop_of(law: Law, covariance: FloatArray, bench: Bench, student: float) -> Loop | None:
+    """Return the loop of the terms of a law that remember; None where there is none.
+
+    `covariance` is that of the law's vector, `student` the half width of a 95 % interval over the standard deviation.
+    """
+    remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
+    if not remembers.any():
+        return None
+    part = Law(tuple(term for term in law.terms if term.kind.memory is not None))
+    return cycle_of(part, 0.0, np.pad(covariance[np.ix_(remembers, remembers)], (1, 0)), bench, student=student)
+
+
+def cycle_of(law: Law, damping: float, covariance: FloatArray, bench: Bench, *, student: float) -> Loop:
+    """Return the loop of a law beside a damping, N s/m, by the covariance of the damping and the vector of the law."""
+    z, v, fs = sine_of(bench)
+    # in the fourth cycle what the memories held at the start is forgotten
+    n = z.size // 4
+    slopes = np.column_stack([v, gradient_along(law, z, v, fs)])[-n:].T @ v[-n:] / fs
+    # every term is proportional to its amplitude, so these columns alone add up to the force
+    linear = np.array([True, *(parameter.role == "amplitude" for parameter in law.parameter_list)])
+    area = float(slopes[linear] @ np.append(damping, law.vector)[linear])
+    std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
+    frequency_hz = None if bench.is_quasi_static else fs / n
+    amplitude_m, wide = float(z.max()), student * std
+    if wide > 4.0 * amplitude_m * float(bench.force[bench.samples].std()):
+        return Loop(amplitude_m, frequency_hz, Estimate())
+    estimate = Estimate(area, std, (area - wide, area + wide)) if np.isfinite(std) else Estimate(area)
+    return Loop(amplitude_m, frequency_hz, estimate)
+
+
+def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
+    """Return travel (m), velocity (m/s) and rate (Hz) of four cycles of a sine of the size and pace of a record.
+
+    A quasi-static test passes along its path at 1 m/s.
+
+    >>> t = np.arange(5000) / 500.0
+    >>> travel, velocity = 0.01 * np.sin(np.pi * t), 0.01 * np.pi * np.cos(np.pi * t)
+    >>> bench = Bench(travel, velocity, t, 500.0, 0.0, "recorded", None, {}, ())
+    >>> z, v, fs = sine_of(bench)
+    >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / (z.size / 4))]
+    [0.01, 0.0314, 0.5]
+    """
+    travel, velocity = float(bench.travel.std()), float(bench.velocity.std())
+    n = 2000
+    phase = 2 * np.pi * np.arange(4 * n) / n
+    if bench.is_quasi_static:
+        quarter = (phase + 0.5 * np.pi / n) * 2 / np.pi % 4
+        saw = np.where(quarter < 1, quarter, np.where(quarter < 3, 2 - quarter, quarter - 4))
+        rising = np.where((quarter < 1) | (quarter > 3), 1.0, -1.0)
+        return np.sqrt(2) * travel * saw, rising, n / (4 * np.sqrt(2) * travel)
+    fs = n * velocity / travel / (2 * np.pi)
+    return np.sqrt(2) * travel * np.sin(phase), np.sqrt(2) * velocity * np.cos(phase), fs

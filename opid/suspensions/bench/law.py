@@ -1,45 +1,57 @@
 """A law from a test bench: measured force against motion, F = F0 + K z + C z' + f, f of the motion and its past.
 
-The terms of f are searched on some thousand samples (`opid.suspensions.law_search.pursuit` on a `BenchLaws`), the law
-that is found is fitted to all. Where parts of unknown mass move with the specimen the force is m z'' more, and the law
-is refined by the motion that it makes (`opid.suspensions.bench.simulation`). The intervals take the residual as it is,
-correlated over time or not.
+The terms of f are searched on some thousand samples (`problem`), and the law that is found is fitted to all samples.
+Where parts of unknown mass move with the specimen, the force has m z'' besides, and the law is refined by the motion
+that it makes (`simulation`). The intervals hold for a residual that is correlated over time, too.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws.law import LAWS, Law, default_law
-from opid.mechanics.laws.rows import law_rows
+from opid.json_values import plain
+from opid.mechanics.laws.law import LAWS, Law, default_law, law_rows
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.suspensions.bench.intervals import estimate_parameters, fades_linearly, find_spread, has_long_scale
-from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
+from opid.suspensions.bench.intervals import (
+    Loop,
+    cycle_of,
+    estimate_parameters,
+    fades_linearly,
+    find_spread,
+    has_long_scale,
+    loop_of,
+)
 from opid.suspensions.bench.memory import Memory, measure_memory
-from opid.suspensions.bench.problem import BenchFit, BenchLaws, all_points, fit_law, thin_record
-from opid.suspensions.bench.record import Bench
+from opid.suspensions.bench.problem import (
+    BenchLaws,
+    Ladder,
+    all_points,
+    end_on_defined,
+    fit_law,
+    search_record,
+    thin_record,
+)
+from opid.suspensions.bench.record import Bench, BenchStudy
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
-from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
-from opid.suspensions.bench.study import BenchStudy
+from opid.suspensions.bench.simulation import SimulatedFit, Simulation, refine_ladder
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
-from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
+from opid.suspensions.law_search.pursuit import chosen
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
 
 logger = logging.getLogger(__name__)
 
 SCHEMA = "opid.law/1"
 UNITS = {"stiffness_n_per_m": "N/m", "damping_n_s_per_m": "N s/m", "offset_n": "N", "moving_mass_kg": "kg"}
-"""Of what a bench measures beside the nonlinear law."""
-Ladder = tuple[LawStep[BenchFit], ...]
+"""Units of what a bench measures beside the nonlinear law."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +84,14 @@ class BenchLaw(Result):
         residual: (n,) force minus fit, N.
         r2: fraction of the variance of the force that is explained.
         r2_left_out: the same on stretches of time that were left out of the fit.
-        ladder: the laws that were tried, in order, each with what is left of stretches that were left out.
-        memory: what no law of travel and velocity can explain, and what of it the law remembers.
+        ladder: the laws that were tried, in order, each with its error on stretches that were left out.
+        memory: the part of the force that no law of travel and velocity explains, and how much of it the past explains.
         loop: energy that the part of the law that remembers takes per cycle; None where it remembers nothing.
         cycle: energy that the whole force takes per cycle.
         n_independent: independent samples that the residual amounts to.
         warnings: what to doubt, one sentence each.
         not_determined: why there is no law, or None.
-        settings: numbers that were tuned.
+        settings: the tuned numbers.
         candidates: kinds that could be added.
         n_search_samples: samples that the search looked at.
         interval_cell_s: length of the cells over which scores were added up for the intervals, s.
@@ -120,10 +132,70 @@ class BenchLaw(Result):
         return self.bench.files
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of result.json, see `opid.suspensions.bench.as_json.bench_json`."""
-        from opid.suspensions.bench.as_json import bench_json
+        """Return the content of result.json, as `docs/schemas/law-1.schema.json` describes it."""
+        simulation = self.simulation
+        return plain(
+            {
+                "schema": SCHEMA,
+                "title": self.title,
+                "parameters": asdict(self.parameters),
+                "law": {
+                    "name": self.law.name,
+                    "latex": self.law.latex,
+                    "parameters": {
+                        kind: {name: asdict(estimate) for name, estimate in estimates.items()}
+                        for kind, estimates in self.law_estimates.items()
+                    },
+                },
+                "r2": self.r2,
+                "r2_left_out": self.r2_left_out,
+                "residual_rms_n": self.residual_rms,
+                "n_independent": self.n_independent,
+                "ladder": [
+                    {
+                        "law": step.law_name,
+                        "r2": step.fit.r2,
+                        "r2_left_out": None if step.left_out is None else step.fit.r2_of(step.left_out),
+                        "bic": step.fit.bic,
+                        "kept": step.kept,
+                        "chosen": step is chosen(self.ladder),
+                    }
+                    for step in self.ladder
+                ],
+                "memory": asdict(self.memory) | {"seen": self.memory.seen},
+                "loop": None if self.loop is None else asdict(self.loop),
+                "cycle": asdict(self.cycle),
+                "simulation": None
+                if simulation is None
+                else {name: getattr(simulation, name) for name in ("error_rms_m", "r2", "steps_per_sample", "tried")},
+                "warnings": self.warnings,
+                "not_determined": self.not_determined,
+                "settings": self._settings(),
+            }
+        )
 
-        return bench_json(self)
+    def _settings(self) -> dict[str, Any]:
+        """The record, the options and every tuned number that the answer was made with."""
+        bench, search = self.bench, self.settings.search
+        return {
+            "columns": bench.channels,
+            "n_samples": bench.force.size,
+            "fs_hz": bench.fs,
+            "velocity_from": bench.velocity_from,
+            "quasi_static": bench.is_quasi_static,
+            "moving_mass": bench.acceleration is not None,
+            "mass_kg": bench.mass_kg,
+            "velocity_band_hz": bench.velocity_band_hz,
+            "travel_zero_m": bench.travel_zero_m,
+            "candidates": self.candidates,
+            "most_terms": search.most_terms,
+            "n_search_samples": self.n_search_samples,
+            "n_left_out_stretches": self.settings.n_stretches,
+            "bic_margin": search.bic_margin,
+            "rms_margin": search.error_margin,
+            "interval_cell_s": self.interval_cell_s,
+            **asdict(self.settings),
+        }
 
     def _headline(self) -> str:
         return f"{self.title or 'without a title'} (law {self.law.name}, {100 * self.r2_left_out:.4g} % explained)"
@@ -146,16 +218,16 @@ def law_of_bench(
     """Find the law of a damper or spring from its measured force and motion.
 
     Args:
-        bench: the record, from `bench_from_recording`; or a study, from `read_study`, which says where it is left out
-            here what title, candidates and most terms are.
+        bench: the record, from `bench_from_recording`; or a study, from `read_study`, whose title, candidates and
+            most terms count where they are left out here.
         title: name of the record.
         candidates: kinds that may be added; None for every kind in `LAWS` that is searched.
         most_terms: terms of f at the most; None for as many as the settings say.
-        settings: numbers that were tuned.
+        settings: the tuned numbers.
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: what is no record, an unknown candidate, or a negative number of terms.
+        InputError: `bench` is no record, a candidate is unknown, or the number of terms is negative.
 
     >>> rng = np.random.default_rng(0)
     >>> z, v = 0.01 * rng.standard_normal(2000), 0.3 * rng.standard_normal(2000)
@@ -177,7 +249,7 @@ def law_of_bench(
         )
     kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
-        default_law(name)  # an unknown one is named here
+        default_law(name)  # refuses an unknown candidate
     if bench.is_quasi_static:
         kinds = tuple(name for name in kinds if _is_of_travel(name))
     if most_terms is not None:
@@ -186,17 +258,17 @@ def law_of_bench(
         raise InputError(f"most_terms is {most_terms}: give 0 or more")
     say = progress or (lambda step: None)
     problem = BenchLaws(thin_record(bench, settings), kinds, settings)
-    ladder, simulated = _defined(bench, _search(problem, kinds, say)), dict[str, SimulatedFit]()
+    ladder, simulated = end_on_defined(bench, search_record(problem, kinds, say)), dict[str, SimulatedFit]()
     if bench.acceleration is not None:
-        ladder, simulated = _simulated(bench, ladder, settings, say)
+        ladder, simulated = refine_ladder(bench, ladder, settings, say)
     step = chosen(ladder)
     refined = simulated.get(step.law_name)
     if refined is not None:
         fit = _as_fit_of_force(bench, refined)
     else:
         say("the chosen law on all samples")
-        bench = _without_beginning(bench, step.fit.separable.law, settings)
-        fit = fit_law(all_points(bench), step.fit.separable.law, step.fit.n_independent, settings)
+        bench = _without_beginning(bench, step.fit.law, settings)
+        fit = fit_law(all_points(bench), step.fit.law, step.fit.n_independent, settings)
     logger.info("law %s: r2 %.4f, of %d laws that were tried", step.law_name, step.fit.r2, len(ladder))
     say("memory")
     memory = _memory(bench, problem, ladder)
@@ -207,7 +279,7 @@ def law_of_bench(
     index = np.r_[1, fit.weights.size : fit.weights.size + fit.law.vector.size]
     covariance, damping = spread.covariance[np.ix_(index, index)], float(fit.weights[1])
     if bench.is_quasi_static:
-        # it tells no damping
+        # a quasi-static test does not determine the damping
         straight.insert(1, Estimate())
         covariance, damping = np.pad(covariance[1:, 1:], (1, 0)), 0.0
     result = BenchLaw(
@@ -218,7 +290,7 @@ def law_of_bench(
         law_estimates=of_law,
         residual=_residual(bench, fit),
         r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
-        r2_left_out=_r2_left_out(step),
+        r2_left_out=step.fit.r2_left_out,
         ladder=ladder,
         memory=memory,
         loop=loop_of(fit.law, covariance[1:, 1:], bench, spread.student),
@@ -232,65 +304,39 @@ def law_of_bench(
         interval_cell_s=spread.cell_s,
         simulation=None if refined is None else _simulation(bench, refined, simulated),
     )
-    warnings = (*_warnings(result, fit), *spread.why_untold)
+    warnings = (*_warnings(result, fit), *spread.reasons)
     return replace(result, warnings=warnings, not_determined=_reason(result))
 
 
 def _memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
-    """Measure the memory beside the best laws with and without one: also those that were too rich to keep."""
+    """Measure the memory beside the best laws with and without one, those that were too rich to keep included."""
     settings, step = problem.known, chosen(ladder)
     asked = [each for each in ladder if each.left_out is not None]
-    static = max((each for each in asked if not _has_memory(each)), key=_r2_left_out)
-    best = max(asked, key=_r2_left_out) if _has_memory(step) else static
+    static = max((each for each in asked if not each.fit.law.has_memory), key=lambda each: each.fit.r2_left_out)
+    best = max(asked, key=lambda each: each.fit.r2_left_out) if step.fit.law.has_memory else static
     return measure_memory(
         bench,
         problem.points,
         best.fit.left_out,
         static_rest=static.fit.left_out,
-        law=best.fit.separable.law,
-        is_noise=_r2_left_out(step) < settings.least_r2,
+        law=best.fit.law,
+        is_noise=step.fit.r2_left_out < settings.least_r2,
         settings=settings,
     )
 
 
 def _is_of_travel(kind: str) -> bool:
-    """Whether the force of a kind depends on where the travel is and has been, and not on how fast it passed."""
+    """Whether the force of a kind depends on present and past travel, and not on the velocity."""
     if LAWS[kind].memory is not None:
         return all(parameter.unit in ("N", "m", "1") for parameter in LAWS[kind].parameters)
     _, by_velocity = default_law(kind).gradient(np.linspace(-0.01, 0.01, 21), np.linspace(-0.3, 0.3, 21))
     return not np.any(by_velocity)
 
 
-def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
-    """Return the laws that were tried and those that come closest to the chosen one, with stretches left out."""
-    say("the linear law")
-    ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)
-    say("the laws that come closest")
-    neighbours = add_neighbours(problem, ladder, kinds=kinds)[: -len(ladder)]
-    best = chosen(ladder)
-    for step in neighbours:
-        # its columns promised nothing, its fit keeps more
-        if is_better(step.fit, best.fit, problem.settings) and problem.confirms(step.fit, best.fit):
-            best = step
-    if _has_memory(best):
-        best = replace(best, fit=problem.restarted(best.fit))
-    tried = [step for step in (*ladder, *neighbours) if step.law_name != best.law_name]
-    # the last one that was kept is the choice
-    in_order = (*tried, replace(best, kept=True))
-    asked = [step for step in in_order if step.kept]
-    for has_memory in (False, True):
-        alike = sorted((each for each in in_order if _has_memory(each) is has_memory), key=lambda each: each.fit.bic)
-        asked += alike[: problem.known.n_left_out]
-    return tuple(
-        replace(step, left_out=problem.left_out(step.fit)) if any(step is each for each in asked) else step
-        for step in in_order
-    )
-
-
 def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench:
-    """Return the record without its beginning, where a memory that is not linear depends on what it held at first.
+    """Return the record without its beginning, in which a nonlinear memory depends on what it held at the start.
 
-    Where that takes more than half of the record all of it stays.
+    Where that would take more than half of the record, all of it stays.
     """
     first, motion = 0, bench.motion
     for term in law.terms:
@@ -311,62 +357,8 @@ def _residual(bench: Bench, fit: SeparableFit) -> FloatArray:
     return bench.force - bench.columns @ fit.weights - own
 
 
-def _simulated(
-    bench: Bench, ladder: Ladder, settings: BenchSettings, say: Callable[[str], None]
-) -> tuple[Ladder, dict[str, SimulatedFit]]:
-    """Return the ladder that ends on the law which makes the recorded motion best, and the refined laws by their name.
-
-    The chosen law is refined, and those that come closest to it by the force, until one leaves white noise of the
-    travel. Where no simulation explains more of the travel than its law explains of the force, noise is in the force
-    and not in the travel: nothing is refined.
-    """
-    others = sorted((step for step in ladder if step is not chosen(ladder)), key=lambda step: step.fit.bic)
-    fits: dict[str, SimulatedFit] = {}
-    best: LawStep[BenchFit] | None = None
-    for step in (chosen(ladder), *others[: settings.simulation.n_laws - 1]):
-        fit = fit_by_simulation(bench, step.fit.separable, settings.simulation, say=say)
-        if fit is None or fit.r2 < step.fit.r2:
-            continue
-        fits[step.law_name] = fit
-        if best is None or _is_better_simulated(fit, fits[best.law_name], settings):
-            best = step
-        if fit.n_independent > settings.simulation.white * bench.travel.size:
-            break
-    if best is None:
-        return ladder, {}
-    return _ending_on(ladder, best), fits
-
-
-def _ending_on(ladder: Ladder, step: LawStep[BenchFit]) -> Ladder:
-    """Return the ladder with another choice: the last step that was kept is the choice."""
-    return (*(each for each in ladder if each is not step), replace(step, kept=True))
-
-
-def _defined(bench: Bench, ladder: Ladder) -> Ladder:
-    """Return the ladder that ends on the best law which is finite along every sample of the record.
-
-    A memory that nothing bounds (Bouc-Wen with a shape below -1/2) may grow without end where the search, which follows
-    it in longer steps, just saw it turn back.
-    """
-    motion, choice = bench.motion, chosen(ladder)
-    for step in (choice, *sorted(ladder, key=lambda step: step.fit.bic)):
-        law = step.fit.separable.law
-        if not law.has_memory or all(
-            np.isfinite(each).all() for each in (motion.parameter_gradient(law), motion.start_columns(law))
-        ):
-            return ladder if step is choice else _ending_on(ladder, step)
-    return ladder
-
-
-def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchSettings) -> bool:
-    """Whether a law takes another's place by the motion that it makes; one of fewer terms if that one is no better."""
-    if n_terms(fit) < n_terms(than):
-        return not is_better(than, fit, settings.search)
-    return is_better(fit, than, settings.search)
-
-
 def _as_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
-    """Return a refined law as a fit of the force, with what it leaves of it."""
+    """Return a refined law as a fit of the force, with its residual."""
     part = simulated.part
     fit = SeparableFit(part.straight, np.zeros(part.begins.size - 2), part.law, np.empty(0), simulated.at_bound)
     return replace(fit, residual=_residual(bench, fit))
@@ -376,14 +368,6 @@ def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, Simulat
     errors = {name: fit.error_rms for name, fit in tried.items()}
     travel = bench.travel - refined.residual
     return Simulation(refined.part, travel, refined.error_rms, refined.r2, refined.steps_per_sample, errors)
-
-
-def _r2_left_out(step: LawStep[BenchFit]) -> float:
-    return step.fit.r2_of(float(np.sqrt(np.mean(step.fit.left_out**2))))
-
-
-def _has_memory(step: LawStep[BenchFit]) -> bool:
-    return step.fit.separable.law.has_memory
 
 
 def _ways_to_stops(bench: Bench, law: Law) -> dict[str, float]:
@@ -405,7 +389,7 @@ def _reason(result: BenchLaw) -> str | None:
 
 
 def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
-    """Say what is to be doubted about the law."""
+    """Return what to doubt of the law, one sentence each."""
     memory, settings = result.memory, result.settings
     found = list(result.bench.warnings)
     if memory.seen:
@@ -429,12 +413,12 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
         if ends is not None and ends[1] < 0 and fit.law.terms:
             found.append(
                 f"{symbol} is below zero: it is the slope that is left beside the terms of the law, no property of its "
-                "own; what the whole force takes a cycle is"
+                "own; the energy that the whole force takes in a cycle is one"
             )
     if result.cycle.area_j.value is None:
         found.append(
-            "the energy that a cycle takes is not told: its interval reaches farther than the force that was measured "
-            "could take at all; record a motion that turns round several times, at several speeds"
+            "the energy that a cycle takes is not given: its interval reaches farther than the energy that the "
+            "measured force could take at all; record a motion that turns round several times, at several speeds"
         )
     for name, others in _rivals(result).items():
         found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")
@@ -458,9 +442,9 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
 def _rivals(result: BenchLaw) -> dict[str, list[str]]:
     """Return for each term the kinds that explain the record as well in its place, the most likely first."""
     best = chosen(result.ladder).fit
-    mine, rivals = set(best.separable.law.parameters), dict[str, list[str]]()
+    mine, rivals = set(best.law.parameters), dict[str, list[str]]()
     for step in sorted(result.ladder, key=lambda step: step.fit.bic):
-        theirs = set(step.fit.separable.law.parameters)
+        theirs = set(step.fit.law.parameters)
         gone, new = mine - theirs, theirs - mine
         if len(gone) == len(new) == 1 and step.fit.bic < best.bic + result.settings.search.alike_bic:
             (name,), (other,) = gone, new
@@ -470,6 +454,6 @@ def _rivals(result: BenchLaw) -> dict[str, list[str]]:
 
 
 def _contains(kind: str, other: str) -> bool:
-    """Whether a kind has an exponent or a lag that another lacks: it holds that one, and of course fits as well."""
+    """Whether a kind has an exponent or a lag that another lacks: it contains the other and always fits as well."""
     roles, plainer = ({parameter.role for parameter in LAWS[name].parameters} for name in (kind, other))
     return bool((roles - plainer) & {"exponent", "lag"})

@@ -1,15 +1,15 @@
 """Does a force remember the past? What no function of travel and velocity can explain, and what explains it instead.
 
-What a law without memory explains is told beside what the law that was found explains. The force that a law leaves
-over is predicted on stretches of time that were left out, first by the mean of its nearest neighbours in the plane of
-travel and velocity (any smooth static function), then by signals of the past, in two ways: what the present cannot
-foretell of the force is regressed on what it cannot foretell of them (Robinson, Econometrica 56, 1988, partially linear
-regression), and one of them is made a third axis of the plane. The signals of the past are
+What a law without memory explains is given beside what the law that was found explains. The force that a law leaves is
+predicted on stretches of time that were left out. This is done first by the mean of its nearest neighbours in the plane
+of travel and velocity, which stands for any smooth static function, then by signals of the past, in two ways: what
+travel and velocity do not predict of the force is regressed on what they do not predict of the signals (Robinson,
+Econometrica 56, 1988, partially linear regression), and one signal is made a third axis of the plane. The signals are
   hysteresis   stop operators z - P_r[z], P_r the play (backlash) of half-width r: the elements of Prandtl, Ishlinskii,
                Jenkins and Iwan, whose sums come near every rate-independent hysteresis, Bouc-Wen's too;
   relaxation   the velocity behind first-order lags, the elements of Maxwell, and of a lag between two channels;
   inertia      the acceleration: moving parts between the specimen and the force cell. A mass is the same in slow and in
-               quick motion; what follows the acceleration otherwise is told as vibration.
+               quick motion; what follows the acceleration otherwise is called vibration.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Cause = Literal["hysteresis", "relaxation", "inertia", "vibration"]
 
 @dataclass(frozen=True)
 class Memory:
-    """What of a force a law of travel and velocity can explain, and what the past explains.
+    """How much of a force a law of travel and velocity can explain, and how much the past explains.
 
     All fractions are of the variance of the force, on stretches of time that were left out.
 
@@ -42,12 +42,13 @@ class Memory:
         r2_with_law: fraction that the law that was found, with what it remembers and any smooth static correction,
             explains: `r2_at_most` where it remembers nothing.
         r2_with_past: fraction that is explained when the past is known too.
-        cause: the kind of past that explains most of what the law that was found leaves over; None where the past is
+        cause: the kind of past that explains most of the residual of the law that was found; None where the past is
             not seen there.
         moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
-        by_pace_kg: the same of parts of the acceleration from slow to quick, where it explains most; otherwise empty.
-        testable: whether the motion lets memory and law be told apart at all.
-        foretold: median fraction of the stop operators that travel and velocity foretell.
+        by_pace_kg: coefficients of parts of the acceleration from slow to quick, where it explains most; otherwise
+            empty.
+        testable: whether the motion distinguishes memory and law at all.
+        foretold: median fraction of the stop operators that travel and velocity predict.
         statement: the same in words.
     """
 
@@ -63,7 +64,7 @@ class Memory:
 
     @property
     def seen(self) -> bool:
-        """Whether the past is seen in what the law leaves over."""
+        """Whether the past is seen in the residual of the law."""
         return self.cause is not None
 
 
@@ -77,17 +78,17 @@ def measure_memory(
     is_noise: bool,
     settings: BenchSettings,
 ) -> Memory:
-    """Measure how much of what a law leaves over is static, and how much of it remembers the past.
+    """Measure how much of what a law leaves is static, and how much of it remembers the past.
 
-    `rest` is (m,) force minus the best `law`, N, each point by a fit without its turn, `static_rest` the same of the
-    best law without memory; `is_noise` says that the law itself explains next to nothing.
+    `rest` is (m,) force minus the best `law`, N, each point predicted by a fit without its stretches; `static_rest` is
+    the same for the best law without memory; `is_noise` says that the law itself explains next to nothing.
     """
     known, sample, fold = settings.memory, points.sample, points.fold
     plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
     signals_of = past_signals(bench, settings)
-    # without time there is only the path
-    told_of: tuple[Past, ...] = ("hysteresis",) if bench.is_quasi_static else tuple(signals_of)
-    groups = {each: signals_of[each][sample] for each in told_of}
+    # a test without time has a path alone
+    causes: tuple[Past, ...] = ("hysteresis",) if bench.is_quasi_static else tuple(signals_of)
+    groups = {cause: signals_of[cause][sample] for cause in causes}
     neighbours = [_find_neighbours(plane, fold, count) for count in known.neighbours]
     statics = _corrected(rest, neighbours)
     few = neighbours[0]
@@ -161,7 +162,7 @@ def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
 
 
 def _corrected(rest: FloatArray, neighbours: Sequence[np.ndarray]) -> list[FloatArray]:
-    """Return what a law leaves, as it is and less the mean of its neighbours."""
+    """Return what a law leaves, as it is and less the mean of its neighbours for each number of them."""
     return [rest, *(rest - rest[each].mean(axis=1) for each in neighbours)]
 
 
@@ -170,7 +171,7 @@ def _least(rests: Sequence[FloatArray]) -> FloatArray:
 
 
 def _find_neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndarray:
-    """Return the indices (m, count) of the nearest points in the plane that lie in other stretches of time."""
+    """Return the indices (m, count) of the nearest points of the plane that lie in other stretches of time."""
     from scipy.spatial import cKDTree
 
     found = np.empty((fold.size, count), dtype=np.int64)
@@ -182,7 +183,7 @@ def _find_neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndar
 
 
 def _regress(signals: FloatArray, y: FloatArray, fold: np.ndarray, ridge: float) -> FloatArray:
-    """Return what a ridge regression leaves of `y`, each stretch predicted from the others."""
+    """Return what a ridge regression leaves of `y`; each stretch is predicted from the others."""
     scaled = signals / np.maximum(signals.std(axis=0), 1e-300)
     left = np.empty_like(y)
     for each in np.unique(fold):
@@ -194,7 +195,7 @@ def _regress(signals: FloatArray, y: FloatArray, fold: np.ndarray, ridge: float)
 
 
 def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySettings) -> bool:
-    """Whether the past explains so much that chance and the shape of the static function do not."""
+    """Whether the past explains more than chance and the shape of the static function can."""
     before, after = float(static @ static), float(left @ left)
     if before - after <= max(known.fraction_of_rest * before, known.fraction_of_force * total):
         return False
@@ -211,7 +212,7 @@ def _moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray)
 def _masses_by_pace(
     bench: Bench, points: Points, others: FloatArray, rest: FloatArray, settings: BenchSettings
 ) -> tuple[float, ...]:
-    """Return the coefficients of parts of the acceleration, each of as much power, from slow to quick, kg."""
+    """Return the coefficients of parts of the acceleration that have equal power, from slow to quick, kg."""
     from scipy import fft
 
     acceleration, _ = rate_of(bench.velocity, fs=bench.fs, settings=settings.record)
@@ -228,7 +229,7 @@ def _masses_by_pace(
 
 
 def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
-    """Say the same in words."""
+    """Return what was measured in words."""
     if not memory.testable:
         return (
             "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
@@ -263,7 +264,7 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
 
 
 def _percent(fraction: float) -> str:
-    """Return a fraction in per cent, with the digits that count towards nought and a hundred.
+    """Return a fraction in per cent, with more digits near 0 and near 100 %.
 
     >>> _percent(0.93), _percent(0.99973), _percent(0.0002), _percent(1.0)
     ('93 %', '99.97 %', '0.02 %', '100 %')

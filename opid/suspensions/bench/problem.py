@@ -1,14 +1,14 @@
-"""The laws of a bench record as the search takes them: candidates beside a fit, other laws fitted, stretches left out.
+"""The search for the law of a bench record: candidates beside a fit, fits of other laws, stretches that are left out.
 
 Everything but the inner parameters enters the force linearly, so the columns of candidates are their shapes, and every
 fit is separable least squares. What a law remembers is followed through the whole record. Neighbouring samples of the
-residual are alike: criteria count independent ones.
+residual are alike, so the criteria count independent samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples, separable_fit
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary, orthonormal
+from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, search_laws
 from opid.suspensions.model.law_parameters import has_slope, offered_terms, pulls_at_a_stop
 from opid.suspensions.settings import SearchSettings
 
@@ -77,14 +78,19 @@ class BenchFit:
     settings: BenchSettings
 
     @property
+    def law(self) -> Law:
+        """The law with its fitted values."""
+        return self.separable.law
+
+    @property
     def laws(self) -> dict[str, Law]:
         """The law, as a search takes it."""
-        return {"": self.separable.law}
+        return {"": self.law}
 
     @property
     def law_name(self) -> str:
         """Name of the law."""
-        return self.separable.law.name
+        return self.law.name
 
     @property
     def n_data(self) -> int:
@@ -112,13 +118,23 @@ class BenchFit:
         """Return the fraction of the variance of the force that an error of this rms, N, leaves explained."""
         return 1 - (error_rms / self.points.force_rms) ** 2
 
+    @property
+    def error_left_out(self) -> float:
+        """Rms of `left_out`, N."""
+        return float(np.sqrt(np.mean(self.left_out**2)))
+
+    @property
+    def r2_left_out(self) -> float:
+        """Fraction of the variance of the force that is explained on stretches that were left out."""
+        return self.r2_of(self.error_left_out)
+
     @cached_property
     def left_out(self) -> FloatArray:
-        """(m,) what is left of each stretch of time by a fit to the others, N.
+        """(m,) what a fit to the other stretches of time leaves of each stretch, N.
 
-        What a memory holds where the record begins no other stretch can tell: its force is that of the fit to all.
+        No other stretch shows what a memory holds where the record begins: its force is that of the fit to all.
         """
-        points, law = self.points, self.separable.law
+        points, law = self.points, self.law
         start = points.motion.start_columns(law) @ self.separable.start_weights
         errors = np.empty_like(points.y)
         for turn in range(self.settings.n_folds):
@@ -126,9 +142,13 @@ class BenchFit:
             tolerance = self.settings.left_out_tolerance
             part = fit_law(points.part(~here), law, self.n_independent, self.settings, tolerance)
             predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
-            # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
+            # where the law is not defined on the motion that was left out (beyond a stroke), it predicts zero
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
         return errors
+
+
+Ladder = tuple[LawStep[BenchFit], ...]
+"""The laws that were tried, in order; the last one that was kept is the choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +167,12 @@ class BenchLaws:
 
     @property
     def settings(self) -> SearchSettings:
-        """Of the search."""
+        """Settings of the search."""
         return self.known.search
 
     @cached_property
     def nodes(self) -> dict[str, list[Node]]:
-        """What each kind does to the errors, at a few inner parameters; kinds that this motion leaves are not there."""
+        """Columns of each kind at a few inner parameters, without kinds that are not defined on this motion."""
         points, known = self.points, self.known
         motion = points.motion
         travel, velocity = (max(float(np.sqrt(np.mean(each**2))), 1e-12) for each in (motion.z, motion.v))
@@ -165,7 +185,7 @@ class BenchLaws:
                 n_scales=known.search.n_scales,
                 fractions=known.search.scale_fractions,
                 lags=known.search.lags,
-                # an exponent of a memory is no power
+                # the exponent of a memory is no power of the motion
                 exponents=() if LAWS[kind].memory is not None else known.exponents,
             ):
                 columns = -motion.parameter_gradient(Law((term,)))
@@ -176,9 +196,9 @@ class BenchLaws:
 
     @cached_property
     def n_independent(self) -> float:
-        """Independent samples of what all candidates together leave: one number, so that criteria compare."""
+        """Independent samples of what all candidates together leave: one number, so that criteria can be compared."""
         shapes = [node.column for row in self.nodes.values() for node in row]
-        # a record of few samples is explained by as many columns, however wrong they are
+        # as many columns as samples explain a record, however wrong they are
         most = self.points.y.size // 4
         basis = orthonormal(np.column_stack([self.points.columns, *shapes[:: -(-len(shapes) // most) or 1]]))
         return independent_samples(self.points.y - basis @ (basis.T @ self.points.y))
@@ -189,7 +209,7 @@ class BenchLaws:
 
     def dictionaries(self, fit: BenchFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit."""
-        law, points = fit.separable.law, self.points
+        law, points = fit.law, self.points
         new = {kind: self.nodes[kind] for kind in kinds if kind in self.nodes and kind not in law.parameters}
         by_law = -points.motion.parameter_gradient(law)
         straight = np.concatenate([points.columns, points.motion.start_columns(law)], axis=1)
@@ -201,19 +221,19 @@ class BenchLaws:
     def refit(self, fit: BenchFit, laws: Mapping[str, Law]) -> BenchFit | None:
         """Fit another law, its inner parameters searched from the values that it has.
 
-        None where what remembers would feed energy in: beside a damping it imitates an acceleration. None, too, where a
-        stop would pull.
+        None where a memory would feed energy in, because beside a damping it would imitate an acceleration, and where
+        a stop would pull.
         """
         found = self._fitted(laws[""])
         return found if _is_mechanics(found) else None
 
     def restarted(self, fit: BenchFit) -> BenchFit:
-        """Return the best of a fit and of some that begin near its scales, with what remembers shaped as by default.
+        """Return the best of a fit and of fits from near its scales, in which memories begin with their default shapes.
 
-        A memory of several sliders bends where one after the other slips for good: the squared error has a minimum on
-        either side.
+        A memory of several sliders bends where one slider after the other slips for good, and the squared error has a
+        minimum on either side.
         """
-        fits, law = [fit], fit.separable.law
+        fits, law = [fit], fit.law
         remembers = [term.kind.memory is not None for term in law.terms for _ in term.values]
         for factor in self.known.restart_scales:
             vector = law.vector.copy()
@@ -227,16 +247,17 @@ class BenchLaws:
         return min((each for each in fits if _is_mechanics(each)), key=lambda each: each.error_rms, default=fit)
 
     def left_out(self, fit: BenchFit) -> float:
-        """Return what is left of stretches of time as fits to the others predict them, N, rms."""
-        return float(np.sqrt(np.mean(fit.left_out**2)))
+        """Return the rms of what is left of stretches of time that fits to the others predict, N."""
+        return fit.error_left_out
 
     def confirms(self, fit: BenchFit, than: BenchFit) -> bool:
-        """Return whether stretches left out confirm that a law is better.
+        """Return whether the stretches that were left out confirm that a law is better.
 
-        A larger one must predict them better by more than chance; one of as many terms no worse by the error margin.
+        A law of more terms must predict them better by more than chance; a law of as many terms must not be worse by
+        the error margin.
         """
-        if len(fit.separable.law.terms) == len(than.separable.law.terms):
-            return self.left_out(fit) < (1 + self.settings.error_margin) * self.left_out(than)
+        if len(fit.law.terms) == len(than.law.terms):
+            return fit.error_left_out < (1 + self.settings.error_margin) * than.error_left_out
         falls = np.bincount(self.points.fold, than.left_out**2 - fit.left_out**2)
         return float(falls.sum()) > float(falls.std(ddof=1) * np.sqrt(falls.size))
 
@@ -246,13 +267,13 @@ class BenchLaws:
 
 
 def _is_mechanics(fit: BenchFit) -> bool:
-    law = fit.separable.law
+    law = fit.law
     remembers = [term for term in law.terms if term.kind.memory is not None]
     return all(term.amplitude >= 0 for term in remembers) and not pulls_at_a_stop(law)
 
 
 def thin_record(bench: Bench, settings: BenchSettings) -> Points:
-    """Take at most so many samples of a record, unevenly: an even step could keep time with a periodic motion."""
+    """Return at most `n_search` samples of a record, at uneven steps: even ones could keep time with the motion."""
     counted = bench.samples
     n = counted.size
     step = -(-n // settings.n_search)
@@ -266,7 +287,7 @@ def thin_record(bench: Bench, settings: BenchSettings) -> Points:
 
 
 def all_points(bench: Bench) -> Points:
-    """Take every sample of a record that counts."""
+    """Return every sample of a record that counts."""
     sample = bench.samples
     fold = np.zeros(sample.size, dtype=np.int64)
     return Points(sample, fold, bench.motion.part(sample), bench.force[sample], bench.columns[sample])
@@ -275,7 +296,7 @@ def all_points(bench: Bench) -> Points:
 def fit_law(
     points: Points, law: Law, n_independent: float, settings: BenchSettings, tolerance: float = 1e-7
 ) -> SeparableFit:
-    """Return the fit of a law and of what enters linearly, with what is known of exponents beforehand."""
+    """Return the fit of a law and of what enters linearly; what is known of exponents beforehand counts as data."""
     fit = partial(
         separable_fit,
         points.columns,
@@ -287,12 +308,59 @@ def fit_law(
     )
     found = fit(law=law, starts=[law])
     if any(parameter.known for parameter in law.parameter_list):
-        # how much a residual is worth is known only now
+        # the weight of what is known beforehand follows from the residual of the first fit
         noise = residual_worth(found.residual, n_independent)
         found = fit(law=law, starts=[found.law, law], noise=noise)
     return found
 
 
 def residual_worth(residual: FloatArray, n_independent: float) -> float:
-    """Return what a residual of one sample is worth, N: of samples that are alike each tells less."""
+    """Return the standard deviation of an independent sample of a residual, N: samples that are alike count less."""
     return float(np.sqrt(np.sum(residual**2) / n_independent))
+
+
+def search_record(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
+    """Return the laws that were tried and those that come closest to the choice, with their stretches left out."""
+    say("the linear law")
+    ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)
+    say("the laws that come closest")
+    neighbours = add_neighbours(problem, ladder, kinds=kinds)[: -len(ladder)]
+    best = chosen(ladder)
+    for step in neighbours:
+        # a neighbour whose columns promised nothing may fit better all the same
+        if is_better(step.fit, best.fit, problem.settings) and problem.confirms(step.fit, best.fit):
+            best = step
+    if best.fit.law.has_memory:
+        best = replace(best, fit=problem.restarted(best.fit))
+    tried = [step for step in (*ladder, *neighbours) if step.law_name != best.law_name]
+    # the last one that was kept is the choice
+    in_order = (*tried, replace(best, kept=True))
+    asked = [step for step in in_order if step.kept]
+    for has_memory in (False, True):
+        alike = [each for each in in_order if each.fit.law.has_memory is has_memory]
+        asked += sorted(alike, key=lambda each: each.fit.bic)[: problem.known.n_left_out]
+    return tuple(
+        replace(step, left_out=problem.left_out(step.fit)) if any(step is each for each in asked) else step
+        for step in in_order
+    )
+
+
+def end_on_defined(bench: Bench, ladder: Ladder) -> Ladder:
+    """Return the ladder that ends on the best law which is finite at every sample of the record.
+
+    A memory without a bound (Bouc-Wen with a shape below -1/2) may grow without end where the search, which follows it
+    in longer steps, saw it turn back.
+    """
+    motion, choice = bench.motion, chosen(ladder)
+    for step in (choice, *sorted(ladder, key=lambda step: step.fit.bic)):
+        law = step.fit.law
+        if not law.has_memory or all(
+            np.isfinite(each).all() for each in (motion.parameter_gradient(law), motion.start_columns(law))
+        ):
+            return ladder if step is choice else end_on(ladder, step)
+    return ladder
+
+
+def end_on(ladder: Ladder, step: LawStep[BenchFit]) -> Ladder:
+    """Return the ladder with another choice, which stands last."""
+    return (*(each for each in ladder if each is not step), replace(step, kept=True))

@@ -1,8 +1,10 @@
-"""A test bench: force, travel and velocity of one damper or spring, and the velocity where none was recorded."""
+"""The record of a test bench: force, travel and velocity of one damper or spring, and the study of such a record."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Real
 from pathlib import Path
 
@@ -10,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.mechanics.laws.law import default_law
 from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.provenance import ReadFile
+from opid.signals.health.result import Finding
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
 
@@ -32,10 +36,10 @@ class Bench:
         velocity_from: where the velocity comes from, in words.
         velocity_band_hz: highest frequency of a differentiated travel, Hz; None for a recorded velocity.
         channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
-        warnings: what limits what the record can tell, one sentence each.
+        warnings: what limits the record, one sentence each.
         acceleration: (n,) z'', m/s^2, where parts of unknown mass move with the specimen; None where none do.
-        counted: (n,) whether the law holds for a sample, None for all: while a valve or a voltage is in another state,
-            the motion is only followed.
+        counted: (n,) whether the law holds for a sample, None for all. While a valve or a voltage is in another state,
+            the motion is followed and not fitted.
         is_quasi_static: whether time means nothing: `fs` counts samples a metre of the path, and `velocity` is the
             direction, 1 or -1.
         mass_kg: of the body whose acceleration the channel of the force is, see `bench_from_recording`; None where a
@@ -69,14 +73,14 @@ class Bench:
 
     @property
     def motion(self) -> RecordedMotion:
-        """All of it, as laws take it."""
+        """The motion of all samples, as laws take it."""
         return recorded_motion(self.travel, self.velocity, self.fs)
 
     @property
     def columns(self) -> FloatArray:
         """What enters the force linearly: travel, velocity and one, (n, 3), and the acceleration of moving parts.
 
-        Of a quasi-static test it is travel and one, (n, 2).
+        A quasi-static test has travel and one, (n, 2).
         """
         moving = [] if self.acceleration is None else [self.acceleration]
         velocity = [] if self.is_quasi_static else [self.velocity]
@@ -96,9 +100,9 @@ def bench_from_recording(
 ) -> Bench:
     """Take force and motion from a recording.
 
-    Where no force was measured, a body that nothing but the specimen holds tells it: F = -m a (d'Alembert), a the
-    acceleration of the body, positive where the travel grows as the body moves. Gravity and an accelerometer's offset
-    are constant and belong to the offset of the law; with a mass of 1 kg all forces are those for each kilogram.
+    Where no force was measured, it follows from the acceleration a of a body that nothing but the specimen holds:
+    F = -m a (d'Alembert), a positive where the travel grows as the body moves. Gravity and an accelerometer's offset
+    are constant and belong to the offset of the law; with a mass of 1 kg all forces are forces per kilogram.
 
     Where no velocity was recorded it is `rate_of` the travel. Travel is counted as recorded, or, where the record
     never comes near its zero, from its mean: a law of the travel needs a zero that the motion passes.
@@ -111,8 +115,8 @@ def bench_from_recording(
         moving_mass: whether parts of unknown mass move between the force and the specimen. Their acceleration is the
             rate of the velocity.
         mass_kg: of a body that the specimen alone holds; None where a force was measured.
-        counted: (n,) whether the law holds for a sample; None for all. What is remembered is followed through the
-            others, too.
+        counted: (n,) whether the law holds for a sample; None for all. Memories are followed through the other samples,
+            too.
         settings: when a record is doubted.
 
     Raises:
@@ -134,8 +138,8 @@ def bench_from_recording(
         raise InputError(f"mass_kg is {mass_kg!r}: give the mass of the body, a number of more than 0 kg")
     if mass_kg is not None and moving_mass:
         raise InputError(
-            "mass_kg beside moving_mass: the force of a known mass is that of its acceleration, and no part of unknown "
-            "mass can be told beside it; leave one of them out"
+            "mass_kg beside moving_mass: the force of a known mass is that of its acceleration, beside which a part of "
+            "unknown mass is not determined; leave one of them out"
         )
     y, raw, zero, warnings = _force_and_travel(recording, force, travel, velocity, settings, mass_kg)
     rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
@@ -172,8 +176,8 @@ def quasi_static_bench(
 ) -> Bench:
     """Take force and travel from a test so slow that time means nothing; the recording may have any rate.
 
-    The path is cut into equal steps, and the length along it takes the place of time. Laws of travel and memories of
-    travel do not depend on how it is passed. The samples that count are those nearest to the recorded ones.
+    The path is cut into equal steps, and the length along it takes the place of time. Laws and memories of travel do
+    not depend on the pace. The samples that count are those nearest to the recorded ones.
 
     Args:
         recording: of the test, in SI units.
@@ -219,7 +223,7 @@ def _force_and_travel(
     settings: RecordSettings,
     mass_kg: float | None = None,
 ) -> tuple[FloatArray, FloatArray, float, list[str]]:
-    """Return force and travel as recorded, the travel's value that is counted as zero, and what limits it."""
+    """Return force and travel as recorded, the value of the travel that counts as zero, and warnings."""
     names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
     for role, name in names.items():
         _check_channel(recording, role, name, names, is_acceleration=role == "force" and mass_kg is not None)
@@ -236,7 +240,7 @@ def _force_and_travel(
                 f"{most:g} {unit}: check its unit{and_mass}"
             )
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
-            what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
+            what = "moves: a law needs motion" if role == "travel" else "changes: a law has nothing to explain"
             raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
     warnings = []
     if _turns(raw, settings.turn * float(np.ptp(raw))) < 2:
@@ -303,7 +307,7 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     line = np.linspace(samples[0], samples[-1], n)
     bent = samples - line
     frequency, power = signal.welch(bent, fs, nperseg=min(n, max(256, n // 8)))
-    # a little room: a filter that begins to fall at the last strong line would take from it
+    # half an octave of room: a filter that falls from the last strong line on would weaken it
     band_hz = float(np.clip(1.5 * _motion_ends(frequency, power, settings), 8 * fs / n, fs / 2))
     # both ends of `bent` are zero, so the point reflection is the odd one
     extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
@@ -319,7 +323,7 @@ def _motion_ends(frequency: FloatArray, power: FloatArray, settings: RecordSetti
     floor = float(np.median(power[-max(1, power.size // 5) :]))
     above = np.flatnonzero(power > settings.above_floor * floor)
     end = int(above[-1]) if above.size else power.size - 1
-    # noise that is not white: the rate of the motion falls, the rate of the noise rises
+    # where noise is not white, the rate of the motion falls towards a valley, and the rate of the noise rises
     rate = frequency**2 * power
     edges = np.unique(np.geomspace(1, power.size, 40).astype(int))
     thirds = np.add.reduceat(rate, edges[:-1]) / np.diff(edges)
@@ -376,3 +380,75 @@ def _warn_of_rate(v: FloatArray, rate: FloatArray, travel: str, velocity: str, s
             f"{correlation:.2f}): check columns and units, or leave the velocity out"
         ]
     return []
+
+
+@dataclass(frozen=True, eq=False)
+class BenchStudy:
+    """A record of a test bench, as `law_of_bench` takes it.
+
+    Args:
+        title: of the study.
+        recording: what was measured, in SI units.
+        force: name of the channel of the force, or with `mass_kg` of the acceleration.
+        travel: name of the channel of the travel (extension).
+        velocity: name of the channel of its rate; differentiated where left out.
+        mass_kg: of a body that the specimen alone holds; None where a force was measured.
+        moving_mass: whether parts of unknown mass move between the force and the specimen.
+        quasi_static: whether the test was so slow that time means nothing.
+        counted: name of a channel that is 0 where the law does not hold: such samples are followed and not fitted.
+        candidates: kinds that the law may be made of; None for every kind that is searched.
+        most_terms: of the law at the most; None for as many as the settings say.
+        findings: what the health check found in the log.
+        source: the study file; None where there is none.
+        log: the file that it was read from without a study file; None where it came otherwise.
+
+    Raises:
+        InputError: an unknown kind, a quasi-static test with a velocity, a mass, a moving mass or samples that do not
+            count, or as `bench_from_recording`.
+        NotDeterminedError: a travel or a force that never changes.
+    """
+
+    title: str
+    recording: Recording
+    force: str
+    travel: str
+    velocity: str | None = None
+    mass_kg: float | None = None
+    moving_mass: bool = False
+    quasi_static: bool = False
+    counted: str | None = None
+    candidates: Sequence[str] | None = None
+    most_terms: int | None = None
+    findings: tuple[Finding, ...] = ()
+    source: Path | None = None
+    log: Path | None = None
+
+    def __post_init__(self) -> None:
+        for kind in self.candidates or ():
+            default_law(kind)  # refuses an unknown kind
+        if self.most_terms is not None and self.most_terms < 0:
+            raise InputError(f"most_terms is {self.most_terms}: give 0 or more")
+        timed = [name for name in ("velocity", "mass_kg", "moving_mass", "counted") if getattr(self, name)]
+        if self.quasi_static and timed:
+            raise InputError(
+                f"quasi_static beside {' and '.join(timed)}: a test whose time means nothing has none; leave it out"
+            )
+        assert self.bench  # refuses a wrong record
+
+    @cached_property
+    def bench(self) -> Bench:
+        """The record in SI units."""
+        if self.quasi_static:
+            found = quasi_static_bench(self.recording, force=self.force, travel=self.travel)
+        else:
+            found = bench_from_recording(
+                self.recording,
+                force=self.force,
+                travel=self.travel,
+                velocity=self.velocity,
+                moving_mass=self.moving_mass,
+                mass_kg=self.mass_kg,
+                counted=None if self.counted is None else self.recording.channel(self.counted) != 0,
+            )
+        of_log = (f"{each.channel}: " * bool(each.channel) + each.message for each in self.findings)
+        return replace(found, warnings=(*found.warnings, *of_log), source=self.source, log=self.log)

@@ -23,7 +23,7 @@ class RecordSettings:
         rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
         rate_correlation: ... and correlates with it at least so well.
         driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
-        most_m: no bench moves so far: what reads more is in another unit ...
+        most_m: no bench moves so far, so a record that does is in another unit ...
         most_n: ... and none pushes so hard.
     """
 
@@ -41,18 +41,18 @@ class RecordSettings:
 
 @dataclass(frozen=True)
 class MemorySettings:
-    """What counts as memory.
+    """When the past counts as seen in a force.
 
     Args:
         plays: half-widths of the plays over the amplitude of the travel.
         lags: of first-order lags, over the time in which the motion turns.
-        neighbours: numbers of neighbours that the static prediction is tried with, the first one also where the
-            signals of the past are foretold.
+        neighbours: numbers of neighbours that the static prediction is tried with; the first one also predicts the
+            signals of the past.
         neighbours_with_past: neighbours where a signal of the past is a third axis.
-        fraction_of_rest: the past is seen only if it explains this fraction of what the law leaves ...
+        fraction_of_rest: the past is seen only if it explains this fraction of the residual of the law ...
         fraction_of_force: ... and this fraction of the variance of the force ...
         evidence: ... with this gain in the log likelihood, counted twice, in independent samples.
-        foretold: memory cannot be tested where the present foretells this fraction of the signals of the past.
+        foretold: memory cannot be tested where travel and velocity predict this fraction of the signals of the past.
         n_paces: the acceleration is cut into so many parts from slow to quick ...
         mass_agreement: ... and a force that follows it is that of moving parts if their coefficients differ by less
             than this fraction.
@@ -137,18 +137,18 @@ class BenchSettings:
             many of the rms travel: some two hundred steps in a cycle, however fast a slow motion was sampled.
         n_stretches: stretches of time that are left out by turns ...
         n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
-        n_left_out: laws with and laws without memory, the most likely ones, that stretches left out are asked of for
+        n_left_out: number of the most likely laws with memory, and of those without, whose stretches are left out for
             the report.
-        left_out_tolerance: relative one at which a fit without a turn ends: it begins at the fit to all samples, and
-            only what it predicts is asked for.
-        restart_scales: the chosen memory is fitted once more from so many times its scales: sliders that slip or do not
-            make minima of their own.
+        left_out_tolerance: relative tolerance at which a fit without a turn ends: it begins at the fit to all samples,
+            and only its prediction counts.
+        restart_scales: the chosen memory is fitted once more from these multiples of its scales, because each set of
+            sliders that slip makes a minimum of its own.
         exponents: at which a power is tried, before it is searched.
         least_r2: a law that explains a smaller fraction of the force where it was left out explains nothing.
         least_static_r2: where the past is seen and no law explains this fraction of the force, there is no law.
         missing_r2: fraction of the force, and ...
         missing_of_rest: ... of what the law leaves, from which a shape that the library lacks is worth a warning.
-        forgotten: the last fit begins where what a memory held at first has faded to this fraction of its force.
+        forgotten: the last fit begins where the start of a memory has faded to this fraction of its force.
         slips: a joint of sliders has no intervals where the last one slips beyond this fraction of the range of the
             motion: it slips seldom, and is a spring between.
         cells_per_correlation: scores are added up over cells of so many independent samples ...

@@ -1,8 +1,8 @@
 """A law refined until the motion that it makes of the measured force alone is the recorded one.
 
 Where parts of unknown mass move with the specimen, the force is F = m z'' + C z' + K z + F0 + f, and z'' comes from a
-travel that was differentiated twice: its noise biases every parameter (Söderström 2018, Errors-in-Variables Methods in
-System Identification). A motion that is simulated from the force carries none of that noise. What it leaves of the
+travel that was differentiated twice, whose noise biases every parameter (Söderström 2018, Errors-in-Variables Methods
+in System Identification). A motion that is simulated from the force has none of that noise. What it leaves of the
 recorded travel is the noise of the travel, and least squares on it are not biased (output error; Ljung 1999,
 System Identification, chapter 4).
 """
@@ -21,9 +21,11 @@ from opid.mechanics.response import State, advance, assemble
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import resampled
+from opid.suspensions.bench.problem import BenchFit, Ladder, end_on
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.bench.settings import SimulationSettings
+from opid.suspensions.bench.settings import BenchSettings, SimulationSettings
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
+from opid.suspensions.law_search.pursuit import LawStep, chosen, is_better, n_terms
 from opid.suspensions.model.law_parameters import from_free, positive, to_free
 
 
@@ -34,7 +36,7 @@ class MovingPart:
     Args:
         straight: (4,) K in N/m, C in N s/m, F0 in N and m in kg.
         law: f.
-        begins: (2 + n_memories,) travel in m and velocity in m/s at first, then what each term that remembers holds.
+        begins: (2 + n_memories,) travel in m, velocity in m/s and what each term that remembers holds at the start.
     """
 
     straight: FloatArray
@@ -60,7 +62,7 @@ class MovingPart:
         return self.travel_of_half_steps(_half_steps(force, fs, steps_per_sample), fs, steps_per_sample)
 
     def at_rest(self) -> MovingPart:
-        """Return the part where it begins at zero, and remembers nothing."""
+        """Return the part that begins at rest and remembers nothing."""
         return replace(self, begins=np.zeros_like(self.begins))
 
     def travel_of_half_steps(self, force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
@@ -69,7 +71,7 @@ class MovingPart:
         joint = Joint("specimen", np.ones(1), stiffness, damping, self.law)
         free = np.zeros((1, 1))
         ready = assemble(Structure(np.full((1, 1), mass), free, free, joints=(joint,)))
-        # the elements of one term begin alike
+        # all elements of one term begin with the same value
         counts = [len(term.kind.elements) for term in self.law.terms if term.kind.memory is not None]
         held = np.repeat(self.begins[2:], counts)
         start = State(self.begins[:1].copy(), self.begins[1:2].copy(), np.empty(0), held)
@@ -82,7 +84,7 @@ class Simulation:
     """The motion that a law makes of the measured force alone, beside the recorded one.
 
     Args:
-        part: what was simulated; from rest, it simulates any other force.
+        part: the simulated part; from rest, it simulates any other force.
         travel: (n,) simulated, m.
         error_rms_m: of the travel, recorded minus simulated, m.
         r2: fraction of the variance of the travel that the simulation explains.
@@ -141,7 +143,7 @@ class SimulatedFit:
 
     @cached_property
     def error_rms(self) -> float:
-        """Error of the travel, m, rms; what lies this far below the travel is rounding."""
+        """Rms error of the travel, m, and at least what rounding leaves."""
         return max(float(np.sqrt(np.mean(self.residual**2))), 1e-9 * self.travel_rms)
 
     @property
@@ -202,11 +204,11 @@ def _half_steps(force: FloatArray, fs: float, steps_per_sample: int) -> FloatArr
 
 
 def _find_search(part: MovingPart, bench: Bench, settings: SimulationSettings) -> _Search | None:
-    """Return the search in steps with which a part can be simulated, None where no allowed number is enough."""
+    """Return the search with the fewest steps that can simulate a part; None where no allowed number is enough."""
     steps = settings.steps_per_sample[0]
     while steps <= settings.steps_per_sample[1]:
         search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
-        # else it is too coarse for a memory that turns over fast, or without bound
+        # otherwise the step is too long for a quick memory, or the motion has no bound
         if np.isfinite(search.travel(part)).all():
             return search
         steps *= 2
@@ -224,27 +226,27 @@ class _Search:
     settings: SimulationSettings
 
     def encode(self, part: MovingPart) -> FloatArray:
-        """Return what the search moves."""
+        """Return the unknowns of a part."""
         straight = part.straight.copy()
         straight[3] = np.log(straight[3])
         return np.concatenate([straight, to_free(part.law), part.begins])
 
     def decode(self, theta: FloatArray) -> MovingPart:
-        """Return the part."""
+        """Return the part with these unknowns."""
         straight = theta[:4].copy()
         straight[3] = np.exp(straight[3])
         law, _ = from_free(self.part.law, theta[4 : 4 + self.part.law.vector.size])
         return MovingPart(straight, law, theta[4 + law.vector.size :])
 
     def stretch(self, theta: FloatArray) -> FloatArray:
-        """Return the derivatives of the values by what the search moves."""
+        """Return the derivatives of the values by the unknowns."""
         part = self.decode(theta)
         _, of_law = from_free(part.law, to_free(part.law))
         return np.concatenate([np.ones(3), part.straight[3:], of_law, np.ones(part.begins.size)])
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Exponents and memories have bounds, scales and the mass stay within decades of where they begin."""
+        """Exponents and memories have bounds; scales and the mass stay within `farthest` of where they begin."""
         law, begins = self.part.law, self.part.begins
         upper = np.full(4 + law.vector.size + begins.size, np.inf)
         lower = -upper
@@ -282,16 +284,49 @@ class _Search:
             ahead = theta.copy()
             ahead[k] += width if theta[k] + width <= upper[k] else -width
             column = (self.residual(ahead) - at) / (ahead[k] - theta[k])
-            # where a motion begins to run away nothing is known of the slope
+            # a motion that begins to run away has no slope
             columns.append(column if np.isfinite(column).all() else np.zeros_like(column))
         return np.stack(columns, axis=1)
 
     @cached_property
     def _widths(self) -> FloatArray:
-        """Differences that are small beside what moves the travel visibly."""
+        """Steps of the differences, small beside what moves the travel visibly."""
         bench, law = self.bench, self.part.law
         z, v, f = (float(each.std()) for each in (bench.travel, bench.velocity, bench.force))
         straight = [f / z, f / v, f, 1.0]
         of_law = np.where(positive(law), 1.0, np.maximum(np.abs(law.vector), 1e-12))
         memories = np.ones(self.part.begins.size - 2)
         return self.settings.difference * np.concatenate([straight, of_law, [z, v], memories])
+
+
+def refine_ladder(
+    bench: Bench, ladder: Ladder, settings: BenchSettings, say: Callable[[str], None]
+) -> tuple[Ladder, dict[str, SimulatedFit]]:
+    """Return the ladder that ends on the law which makes the recorded motion best, and the refined laws by their name.
+
+    The chosen law is refined, and so are those that come closest to it by the force, until one leaves white noise of
+    the travel. Where no simulation explains more of the travel than its law explains of the force, the noise is in the
+    force and not in the travel, and nothing is refined.
+    """
+    others = sorted((step for step in ladder if step is not chosen(ladder)), key=lambda step: step.fit.bic)
+    fits: dict[str, SimulatedFit] = {}
+    best: LawStep[BenchFit] | None = None
+    for step in (chosen(ladder), *others[: settings.simulation.n_laws - 1]):
+        fit = fit_by_simulation(bench, step.fit.separable, settings.simulation, say=say)
+        if fit is None or fit.r2 < step.fit.r2:
+            continue
+        fits[step.law_name] = fit
+        if best is None or _is_better_simulated(fit, fits[best.law_name], settings):
+            best = step
+        if fit.n_independent > settings.simulation.white * bench.travel.size:
+            break
+    if best is None:
+        return ladder, {}
+    return end_on(ladder, best), fits
+
+
+def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchSettings) -> bool:
+    """Whether a law replaces another by the motion that it makes; one of fewer terms does if the other is no better."""
+    if n_terms(fit) < n_terms(than):
+        return not is_better(than, fit, settings.search)
+    return is_better(fit, than, settings.search)

@@ -18,10 +18,9 @@ import numpy as np
 from scipy import interpolate
 
 from opid.errors import InputError
-from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.driven import UnboundedResponseError, misfits_of_starts
 from opid.mechanics.laws.law import LINEAR, Law, Term
 from opid.mechanics.memory import force_along
-from opid.mechanics.prediction import misfits_of_starts
 from opid.signals.motion import filter_like, integrate
 from opid.signals.recording import FloatArray
 from opid.suspensions.law_search.dictionary import stand_together

@@ -1,22 +1,24 @@
-"""Health over time: which stiffness, damping, friction or mass of a structure changed from flight to flight by more
-than its uncertainty."""
+"""Health over time: what changed from flight to flight by more than its uncertainty."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.json_values import plain
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.departures import (
+    DEFAULTS,
+    FlightSettings,
     Measured,
     Point,
     Series,
@@ -28,14 +30,13 @@ from opid.suspensions.flights.departures import (
 )
 from opid.suspensions.flights.result_file import Flight, Quantity
 from opid.suspensions.flights.results import Flights, listed
-from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
 
 SCHEMA = "opid.comparison/1"
 
 
 @dataclass(frozen=True)
 class Change:
-    """Flights in a row that depart to the same side.
+    """Flagged flights in a row that depart to the same side.
 
     Args:
         quantity: what changed.
@@ -43,9 +44,9 @@ class Change:
         last: index of the last.
         share: relative change of their mean against the flights before, with its interval; without a value where
             these are not clearly different from zero.
-        departure: of the one that stands out most, standard deviations.
+        departure: of the flight that departs most, standard deviations.
         confirmed: whether the flight after the first departs as well; None where there is none yet.
-        statement: all of it as a sentence.
+        statement: the change in a sentence.
     """
 
     quantity: Quantity
@@ -69,7 +70,7 @@ class Comparison(Result):
         false_alarm: chance of any flag if nothing changed and the intervals hold.
         n_tests: tests that share it.
         warnings: what to doubt, one sentence each.
-        settings: every number that was tuned.
+        settings: the tuned numbers.
     """
 
     flights: tuple[Flight, ...]
@@ -82,7 +83,7 @@ class Comparison(Result):
     settings: FlightSettings
 
     def summary(self) -> tuple[SummaryRow, ...]:
-        """Return each quantity as the last flight that was judged has it; of those that are not judged, the last."""
+        """Return each quantity of the last flight in which it was judged, or of the last flight if it never was."""
         rows = []
         for each in self.series:
             what, last = each.quantity, (each.judged or each.points)[-1]
@@ -96,15 +97,55 @@ class Comparison(Result):
         return tuple(each.file for each in self.flights if each.file is not None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of comparison.json, see `opid.suspensions.flights.as_json.comparison_json`."""
-        from opid.suspensions.flights.as_json import comparison_json
-
-        return comparison_json(self)
+        """Return the content of comparison.json, as `docs/schemas/comparison-1.schema.json` describes it."""
+        return plain(
+            {
+                "schema": SCHEMA,
+                "flagged": bool(self.changes),
+                "false_alarm": self.false_alarm,
+                "n_tests": self.n_tests,
+                "structure": self.flights[0].structure,
+                "dated": self.dated,
+                "flights": [
+                    {
+                        "name": flight.name,
+                        "path": str(flight.path),
+                        "date": None if flight.date is None else flight.date.isoformat(),
+                        "method": flight.method,
+                    }
+                    for flight in self.flights
+                ],
+                "series": [
+                    _of_what(series)
+                    | {"unit": series.quantity.unit, "scatter": series.scatter, "threshold": series.threshold}
+                    | {"points": [_point(point) for point in series.points]}
+                    for series in self.series
+                ],
+                "changes": [
+                    _of_what(change)
+                    | {"first": change.first, "last": change.last, "share": asdict(change.share)}
+                    | {"departure": change.departure, "confirmed": change.confirmed, "statement": change.statement}
+                    for change in self.changes
+                ],
+                "warnings": self.warnings,
+                "settings": asdict(self.settings),
+            }
+        )
 
     def _headline(self) -> str:
         n = len(self.changes)
         flagged = f"{n} change{'s' * (n != 1)} flagged" if n else "no change exceeds its uncertainty"
         return f"{len(self.flights)} flights, {flagged}"
+
+
+def _of_what(found: Series | Change) -> dict[str, Any]:
+    return {"gear": found.quantity.gear, "quantity": found.quantity.name, "kind": found.quantity.kind}
+
+
+def _point(point: Point) -> dict[str, Any]:
+    own = asdict(point)
+    head, expected_std = {"flight": own.pop("flight")} | own.pop("estimate"), own.pop("std")
+    return head | own | {"expected_std": expected_std}
 
 
 def compare(flights: Flights, *, false_alarm: float | None = None, settings: FlightSettings = DEFAULTS) -> Comparison:
@@ -125,7 +166,7 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
     Args:
         flights: from `read_flights`.
         false_alarm: chance of any flag in the whole comparison if nothing changed; None for that of the settings.
-        settings: every number that was tuned.
+        settings: the tuned numbers.
 
     Raises:
         InputError: a chance that is not between 0 and 0.5.
@@ -142,7 +183,7 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
     if not n_tests:
         raise NotDeterminedError(
             "no quantity has a value with an interval in two flights, so no change can be told from its uncertainty: "
-            f"{'; '.join(_for_want_of_intervals(flights))}"
+            f"{'; '.join(_why_no_intervals(flights))}"
         )
     chance = -math.expm1(math.log1p(-settings.false_alarm) / n_tests)
     table = _table(found, len(flights.flights))
@@ -168,8 +209,8 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
     )
 
 
-def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
-    """What is to be done where intervals are missing, and what was left out before."""
+def _why_no_intervals(flights: Flights) -> Iterator[str]:
+    """Why intervals are missing, and which flights were left out."""
     others = sorted({flight.method for flight in flights.flights} - {"model"})
     if others:
         yield f"the results come from the method {' and '.join(others)}, and the default method gives intervals"
@@ -182,7 +223,7 @@ def _scatter(
     labels: Sequence[str], value: FloatArray, std: FloatArray, settings: FlightSettings
 ) -> dict[str, tuple[float, float]]:
     """Scatter and degrees of freedom for each kind of quantity, of all gears together."""
-    # few flights tell little of one quantity, but more of all of them
+    # few flights show little about one quantity, but more about all quantities together
     below = settings.narrow_as_others if _is_narrow(value, std, settings.narrow, settings) else settings.narrow
     scatter = {}
     for label in dict.fromkeys(labels):
@@ -193,7 +234,7 @@ def _scatter(
 
 
 def _is_narrow(value: FloatArray, std: FloatArray, below: float, settings: FlightSettings) -> bool:
-    """Whether the steps between flights are enough, and larger than their intervals make them."""
+    """Whether there are enough steps between flights, and they are larger than their intervals let expect."""
     steps = ~np.isnan(np.diff(value)).all(axis=0)
     return bool(steps.sum() >= settings.enough_steps and chance_of_steps(value, std) < below)
 
@@ -207,7 +248,7 @@ def _table(found: Sequence[Measured], n_flights: int) -> tuple[FloatArray, Float
 
 
 def _quantities(flights: Flights) -> list[Quantity]:
-    """Those that two flights have a value of: stiffness of all gears, then damping, and so on."""
+    """Quantities that at least two flights have, ordered by their name: stiffness of all gears, damping, and so on."""
     of_each = [[quantity for quantity, e in flight.values.items() if e.value is not None] for flight in flights.flights]
     counts = Counter(quantity for several in of_each for quantity in several)
     names = list(dict.fromkeys(quantity.name for quantity in counts))
@@ -237,7 +278,7 @@ def _change(series: Series, group: Sequence[Point], flights: Flights, settings: 
     expected = first.expected or 0.0
     values, own = np.array([(point.estimate.value or 0.0, point.estimate.std or 0.0) for point in group]).T
     variance = own**2 + (series.scatter * expected) ** 2
-    # what the std of the first departure has beyond its own: that of the mean of the flights before
+    # the standard deviation of the first departure has this part from the mean of the flights before
     before = max(0.0, (first.std or 0.0) ** 2 - variance[0])
     change = float(values @ (1 / variance) / (1 / variance).sum()) - expected
     std = math.sqrt(1 / (1 / variance).sum() + before)
@@ -319,11 +360,11 @@ def _warnings(
 def _scattered(
     series: Sequence[Series], changes: Sequence[Change], chance: float, settings: FlightSettings
 ) -> Iterator[str]:
-    """Whether flights differ by more than their intervals, and what that hides."""
+    """How far flights differ by more than their intervals, and which changes that hides."""
     scattered: dict[str, Series] = {}
     for each in series:
         if each.scatter > 0:
-            # all gears have that of their kind of quantity
+            # all gears share the scatter of a kind of quantity
             scattered.setdefault(each.quantity.label, each)
     for label, each in scattered.items():
         last = next((point for point in reversed(each.points) if point.std is not None), None)
@@ -355,7 +396,7 @@ def _before(change: Change, series: Sequence[Series]) -> list[Point]:
 
 
 def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
-    """Quantities of single flights that are not there, those of one flight in one sentence."""
+    """Which quantities are missing, one sentence for each flight."""
     for status, words in ((Status.NO_VALUE, "have no value"), (Status.NO_INTERVAL, "have no interval")):
         for index, flight in enumerate(flights):
             lacking = [
@@ -368,25 +409,22 @@ def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[st
 
 
 def _laws(flights: Sequence[Flight]) -> Iterator[str]:
-    """Gears whose law is not of the same kinds in all flights."""
+    """Which gears have laws of different kinds in different flights."""
     for gear in dict.fromkeys(gear for flight in flights for gear in flight.laws):
         of_flight = {flight.name: flight.laws[gear] for flight in flights if gear in flight.laws}
+        name_of = {kinds: " + ".join(kinds) or "linear" for kinds in of_flight.values()}
         usual, _ = Counter(of_flight.values()).most_common(1)[0]
-        others = [f"{_law(kinds)} in {name!r}" for name, kinds in of_flight.items() if kinds != usual]
+        others = [f"{name_of[kinds]} in {name!r}" for name, kinds in of_flight.items() if kinds != usual]
         if others:
             yield (
-                f"the law of {gear!r} is {_law(usual)}, but {listed(others)}: amplitudes of different kinds are not "
+                f"the law of {gear!r} is {name_of[usual]}, but {listed(others)}: amplitudes of different kinds are not "
                 "compared, and stiffness and damping are the linear part beneath the law; identify all flights with "
                 "one law (--law)"
             )
 
 
-def _law(kinds: tuple[str, ...]) -> str:
-    return " + ".join(kinds) or "linear"
-
-
 def _all_alike(flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change]) -> Iterator[str]:
-    """Changes that all gears share."""
+    """Which changes all gears share."""
     gears = Counter(each.quantity.label for each in series)
     together: dict[tuple[str, int, bool], list[str]] = {}
     for change in changes:

@@ -12,11 +12,46 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.result_file import Flight, Quantity
-from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
+
+
+@dataclass(frozen=True)
+class FlightSettings:
+    """Tuned numbers: when a value departs from the earlier ones, and when the flights scatter.
+
+    Args:
+        false_alarm: chance that a structure that did not change is flagged anywhere in a comparison, if the intervals
+            hold.
+        narrow: intervals are too narrow where the chance of the steps between neighbouring flights is below this ...
+        narrow_as_others: ... or below this for one quantity, where the intervals of all together are too narrow.
+        enough_steps: fewer steps between neighbouring flights do not distinguish a change from scatter.
+        suspect: below this chance of the steps scatter is not yet certain, but a flag may be scatter.
+        clear_std: a change is given as a fraction where the value before is this many standard deviations from zero.
+        following: one-sided chance at which the flight after a flagged one confirms it. It is a single test, so it
+            shares the false alarms with no other.
+        freedom_of_a_step: degrees of freedom that each of the overlapping differences adds to their median. Student's
+            distribution with them has the far tail that such a median gives to normal deviates (simulated for 2 to 147
+            differences).
+        largest_scatter: scatter between flights is looked for up to this many times the value.
+        each_of_two_std: both flights of a pair depart by this many standard deviations: one alone is judged alone.
+    """
+
+    false_alarm: float = 1e-3
+    narrow: float = 0.01
+    narrow_as_others: float = 0.5
+    enough_steps: int = 4
+    suspect: float = 0.1
+    clear_std: float = 5.0
+    following: float = 0.01
+    freedom_of_a_step: float = 0.4
+    largest_scatter: float = 10.0
+    each_of_two_std: float = 1.96
+
+
+DEFAULTS = FlightSettings()
 
 
 class Status(StrEnum):
-    """What is said of one quantity of one flight: nothing is before it, it is as expected or flagged, or not judged."""
+    """The verdict on one quantity of one flight: it is the first, as expected or flagged, or it is not judged."""
 
     FIRST = "first"
     AS_EXPECTED = "as expected"
@@ -32,13 +67,13 @@ class Point:
     Args:
         flight: its index in `Comparison.flights`.
         estimate: what its result holds.
-        status: what is said of it.
+        status: the verdict on it.
         expected: weighted mean of the earlier flights that were not flagged; None where it is not judged.
         std: standard deviation of the departure: of this flight, of the mean, and of the scatter between flights.
-        limits: lowest and highest value that is not flagged by this flight alone.
+        limits: lowest and highest value that does not flag this flight by itself.
         departure: (value - expected) / std.
-        with_next: whether it was flagged by its mean with the next flight, either being within its own limits.
-        confirmed: whether the next flight departs to the same side; None where there is no flag, or no next flight.
+        with_next: whether the mean with the next flight flagged it, while either was within its own limits.
+        confirmed: whether the next flight departs to the same side; None without a flag or without a next flight.
     """
 
     flight: int
@@ -68,7 +103,7 @@ class Series:
 
     Args:
         quantity: what it is.
-        points: one a flight.
+        points: one for each flight.
         scatter: standard deviation between flights beyond the intervals, as a fraction of the value; 0 where the
             intervals explain the differences.
         threshold: departure beyond which a flight is flagged, standard deviations.
@@ -87,14 +122,14 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A quantity of the flights that can be judged.
+    """A quantity before it is judged.
 
     Args:
         quantity: what it is.
-        points: (n,) of the flights that have an interval, not judged yet.
-        value: (n,) of them.
-        std: (n,) of them.
-        others: of the flights without a value or interval.
+        points: (n,) of the flights that have an interval.
+        value: (n,) their values.
+        std: (n,) their standard deviations.
+        others: points of the flights without a value or interval.
     """
 
     quantity: Quantity
@@ -126,9 +161,9 @@ def judged(
 ) -> Series:
     """Compare each value with the weighted mean of the earlier ones that were not flagged.
 
-    `chance` is two-sided, that of flagging one value by itself; scatter and its degrees of freedom are those of
-    `scatter_between`. The intervals are taken as known, so that the sum has more freedom (Welch 1947, Satterthwaite
-    1946).
+    `chance` is the two-sided chance of flagging one value by itself; scatter and its degrees of freedom are those of
+    `scatter_between`. The intervals are taken as known, so that scatter and interval together have more degrees of
+    freedom (Welch 1947, Satterthwaite 1946).
     """
     from scipy.special import ndtri, stdtrit
 
@@ -192,7 +227,7 @@ def _together(
 
 
 def _finished(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, ...]:
-    """All flights in their order; each flag says whether the next one confirms it."""
+    """All flights in their order, each flag with whether the next flight confirms it."""
     done = {point.flight: point for point in others}
     for point, following in zip(points, [*points[1:], None], strict=True):
         confirmed = None
@@ -209,9 +244,10 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
     """Return the chance that honest intervals leave neighbouring flights as far apart as they are.
 
     Quantities of a flight share errors (that of its mass), so a step from flight to flight counts once, by the mean
-    square of its quantities: its chance is the greater of those for quantities that are alike and that are
-    independent. Neighbouring steps share a flight, so every other step is taken, and of the two ways to do so the one
-    that says less. So many of n steps are beyond the middle one (binomial): one large step is a change, no scatter.
+    square of its quantities: its chance is the greater of those for equal and for independent quantities. Neighbouring
+    steps share a flight, so every other step is taken, and of the two ways to do so the one with the greater chance
+    counts. The result is the binomial chance that so many of n steps are beyond the middle one: a single large step is
+    a change, no scatter.
 
     Values and standard deviations are (n_quantities, n_flights), NaN where there is none.
 
@@ -237,8 +273,9 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
 def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSettings = DEFAULTS) -> tuple[float, float]:
     """Return the scatter between flights beyond their intervals as a fraction of the value, and its degrees of freedom.
 
-    It makes the median difference of neighbouring flights what it is for normal deviates, and is 0 where the intervals
-    explain the differences. Values of one quantity of each gear are (n_gears, n_flights), NaN where there is none.
+    With this scatter the median difference of neighbouring flights is that of normal deviates; it is 0 where the
+    intervals explain the differences. Values of one quantity of each gear are (n_gears, n_flights), NaN where there is
+    none.
 
     >>> x = np.array([[100.0, 103, 98, 101, 96, 104]])
     >>> fraction, freedom = scatter_between(x, np.full(x.shape, 0.1))

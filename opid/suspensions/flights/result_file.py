@@ -1,6 +1,6 @@
-"""A result.json of `opid identify` as a flight: all that the comparison of flights knows of the file.
+"""A result.json of `opid identify` as a flight: nothing else in the comparison of flights knows the file.
 
-The file is checked as it is read, and everything that is wrong with it is said at once.
+The file is checked while it is read, and all its faults are listed in one message.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ONE_GEAR = "gear"
 """What the suspension of a single-gear result is called."""
 
 MOST_FAULTS = 6
-"""Faults of a file that are told: a file that is something else has hundreds."""
+"""Faults of a file that are listed: a file that is something else has hundreds."""
 
 SINGLE_GEAR = "single gear"
 """What the structure of a single-gear result is called; those of a body have the names of their kinds."""
@@ -33,7 +33,7 @@ SINGLE_GEAR = "single gear"
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is followed from flight to flight.
+    """A number that is followed from flight to flight.
 
     Args:
         gear: the suspension that it belongs to; empty for the body.
@@ -71,8 +71,8 @@ class Flight:
         laws: {gear: kinds of the terms of its law}.
         values: {quantity: Estimate}.
         per_mass: whether its values are per unit of mass.
-        recommended: whether its structure is; of a single gear nothing else is to be had.
-        doubt: why its values are missing, per unit of mass, or not to be believed; empty where its result does not say.
+        recommended: whether its structure is recommended; always True for a single gear.
+        doubt: why its values are missing, per unit of mass, or doubtful; empty where its result does not say.
         file: its file with the hash of what it holds.
     """
 
@@ -93,7 +93,7 @@ def read_flight(path: Path, name: str) -> Flight:
     """Read a result.json as the flight that is called `name`.
 
     Raises:
-        InputError: it cannot be read, is no result, or lacks what every result has; everything is said at once.
+        InputError: it cannot be read, is no result, or lacks what every result has; all faults in one message.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -117,7 +117,7 @@ def read_flight(path: Path, name: str) -> Flight:
 
 @dataclass(frozen=True)
 class _Table:
-    """A table of the file: it is read by keys, and what is wrong is noted as one sentence each."""
+    """A table of the file, read by its keys; its faults are collected, one sentence each."""
 
     content: Mapping[str, object]
     where: str
@@ -154,7 +154,7 @@ class _Table:
     def table(self, key: str) -> _Table:
         """A table, which must be there."""
         content = self._get(key, dict, "a table", None, True)
-        # what a table that is missing does not hold is no fault of its own
+        # the keys of a missing table are no further faults
         return _Table(content or {}, f"{self.where}{key}.", [] if content is None else self.faults)
 
     def optional(self, key: str) -> _Table | None:
@@ -233,16 +233,17 @@ def _flight(path: Path, name: str, document: _Table) -> Flight:
 
 
 def _of_structure(document: _Table, structure: _Table) -> tuple[str, bool, str]:
-    """Kind of the structure, whether it is recommended, and what it leaves of the runs.
+    """Kind of the structure, whether it is recommended, and how much of the runs it leaves, in words.
 
-    A structure may explain the runs that it was fitted to, and not one that was left out.
+    A structure may explain the runs that it was fitted to, and not a run that was left out: the greater residual
+    counts.
     """
     kind = structure.text("kind")
     candidates = document.tables("candidates", is_needed=False)
     left = [structure.number("residual_over_noise")]
     left += [each.number("left_out_over_noise") for each in candidates if each.text("kind") == kind]
     most = max((each for each in left if each is not None), default=None)
-    # null says that none is recommended; results of old say nothing
+    # null means that none is recommended; older results do not have the key
     is_recommended = "recommended" not in structure.content or structure.content["recommended"] is not None
     return kind, is_recommended, "" if most is None else f" ({most:.3g} times the noise)"
 
@@ -274,7 +275,7 @@ def _gears(document: _Table) -> Iterator[_Gear]:
         name = interface.text("name")
         if name in seen:
             continue
-        # those that share one estimate are one series
+        # interfaces that share one estimate are one series
         alike = [name, *(other for other in interface.texts("shared_with") if other != name)]
         seen.update(alike)
         per_mass = interface.table("stiffness").text("unit") != "N/m"
@@ -291,14 +292,14 @@ def _gas(interface: _Table) -> Estimate:
 def _values(
     gear: str, stiffness: Estimate, damping: Estimate, amplitudes: Mapping[str, Estimate], gas: Estimate, per_mass: bool
 ) -> dict[Quantity, Estimate]:
-    """What is followed of a suspension; `gas` is pressure times volume of the gas that carries it."""
+    """The quantities of a suspension; `gas` is pressure times volume of the gas that carries it."""
     has_gas, (of_spring, of_damper) = gas.value is not None, ("1/s^2", "1/s") if per_mass else ("N/m", "N s/m")
-    # as stiff as it is under the weight of the flight: what belongs to a strut is how much gas there is
+    # the stiffness of a gas strut changes with the weight of the flight, the amount of gas does not
     first = (Quantity(gear, "gas", "N m"), gas) if has_gas else (Quantity(gear, "stiffness", of_spring), stiffness)
     values = dict([first, (Quantity(gear, "damping", of_damper), damping)])
     for kind, amplitude in amplitudes.items():
         if has_gas and kind in LAWS and LAWS[kind].quasi_static:
-            continue  # the weight, which is told as the mass
+            continue  # it is the weight, which the mass stands for
         unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
         what = "friction" if kind in LAWS and LAWS[kind].is_friction else kind
         values[Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind)] = amplitude

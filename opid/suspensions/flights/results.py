@@ -23,7 +23,7 @@ class LeftOut:
 
     Args:
         name: of the flight, or the folder of its study.
-        sentence: that it is left out, and why.
+        sentence: why it is left out.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Flights:
         flights: two or more.
         dated: whether they are in the order of their dates.
         left_out: flights that are not among them.
-        notes: what is to be said of the order, one sentence each.
+        notes: sentences on the order.
     """
 
     flights: tuple[Flight, ...]
@@ -69,7 +69,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
     if twice:
         raise InputError(f"{listed(twice)}: given more than once, give each result once")
     names = _names(files)
-    # the result of a study may stand beside its folder, and has its name
+    # the result of a study may stand beside its folder and have its name
     without_result = [
         LeftOut(str(folder), f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there")
         for folder in unfinished
@@ -105,14 +105,14 @@ def in_order(flights: Sequence[Flight]) -> Flights:
     return Flights(tuple(ordered), True, notes=notes)
 
 
-def listed(names: Sequence[Any] | Mapping[str, Any], most: int = 6) -> str:
-    """Return names in a sentence, of many only the first.
+def listed(names: Sequence[Any] | Mapping[str, Any]) -> str:
+    """Return names in a sentence; of more than six the first six and the number of the others.
 
-    >>> listed(["a", "b", "c"], most=2)
-    'a, b and 1 more'
+    >>> listed("abcdefgh")
+    'a, b, c, d, e, f and 2 more'
     """
     words = [str(name) for name in names]
-    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+    return ", ".join(words[:6]) + (f" and {len(words) - 6} more" if len(words) > 6 else "")
 
 
 # ---- files -----------------------------------------------------------------------------------------
@@ -168,7 +168,7 @@ def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]
         elif flight.doubt and not (flight.recommended and any(each.std for each in flight.values.values())):
             reasons[flight.name] = flight.doubt
     kept = [flight for flight in flights if flight.name not in reasons]
-    # two absolute ones are compared; fewer, and those that are per unit of mass may be more
+    # absolute values are compared where two flights have them, otherwise those per unit of mass
     absolute = sum(not flight.per_mass for flight in kept)
     per_mass = absolute < 2 and len(kept) - absolute > 1
     for flight in kept:

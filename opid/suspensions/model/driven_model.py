@@ -1,7 +1,7 @@
 """Prediction errors of a body on driven suspensions, and their derivatives, as functions of one vector.
 
 The noise below the suspensions drives the model too. Every reading on the body therefore corrects the simulated motion
-by as much as the noise levels make right (`opid.mechanics.prediction`), so that the errors are white for the true model
+by as much as the noise levels make right (`opid.mechanics.driven`), so that the errors are white for the true model
 whatever the law. The lines of a band of them are compared: what sensors do below and above does not matter.
 
 How likely they are needs the spectral density of both noises: there a run has the mean slopes of its laws.
@@ -19,9 +19,9 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from opid.mechanics.driven import Noise, Prediction, predict
 from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.memory import force_along
-from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.model.body import Mobility

@@ -13,10 +13,9 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.laws.law import Law
-from opid.suspensions.paper.direct_parameters import mass_over_stiffness
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import RATIOS, FittedValues, JointFit
-from opid.suspensions.paper.transmissibility import Peak
+from opid.suspensions.paper.transmissibility import Peak, mass_over_stiffness
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,8 @@ class PeakMatch:
     Args:
         reference: peak of the reference run.
         changed: peak of the run with the changed mass.
-        credible: whether the shift is one that the mass change can make.
-        reason: why, in one sentence.
+        credible: whether the mass change can cause the shift.
+        reason: why or why not, in one sentence.
     """
 
     reference: Peak
@@ -132,7 +131,7 @@ def match_peaks(
         reference: peaks of the reference run.
         changed: peaks of the run with the changed mass.
         mass_change_kg: negative where mass was removed, kg.
-        largest_mass_fraction: a shift that asks for a larger change of the mass is not credible.
+        largest_mass_fraction: a shift that needs a larger change of the mass is not credible.
 
     >>> match_peaks([Peak(1.812, 0.49)], [Peak(6.406, 0.122)], mass_change_kg=-220.0)[0].credible
     False
@@ -154,12 +153,12 @@ def absolute_parameters(
 ) -> AddedMass:
     """Scale a joint fit of several runs by the mass that it found.
 
-    The unknown of the fit is mu = 1/M2: it may pass through zero, so that runs without information on the mass show it.
+    The unknown of the fit is mu = 1/M2. It may pass through zero, so runs without information on the mass show that.
 
     Args:
         fit: a fit of all runs with a free `inverse_mass`.
         mass_changes_kg: of the runs, kg.
-        settings: say from when the mass is seen.
+        settings: from which significance on the mass is seen.
 
     Raises:
         InputError: a fit without a free mass.
@@ -204,7 +203,7 @@ def _absolute(fit: JointFit) -> AddedMass:
 
 def _judge(reference: Peak, changed: Peak, mass_change_kg: float, largest_fraction: float) -> tuple[bool, str]:
     shift = changed.frequency_hz / reference.frequency_hz
-    # half a line of error on each peak
+    # each peak may be off by half a line
     slack = 0.5 * (reference.resolution_hz + changed.resolution_hz) / reference.frequency_hz
     removed = -mass_change_kg if mass_change_kg else 0.0
     direction = "up" if shift > 1 else "down"

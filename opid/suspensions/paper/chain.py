@@ -2,7 +2,7 @@
 
 restoring force -> arctangent -> transmissibility -> direct parameters -> matched peaks
 
-The steps need a law, and not where it comes from: that of `identify_by_paper`, or that of any other fit.
+The steps take any law, that of `identify_by_paper` or that of another fit.
 """
 
 from __future__ import annotations
@@ -18,25 +18,33 @@ from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
 from opid.suspensions.paper.added_mass import PeakMatch, TwoPeakMass, match_peaks, two_peak_mass
-from opid.suspensions.paper.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
-from opid.suspensions.paper.nonlinearity import LawFit, fit_slice, fit_surface
 from opid.suspensions.paper.restoring_force import (
     BinnedSurface,
+    LawFit,
     RestoringForce,
     SliceCurve,
     binned_surface,
+    fit_slice,
+    fit_surface,
     restoring_force,
     slice_curve,
 )
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, equation_lines
-from opid.suspensions.paper.transmissibility import Peak, transmissibility_peaks, transmissibility_without_force
+from opid.suspensions.paper.transmissibility import (
+    DirectParameters,
+    Peak,
+    complex_least_squares,
+    errors_in_variables,
+    transmissibility_peaks,
+    transmissibility_without_force,
+)
 from opid.suspensions.study import Run, Study
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedRun:
-    """One run, checked, mended and integrated: what every step of the chain begins with.
+    """One run, checked, mended and integrated, with which every step of the chain begins.
 
     Args:
         name: of the run.
@@ -45,7 +53,7 @@ class PreparedRun:
         time_s: (n,) s.
         unsprung: (n,) x1'', single spikes mended, m/s^2.
         sprung: (n,) x2'', likewise.
-        findings: what the health check says of the pair.
+        findings: what the health check found in the pair.
         noise_floor: of the unsprung and the sprung channel, m/s^2.
         surface: restoring-force points.
         lines: the run's transform.
@@ -65,11 +73,11 @@ class PreparedRun:
 
 @dataclass(frozen=True, eq=False)
 class RunEvidence(PreparedRun):
-    """All that the chain makes of one run, in the order in which it is made.
+    """Results of all steps of the chain for one run, in their order.
 
     Args:
         motion: relative motion, soundly integrated.
-        motion_mean_removed: relative motion by the paper's literal recipe.
+        motion_mean_removed: relative motion exactly as the paper describes it.
         binned: the restoring-force points, averaged over cells.
         slices: stiffness curve and damping curve.
         slice_fits: an arctangent on each.
@@ -98,7 +106,7 @@ class RunEvidence(PreparedRun):
 
 @dataclass(frozen=True)
 class PeakPair:
-    """A matched pair of peaks with the masses that the paper's formula makes of it.
+    """A matched pair of peaks with the masses that the paper's formula gives for it.
 
     Args:
         run_name: the run with the changed mass.
@@ -115,10 +123,10 @@ class PeakPair:
 
 @dataclass(frozen=True, eq=False)
 class PaperChain:
-    """What the steps of the paper find.
+    """Results of the steps of the paper.
 
     Args:
-        runs: one a run.
+        runs: one for each run.
         pairs: matched peaks of the reference and each other run.
         static_transmissibility: T(0) read from the lowest lines, for the peak formula.
         noise_floor_m_per_s2: noise of the sprung channel, which dominates the equation above resonance.
@@ -157,7 +165,7 @@ def compute_chain(
         inverse_mass: 1/M2 of the reference, 1/kg; 0 where the mass is not determined.
         ground: whether the ground spring is free (else it is 0).
         band_hz: lines that are used, Hz; cut at `highest_fraction_of_rate` of the sampling rate.
-        settings: everything else that was chosen.
+        settings: every other number that was chosen.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -207,12 +215,12 @@ def chain_of(
 ) -> PaperChain:
     """Run the steps of the paper on prepared runs, see `compute_chain`."""
     say("runs")
-    # a run of another mass has another force per unit of its own mass
+    # the force per unit of its own mass is another one in a run of another mass
     found = tuple(
         _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
     )
     static = float(np.mean([_static_transmissibility(run.T, settings.static_hz) for run in found]))
-    # the sprung channel's, which dominates the equation above resonance
+    # the noise of the sprung channel dominates the equation above resonance
     noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
         runs=found,
@@ -266,7 +274,7 @@ def _transmissibilities(
     inside, fs = motion.interior, run.fs
     unsprung, sprung = run.unsprung[inside], run.sprung[inside]
     force = law.force(motion.displacement, motion.velocity)[inside]
-    # with fewer than some five overlapping blocks the force cannot be told from the motion
+    # fewer than some five overlapping blocks do not distinguish the force from the motion
     nperseg = min(round(block_s * fs), unsprung.size // 3)
     return (
         transmissibility(unsprung, sprung, fs=fs, nperseg=nperseg),

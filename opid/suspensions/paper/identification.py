@@ -1,18 +1,32 @@
-"""Identify a suspension by the paper's chain (Iwaniec & Uhl 2007), mended or as printed."""
+"""Identify a suspension by the paper's chain (Iwaniec & Uhl 2007), mended or as printed.
+
+The law is found by the one search for laws (`opid.suspensions.law_search.pursuit`) over the lines of the equation of
+the sprung mass. Columns of candidates are derivatives of the residual of the equation. Every law that is worth it is
+fitted to all runs at once, from the values that the columns suggest and from the time-domain fit of the
+restoring-force surface.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law, Term, default_law
+from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.force_surface import VisitedForce, visited_force
-from opid.suspensions.law_search.pursuit import LawStep, chosen
+from opid.suspensions.law_search.pursuit import LawStep, chosen, search_laws
+from opid.suspensions.model.law_parameters import faint_terms, has_slope
 from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
-from opid.suspensions.paper.answer import (
+from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, prepare_runs
+from opid.suspensions.paper.restoring_force import RestoringForce, fit_surface
+from opid.suspensions.paper.result import (
+    METHODS,
+    PaperIdentification,
+    PaperMethod,
     gain_like_fraction,
     law_estimates_of,
     parameters_of,
@@ -21,12 +35,10 @@ from opid.suspensions.paper.answer import (
     warnings_of,
     warnings_of_the_logs,
 )
-from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, prepare_runs
-from opid.suspensions.paper.law_search import fit_law, search_law
-from opid.suspensions.paper.result import METHODS, PaperIdentification, PaperMethod
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
-from opid.suspensions.paper.spectral_equation import JointFit
+from opid.suspensions.paper.spectral_equation import EquationLines, JointFit, differentiate, fit_equation
 from opid.suspensions.result import GearParameters, GearRatios
+from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
 
 
@@ -44,7 +56,7 @@ def identify_by_paper(
     """Identify mass, springs, damping and law of a suspension by the chain of Iwaniec & Uhl (2007).
 
     "classical" mends every step: sound integration, the complex equation, noise on both channels, all runs in one
-    least-squares problem. "paper" gives what the printed formula makes of the strongest matched peaks.
+    least-squares problem. "paper" gives the result of the printed formula for the strongest matched peaks.
 
     Args:
         study: the runs; the first one with no mass change is the reference.
@@ -98,7 +110,7 @@ def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[L
 def _without_numbers(
     study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LawStep[JointFit], ...], settings: PaperSettings
 ) -> PaperIdentification:
-    """Return the result with its evidence, before anything is concluded."""
+    """Return the result without parameters, which are concluded from the evidence that it holds."""
     joint, nothing = chosen(ladder).fit, np.empty(0)
     added, reason = _scaled(joint, chain, settings)
     return PaperIdentification(
@@ -155,7 +167,7 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
 
 
 def _widened(result: PaperIdentification) -> PaperIdentification:
-    """Widen the covariance by what the model lacks, which is no noise, and carry it to the mass."""
+    """Widen the covariance by what the model leaves beyond noise, for the ratios and for the mass."""
     factor = max(1.0, result.residual_over_noise / result.settings.verdicts.doubtful)
     joint = replace(result.joint, covariance=result.joint.covariance * factor**2)
     if result.added_mass is None:
@@ -165,7 +177,7 @@ def _widened(result: PaperIdentification) -> PaperIdentification:
 
 
 def _withheld(result: PaperIdentification) -> PaperIdentification:
-    """Take away the intervals of what a straight term is confounded with, and keep the values."""
+    """Take away the intervals of values that a straight term is confounded with, and keep the values."""
     parameters, ratios, laws = result.parameters, result.ratios, result.law_estimates
     for term in straight_terms(result):
         parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
@@ -175,7 +187,7 @@ def _withheld(result: PaperIdentification) -> PaperIdentification:
 
 
 def _refuse(result: PaperIdentification) -> PaperIdentification:
-    """Withhold what a model that does not explain the runs would say; keep what the first run says by itself."""
+    """Withhold the numbers of a model that does not explain the runs, and keep the ratios of the first run alone."""
     runs, ratios = result.chain.runs, result.ratios
     reason = (
         f"the fitted model leaves {result.residual_over_noise:.0f} times the sensor noise unexplained, so every number "
@@ -194,7 +206,7 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
 
 
 def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
-    """Give what the printed formula makes of the strongest pair of peaks: no damping and no intervals."""
+    """Give the result of the printed formula for the strongest pair of peaks: no damping and no intervals."""
     pair = result.chain.strongest_pair
     warnings = [
         *warnings_of_the_logs(result),
@@ -231,3 +243,146 @@ def _force_of(result: PaperIdentification, stiffness: float, damping: float, *, 
         per_mass=per_mass,
         n_cells=result.settings.force_cells,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class EquationLaws:
+    """A `LawProblem` of fits of the equation.
+
+    Args:
+        runs: one `EquationLines` a run.
+        surfaces: one `RestoringForce` a run, for start values.
+        inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
+        known: settings of the chain.
+    """
+
+    runs: Sequence[EquationLines]
+    surfaces: Sequence[RestoringForce]
+    inverse_mass: float | None
+    known: PaperSettings
+
+    @property
+    def settings(self) -> SearchSettings:
+        """Settings of the search: candidates are few, so each one that may be better is fitted."""
+        return SearchSettings(
+            bic_margin=self.known.bic_margin,
+            error_margin=self.known.noise_margin,
+            first_order_error=self.known.first_order_error,
+            n_refitted=len(self.known.candidates),
+            most_terms=self.known.most_terms,
+            alike_bic=self.known.bic_margin,
+        )
+
+    def dictionaries(self, fit: JointFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+        """Return the candidates beside a fit."""
+        offered = [term for kind in kinds if kind not in fit.law.parameters for term in self._faint(kind, fit)]
+        # scales moved by a thousandth give the derivative by their logarithm
+        moved = [Term(term.name, (term.amplitude, *(1.001 * scale for scale in term.inner))) for term in offered]
+        residual, by_law, by_others, by_terms = differentiate(self.runs, fit, [*offered, *moved])
+        nodes: dict[str, list[Node]] = {}
+        for term, column, beside in zip(offered, by_terms[: len(offered)], by_terms[len(offered) :], strict=True):
+            slope = 1000 * (beside - column) if has_slope(term.kind) else None
+            nodes.setdefault(term.name, []).append(Node(Term(term.name, (1.0, *term.inner)), column, slope))
+        return {"": make_dictionary(fit.law, residual, by_law, by_others, nodes, self.settings, n_data=fit.n_data)}
+
+    def refit(self, fit: JointFit | None, laws: Mapping[str, Law]) -> JointFit:
+        """Fit another law from the values that it has, and from those of the surface."""
+        return fit_law(
+            self.runs,
+            self.surfaces,
+            laws[""].name,
+            inverse_mass=self.inverse_mass,
+            before=None if fit is None else (fit, laws[""]),
+            settings=self.known,
+        )
+
+    def left_out(self, fit: JointFit) -> None:
+        """Return None: the ratios of one run do not predict another."""
+
+    def confirms(self, fit: JointFit, than: JointFit) -> bool:
+        """Return True: nothing is left out."""
+        return True
+
+    def _faint(self, kind: str, fit: JointFit) -> list[Term]:
+        """Terms of a kind that are too weak to move anything."""
+        travel, velocity = (
+            np.concatenate([getattr(run, name) for run in self.runs]) for name in ("travel", "velocity")
+        )
+        return faint_terms(
+            kind,
+            travel,
+            velocity,
+            travel_rms=float(travel.std()),
+            velocity_rms=float(velocity.std()),
+            noise=fit.noise_m_per_s2,
+            settings=self.settings,
+        )
+
+
+def search_law(
+    runs: Sequence[EquationLines],
+    surfaces: Sequence[RestoringForce],
+    *,
+    inverse_mass: float | None,
+    settings: PaperSettings = DEFAULTS,
+) -> tuple[LawStep[JointFit], ...]:
+    """Return the ladder of laws that were tried; the last one with `kept` is the choice.
+
+    Args:
+        runs: one `EquationLines` a run.
+        surfaces: one `RestoringForce` a run, for start values.
+        inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
+        settings: candidates, margins, how many terms there may be, and whether the ground spring is free.
+
+    Raises:
+        InputError: an unknown candidate.
+    """
+    for name in settings.candidates:
+        default_law(name)  # refuses an unknown candidate
+    if settings.most_terms < 0:
+        raise InputError(f"most_terms is {settings.most_terms}: give 0 or more")
+    problem = EquationLaws(runs, surfaces, inverse_mass, settings)
+    return search_laws(problem, problem.refit(None, {"": Law()}), kinds=settings.candidates)
+
+
+def fit_law(
+    runs: Sequence[EquationLines],
+    surfaces: Sequence[RestoringForce],
+    law_name: str,
+    *,
+    inverse_mass: float | None,
+    before: tuple[JointFit, Law] | None = None,
+    settings: PaperSettings = DEFAULTS,
+) -> JointFit:
+    """Fit one law to all runs, from start values that the restoring-force surface gives.
+
+    Args:
+        runs: one `EquationLines` a run.
+        surfaces: one `RestoringForce` a run.
+        law_name: the law.
+        inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
+        before: a fit of another law, and values of this one beside it: a second start.
+        settings: number of points for the start values, width of the clusters, and whether the ground spring is free.
+
+    Returns:
+        The better of the fits from the starts.
+    """
+    rough = fit_surface(surfaces[0].thinned(settings.start_points), law_name, settings=settings)
+    starts = [(rough.straight["stiffness_per_mass"], rough.straight["damping_per_mass"], rough.law, inverse_mass)]
+    if before is not None:
+        fit, law = before
+        mu = fit.inverse_mass if inverse_mass is not None else None
+        starts.append((*fit.ratios[:2], law, mu))
+    fits = [
+        fit_equation(
+            runs,
+            law,
+            stiffness_per_mass=stiffness,
+            damping_per_mass=damping,
+            ground=settings.ground,
+            inverse_mass=mu,
+            cluster_hz=settings.cluster_hz,
+        )
+        for stiffness, damping, law, mu in starts
+    ]
+    return max(fits, key=lambda fit: fit.log_likelihood)

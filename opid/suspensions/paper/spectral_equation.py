@@ -43,7 +43,7 @@ _N_END_TERMS = 3
 
 @dataclass(frozen=True, eq=False)
 class FittedValues:
-    """What was fitted, by name.
+    """Fitted values by their names.
 
     Args:
         names: (n,) of the values.
@@ -69,7 +69,7 @@ class FittedValues:
 
 
 class FittedRatios(FittedValues):
-    """What was fitted per unit of mass: `RATIOS`, and other values."""
+    """Values fitted per unit of mass: `RATIOS` and others."""
 
     @property
     def ratios(self) -> tuple[float, float, float]:
@@ -87,8 +87,8 @@ class JointFit(FittedRatios):
     Args:
         law: the nonlinear law per unit of sprung mass.
         frequency_hz: one array (n_lines,) a run.
-        residual: one complex array (n_lines,) a run, what the fit leaves over, as the white noise on each
-            channel that would make it, m/s^2 (its mean square is `noise_m_per_s2` squared).
+        residual: one complex array (n_lines,) a run, what the fit leaves, expressed as white noise on each channel,
+            m/s^2 (its mean square is `noise_m_per_s2` squared).
         noise_m_per_s2: white noise on each channel that would explain the residual, m/s^2.
         log_likelihood: up to a constant, with the noise at its estimate.
         n_data: real numbers fitted, end terms subtracted.
@@ -113,7 +113,7 @@ class JointFit(FittedRatios):
 
     @property
     def error_rms(self) -> float:
-        """What is left, as a search for laws takes it, m/s^2."""
+        """What is left, as a search compares laws, m/s^2."""
         return self.noise_m_per_s2
 
     @property
@@ -273,7 +273,7 @@ def fit_equation(
         covariance=covariance,
         law=model.law_at(solution.x)[0],
         frequency_hz=tuple(r.omega / (2 * np.pi) for r in runs),
-        # a line has two parts
+        # a line has a real and an imaginary part
         residual=tuple(r / np.sqrt(2) for r in residual),
         noise_m_per_s2=float(np.sqrt(variance)),
         log_likelihood=float(-0.5 * n_data * np.log(2 * solution.cost / n_data)),
@@ -284,9 +284,9 @@ def fit_equation(
 def differentiate(
     runs: Sequence[EquationLines], fit: JointFit, terms: Sequence[Term]
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
-    """Return the residual of a fit and its derivatives by differences, a real number a part of a line.
+    """Return the residual of a fit and its derivatives by differences, with real and imaginary parts of lines apart.
 
-    The derivatives are those by each entry of the law, (n, n_law), by all else that was fitted, (n, n_others), and by
+    The derivatives are those by each entry of the law, (n, n_law), by all other fitted values, (n, n_others), and by
     the amplitude of each of further terms, (n,), which are so faint that they move nothing.
     """
     model = _Model(tuple(runs), fit.law, RATIOS[2] in fit.names, "inverse_mass" in fit.names)
@@ -332,7 +332,7 @@ class _Model:
         return from_free(self.law, theta[self.law_part])
 
     def decode(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the values that the names speak of, and their derivatives by theta."""
+        """Return the values in the order of the names, and their derivatives by theta."""
         value, slope = theta.copy(), np.ones_like(theta)
         law, by_free = self.law_at(theta)
         value[self.law_part], slope[self.law_part] = law.vector, by_free

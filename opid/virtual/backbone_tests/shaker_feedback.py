@@ -11,7 +11,7 @@ from opid.errors import InputError
 from opid.mechanics.backbones.quadrature_curves import Specimen
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import Assembled, State, advance, assemble
-from opid.mechanics.shaker import on_shaker
+from opid.mechanics.rig import on_shaker
 from opid.mechanics.structure import ComplexArray, Joint, Structure, linear_matrices
 
 STEP = 2.0

@@ -14,11 +14,9 @@ from numpy.typing import ArrayLike
 from scipy import linalg
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import force_of, iwan
 from opid.mechanics.laws.law import FloatArray, law
-from opid.mechanics.rig import Rig
-from opid.mechanics.shaker import Shaker
-from opid.mechanics.structure import Joint, Structure, natural_frequencies
+from opid.mechanics.rig import Rig, Shaker
+from opid.mechanics.structure import Joint, Structure, force_of, iwan, natural_frequencies
 from opid.modal.linear.modes import LinearModes, modes_of_structure
 
 _AXES = ("x", "y", "z")

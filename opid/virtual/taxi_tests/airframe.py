@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.hysteresis import Sliders
 from opid.mechanics.laws.law import LINEAR, FloatArray, Law, law
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.structure import Joint, Sliders, Structure
 
 BODY_MOTIONS = ("heave", "roll", "pitch", "bending")
 """The degrees of freedom of an airframe, in m, rad, rad, and m for a unit of the bending shape."""
