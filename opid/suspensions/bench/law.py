@@ -247,11 +247,7 @@ def law_of_bench(
         raise InputError(
             f"bench is of type {type(bench).__name__}: give a BenchStudy, as read_study makes one, or a Bench"
         )
-    kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
-    for name in kinds:
-        default_law(name)  # refuses an unknown candidate
-    if bench.is_quasi_static:
-        kinds = tuple(name for name in kinds if _is_of_travel(name))
+    kinds = _kinds_to_try(bench, candidates)
     if most_terms is not None:
         settings = replace(settings, search=replace(settings.search, most_terms=most_terms))
     if settings.search.most_terms < 0:
@@ -261,17 +257,36 @@ def law_of_bench(
     ladder, simulated = end_on_defined(bench, search_record(problem, kinds, say)), dict[str, SimulatedFit]()
     if bench.acceleration is not None:
         ladder, simulated = refine_ladder(bench, ladder, settings, say)
-    step = chosen(ladder)
-    refined = simulated.get(step.law_name)
-    if refined is not None:
-        fit = _as_fit_of_force(bench, refined)
+    found = chosen(ladder).fit
+    logger.info("law %s: r2 %.4f, of %d laws that were tried", found.law_name, found.r2, len(ladder))
+    if found.law_name in simulated:
+        fit = _as_fit_of_force(bench, simulated[found.law_name])
     else:
         say("the chosen law on all samples")
-        bench = _without_beginning(bench, step.fit.law, settings)
-        fit = fit_law(all_points(bench), step.fit.law, step.fit.n_independent, settings)
-    logger.info("law %s: r2 %.4f, of %d laws that were tried", step.law_name, step.fit.r2, len(ladder))
+        bench = _without_beginning(bench, found.law, settings)
+        fit = fit_law(all_points(bench), found.law, found.n_independent, settings)
     say("memory")
-    memory = _memory(bench, problem, ladder)
+    return _result(bench, title, problem, ladder, fit, simulated)
+
+
+def _kinds_to_try(bench: Bench, candidates: Sequence[str] | None) -> tuple[str, ...]:
+    kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
+    for name in kinds:
+        default_law(name)  # refuses an unknown candidate
+    return tuple(name for name in kinds if not bench.is_quasi_static or _is_of_travel(name))
+
+
+def _result(
+    bench: Bench,
+    title: str,
+    problem: BenchLaws,
+    ladder: Ladder,
+    fit: SeparableFit,
+    simulated: Mapping[str, SimulatedFit],
+) -> BenchLaw:
+    """Put the result together: intervals, memory, the energy of a cycle, and warnings."""
+    settings, found = problem.known, chosen(ladder).fit
+    refined = simulated.get(found.law_name)
     spread = find_spread(bench, fit, refined, settings)
     straight, of_law = estimate_parameters(fit, spread)
     for name in _ways_to_stops(bench, fit.law):
@@ -290,16 +305,16 @@ def law_of_bench(
         law_estimates=of_law,
         residual=_residual(bench, fit),
         r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
-        r2_left_out=step.fit.r2_left_out,
+        r2_left_out=found.r2_left_out,
         ladder=ladder,
-        memory=memory,
+        memory=_memory(bench, problem, ladder),
         loop=loop_of(fit.law, covariance[1:, 1:], bench, spread.student),
         cycle=cycle_of(fit.law, damping, covariance, bench, student=spread.student),
         n_independent=independent_samples(fit.residual),
         warnings=(),
         not_determined=None,
         settings=settings,
-        candidates=kinds,
+        candidates=problem.kinds,
         n_search_samples=problem.points.sample.size,
         interval_cell_s=spread.cell_s,
         simulation=None if refined is None else _simulation(bench, refined, simulated),
