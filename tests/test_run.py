@@ -256,6 +256,10 @@ def test_the_strongest_piece_is_the_one_in_which_the_body_moves_most():
     assert piece.n_samples / piece.fs == pytest.approx(length_s / 4, rel=0.1)
     assert piece.sprung.std() == max(each.sprung.std() for each in run.split(4))
     assert run.strongest_piece(0.6 * length_s) is run
+    narrow = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0, band_hz=(1.0, 1.0 + 25 / length_s))
+    assert narrow.strongest_piece(0.24 * length_s) is narrow
+    slow = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0, band_hz=(6 / length_s, 20.0))
+    assert slow.strongest_piece(0.24 * length_s) is slow
 
 
 def test_a_band_that_ends_low_needs_few_steps():

@@ -138,6 +138,7 @@ def test_what_pieces_find_from_afar_is_fitted_to_the_whole_runs(monkeypatch, lon
     seen = lengths_tried(monkeypatch)
     found = found_of(long_runs, Question())
     assert min(seen) < 15 < 30 < max(seen)
+    assert {run.n_samples for step in found.ladder for run in step.fit.model.runs} == {long_runs[0].n_samples}
     assert found.fit.law_key == whole.fit.law_key
     np.testing.assert_allclose(found.fit.theta[:5], whole.fit.theta[:5], rtol=1e-3)
 

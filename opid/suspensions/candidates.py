@@ -19,15 +19,21 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import Parameters, known_parameters
 from opid.suspensions.answer.model_error import (
     ModelError,
-    explains_nothing,
     follow_freely,
     measure_model_error,
-    unexplained,
     unknown_error,
     weighed_by_process_noise,
 )
 from opid.suspensions.fitting.faults import Demand, implausible_demands
-from opid.suspensions.fitting.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
+from opid.suspensions.fitting.fit import (
+    NO_FIT,
+    Fit,
+    balanced,
+    explains_nothing,
+    loading_changes,
+    runs_contradict_each_other,
+    unexplained,
+)
 from opid.suspensions.fitting.noise import (
     KnownNoise,
     goes_with_drive,

@@ -146,7 +146,7 @@ class FitSettings:
             scales of their laws may be. A gear with a scale of 3.8 rms travels whose runs rest four apart was held at 3
             and told 17 % too heavy.
         hopeless_piece_s: while a fit leaves more than is likely to be mended, ways are tried on a piece of this length
-            of each run, s: four periods of the slowest motion that is compared.
+            of each run, s; it is longer where the lowest line has not four periods in it.
         most_hopeless_evaluations: with all readings, in a fit that leaves much more than noise: it ended at a coarse
             rate.
         least_promise: a fit ends when the next step promises less of the squared error over its variance.

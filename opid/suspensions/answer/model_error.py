@@ -24,7 +24,15 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.answer.intervals import std_over_white
-from opid.suspensions.fitting.fit import NO_FIT, Fit, fit_model, predicted_left_out, with_mass_held
+from opid.suspensions.fitting.fit import (
+    NO_FIT,
+    Fit,
+    fit_model,
+    free_errors,
+    predicted_left_out,
+    unexplained,
+    with_mass_held,
+)
 from opid.suspensions.model.driven_model import Model, ProcessNoise, straight_equivalent
 from opid.suspensions.model.run import DrivenRun, band_indices
 
@@ -283,27 +291,6 @@ def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
     return np.sqrt(np.mean(np.square(found), axis=0))
 
 
-def unexplained(fit: Fit) -> tuple[float, ...]:
-    """Return of each run the rms of what the free motion of the model leaves over that of the readings, in the band.
-
-    Infinite where the free motion grows without bound.
-    """
-    try:
-        errors = _free_errors(fit)
-    except NO_FIT:
-        return (np.inf,) * len(fit.model.runs)
-    return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
-
-
-def explains_nothing(fit: Fit) -> bool:
-    """Return whether the free motion of a fit leaves so much that no number of it can be told.
-
-    Args:
-        fit: of any laws.
-    """
-    return float(np.sqrt(np.mean(np.square(unexplained(fit))))) > fit.model.settings.verdicts.refused_fraction
-
-
 def unknown_error(fit: Fit) -> ModelError:
     """Return the error of a model of which nothing is right: its entries may be off by all of their value.
 
@@ -311,15 +298,6 @@ def unknown_error(fit: Fit) -> ModelError:
         fit: of any laws.
     """
     return ModelError("model", np.inf, np.diag(fit.theta**2), (), np.full(4, np.inf))
-
-
-def _free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
-    """Of each run the lines of the error of the free motion, and of the readings, (n_sensors, n_lines)."""
-    model, found = fit.model, []
-    for index, (run, motion) in enumerate(zip(model.runs, model.simulated(fit.theta), strict=True)):
-        read = run.transform(model.corrected(fit.theta, index)[1].value.T)
-        found.append((read - run.transform(motion.acceleration[:, : len(read)].T), read))
-    return found
 
 
 def left_out(fit: Fit) -> tuple[LeftOut, ...]:
@@ -332,7 +310,7 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
     if fits is None:
         return ()
     try:
-        own = [_free_errors(each)[0] for each in fits]
+        own = [free_errors(each)[0] for each in fits]
     except NO_FIT:
         return ()
     bands = [_bands(each.model, 0) for each in fits]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
 from opid.suspensions.fitting.least_squares import least_squares
 from opid.suspensions.fitting.start import Start
 from opid.suspensions.model.body import ImpossibleBodyError
@@ -521,3 +522,40 @@ def _moved(
         least_damping=settings.least_damping,
         first=model.evaluate,
     )
+
+
+def unexplained(fit: Fit) -> tuple[float, ...]:
+    """Return of each run the rms of what the free motion of the model leaves over that of the readings, in the band.
+
+    Infinite where the free motion grows without bound.
+    """
+    try:
+        errors = free_errors(fit)
+    except NO_FIT:
+        return (np.inf,) * len(fit.model.runs)
+    return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
+
+
+def explains_nothing(fit: Fit) -> bool:
+    """Return whether the free motion of a fit leaves so much that no number of it can be told.
+
+    Args:
+        fit: of any laws.
+    """
+    return float(np.sqrt(np.mean(np.square(unexplained(fit))))) > fit.model.settings.verdicts.refused_fraction
+
+
+def free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
+    """Return of each run the lines of the error of the free motion, and of the readings, (n_sensors, n_lines).
+
+    Args:
+        fit: of any laws.
+
+    Raises:
+        UnboundedResponseError: the free motion grows without bound.
+    """
+    model, found = fit.model, []
+    for index, (run, motion) in enumerate(zip(model.runs, model.simulated(fit.theta), strict=True)):
+        read = run.transform(model.corrected(fit.theta, index)[1].value.T)
+        found.append((read - run.transform(motion.acceleration[:, : len(read)].T), read))
+    return found

@@ -26,6 +26,7 @@ from opid.suspensions.fitting.fit import (
     NO_FIT,
     Fit,
     carried_over,
+    explains_nothing,
     fastest_rate,
     first_vector,
     fit_model,
@@ -127,10 +128,10 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         if coarse is model:
             raise
     if coarse is not model and (found is None or _is_too_fast(found.fit)):
-        # the way leads where long steps do not
+        # with shorter steps the search may end elsewhere
         first = search.first_fit(model, theta)
-        is_lost = found is not None and is_hopeless(found.fit) and first is not None and is_hopeless(first)
-        found = found if is_lost else search.ways(model, theta, first)
+        if found is None or not is_hopeless(found.fit) or first is None or not explains_nothing(first):
+            found = search.ways(model, theta, first)
     assert found is not None  # an error, or a search with more steps
     return search.with_all_readings(found, model.runs)
 
@@ -214,11 +215,17 @@ class _Search:
             return self.ways(model, theta, first)
         if is_hopeless(found.fit) and is_hopeless(on_pieces.fit):
             return found
-        is_law_possible = self.question.law_is_given or not cannot_be(found.fit)
-        if is_law_possible and (found.is_unlike or leaves_noise(found.fit)):
+        is_possible = self.question.law_is_given or not cannot_be(found.fit)
+        if is_possible and (found.is_unlike or leaves_noise(found.fit)):
             return found
-        other = self.ways(model, theta, first)
-        return found if is_law_possible and found.fit.bic < other.fit.bic else other
+        try:
+            other = self.ways(model, theta, first)
+        except NO_FIT:
+            return found
+        n_starts = found.n_starts + other.n_starts
+        is_other_possible = self.question.law_is_given or not cannot_be(other.fit)
+        is_kept = found.fit.bic < other.fit.bic if is_possible == is_other_possible else is_possible
+        return replace(found if is_kept else other, n_starts=n_starts)
 
     def first_fit(self, model: Model, theta: FloatArray) -> Fit | None:
         """The fit that the first way begins with; None where the start values make no body that the runs can drive."""
@@ -235,10 +242,14 @@ class _Search:
         theta = np.concatenate([fit.theta[: fit.model.n_shared], np.zeros(fit.model.n_own * len(model.runs))])
         promise = model.settings.fit.promise_in_search
         again = fit_model(whole, _begun(whole, theta, noisier), noisier=noisier, least_promise=promise)
-        if is_hopeless(again) or found.is_unlike:
+        if is_hopeless(again):
             return replace(found, fit=again)
-        more = self._searched(again, found.demands)
-        return replace(more, ladder=(*found.ladder, *more.ladder), n_starts=found.n_starts)
+        if found.is_unlike:
+            return replace(found, fit=again, ladder=(LawStep(again, True, chosen(found.ladder).method),))
+        # what a demand mended of the pieces it is taken to mend of the whole runs
+        louder = again.noise_m_per_s2 / fit.noise_m_per_s2
+        demands = tuple(replace(each, error_before=louder * each.error_before) for each in found.demands)
+        return replace(self._searched(again, demands), n_starts=found.n_starts)
 
     def ways(self, model: Model, theta: FloatArray, first: Fit | None = None) -> Found:
         """The first way, and others while what is left is more than noise: minima differ from way to way.
@@ -365,7 +376,7 @@ class _Search:
             # what was wrong with the sensors may have been taken for a term of the law
             ladder = (*ladder, *self._laws_anew(fit))
             fit = chosen(ladder).fit
-        return Found(fit, ladder, (*demands, *more))
+        return Found(fit, ladder, (*(each for each in demands if each.name in fit.model.names), *more))
 
     def _laws_anew(self, fit: Fit) -> Ladder:
         """Laws searched from those of a fit, and from none: the better of both."""
@@ -453,7 +464,7 @@ class _Search:
             try:
                 near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
             except NO_FIT:
-                # what is refused need not be told of all readings
+                # a refused structure has no numbers, so the fit at the coarse rate is kept
                 near = fit
             return replace(found, fit=near)
         rejected = _rejected(ladder) if is_coarse else set()
@@ -685,8 +696,11 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
 
 
 def _is_too_fast(fit: Fit) -> bool:
-    """Whether a fitted body moves too fast for the steps of its model."""
-    return fastest_rate(fit.model, fit.theta) > fit.model.settings.fit.fastest * fit.model.runs[0].fs
+    """Whether a fitted body moves too fast for the steps of its model, or grows without bound."""
+    try:
+        return fastest_rate(fit.model, fit.theta) > fit.model.settings.fit.fastest * fit.model.runs[0].fs
+    except NO_FIT:
+        return True
 
 
 def _strongest_pieces(model: Model) -> Model:

@@ -253,13 +253,21 @@ class DrivenRun:
     def strongest_piece(self, length_s: float) -> DrivenRun:
         """Return the piece of about this length in which the body moves most; the run itself where it has no two.
 
+        A piece lasts four periods of the lowest line at least. Where the band is too narrow for a piece, the run stays
+        whole, too.
+
         Args:
             length_s: of the piece, s.
         """
+        length_s = max(length_s, 4 * 2 * np.pi / float(self.omega[0]))
         n_pieces = int(self.n_samples / self.fs / length_s)
         if n_pieces < 2:
             return self
-        return max(self.split(n_pieces), key=lambda piece: float(np.sum(piece.sprung**2)))
+        try:
+            pieces = self.split(n_pieces)
+        except InputError:
+            return self
+        return max(pieces, key=lambda piece: float(np.sum(piece.sprung**2)))
 
     @cached_property
     def ground_at_start(self) -> tuple[FloatArray, FloatArray]:
