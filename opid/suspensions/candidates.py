@@ -100,6 +100,8 @@ class Task:
         say: called with the name of each step as it begins.
         run_names: names of the runs.
         stated_repeatability: of springs, damping and friction from run to run; None for what is usual.
+        is_for_comparison: whether the answer is about another structure: this one is not searched anew where its runs
+            may be unlike.
     """
 
     study: Study | None
@@ -112,6 +114,7 @@ class Task:
     say: Callable[[str], None]
     run_names: tuple[str, ...]
     stated_repeatability: float | None
+    is_for_comparison: bool = False
 
     @property
     def repeatability(self) -> float:
@@ -630,7 +633,7 @@ def _with_departures(
     now = replace(found, fit=freed, demands=tuple(demand.updated(freed) for demand in found.demands))
     if not mends_much(freed, found.fit):
         return now if task.repeatability else found
-    if leaves_noise(found.fit):
+    if leaves_noise(found.fit) or task.is_for_comparison:
         # no law and no fault was made up for what is not alike
         return now
     try:

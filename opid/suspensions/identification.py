@@ -215,7 +215,12 @@ def _tried(task: Task) -> list[Fitted]:
             found += [fit_alone(quiet, (k,)) for k in range(len(study.names)) if k not in paired]
     if wanted == "rigid_body" or (wanted == "auto" and not list(rigid_faults(study))):
         task.say("rigid body")
-        found.append(fit_rigid(replace(task, say=lambda step: task.say(f"rigid body, {step}"))))
+        of_body = replace(task, say=lambda step: task.say(f"rigid body, {step}"))
+        if found and all(part.explains for part in found if part.kind == "single"):
+            # the answer is about the gears: nobody asks which faults of sensors would make one body of them
+            question = replace(task.question, faults=False)
+            of_body = replace(of_body, question=question, is_for_comparison=True)
+        found.append(fit_rigid(of_body))
     return found
 
 
