@@ -110,9 +110,10 @@ def test_the_settings_override_what_is_found(path):
         open_log(path, LogSettings(names=("q",)))
 
 
-def test_a_time_in_no_unit_of_time_is_refused(path):
-    save(path, {"time [m]": TIME, "z [g]": DATA[:, 0]})
-    with pytest.raises(InputError, match="the time is in 'm', which is no unit of time: give time_unit"):
+@pytest.mark.parametrize("unit", ["m", "ticks"])
+def test_a_time_in_no_unit_of_time_is_refused(path, unit):
+    save(path, {f"time [{unit}]": TIME, "z [g]": DATA[:, 0]})
+    with pytest.raises(InputError, match=f"the time is in '{unit}', which is no unit of time: give time_unit"):
         open_log(path)
 
 

@@ -188,7 +188,7 @@ def test_what_the_user_says_is_done(wrote, content, given):
         (HEADER + ROWS, {"encoding": "utf-16"}, "is not utf-16 text .*give another `encoding`"),
         (HEADER + ROWS, {"delimiter": "ab"}, "delimiter is 'ab': give one like"),
         (HEADER + ROWS, {"delimiter": "5"}, "delimiter is '5': give one like"),
-        ("time [sx],a [g]\n0,1\n1,2\n", {}, "line 1: column 'time': the unit 'sx' is not known"),
+        ("time [sx],a [g]\n0,1\n1,2\n", {}, "line 1: column 'time': the time is in 'sx', .*: give time_unit"),
         ("day,a [g]\n2024-05-01,1\n2024-05-02,2\n", {"time": 1}, "dates without a time of day"),
         ("time [s],a [g]\n0,1,2\n1,2,3\n", {}, r"line 1 has 2 cell\(s\) where line 2 has 3"),
         ("time [s],a [g]\n0,off\n1,2\n2,3\n3,4\n", {}, "line 2, column 'a': 'off' is not a number"),

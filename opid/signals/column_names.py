@@ -112,10 +112,6 @@ def seconds_per_unit(unit: str | None, *, where: str) -> float:
     """Return the length of one unit of time, s; 1 where no unit is stated."""
     if not unit:
         return 1.0
-    try:
-        factor, name = to_si(unit)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    if name != "s":
+    if si_unit(unit) != "s":
         raise InputError(f"{where}: the time is in {unit!r}, which is no unit of time: give time_unit in [log]")
-    return factor
+    return to_si(unit)[0]
