@@ -8,7 +8,8 @@ import pytest
 
 from opid.updating.likelihood.backbones import log_likelihood
 from opid.updating.likelihood.curves import backbone_data
-from opid.updating.warnings import LEAST_MISFIT, RARE, LackOfFit, lack_of_fit, unexplained_fraction, warnings_of_fit
+from opid.updating.settings import UPDATING
+from opid.updating.warnings import LackOfFit, lack_of_fit, unexplained_fraction, warnings_of_fit
 
 GRID = np.linspace(0.3, 4.0, 371)[:, None]
 
@@ -83,7 +84,7 @@ def test_curves_without_noise_and_curves_too_short():
 
 
 def test_rare_and_large_is_doubted_but_neither_alone():
-    rare, likely, small = RARE / 10, 0.1, LEAST_MISFIT / 2
+    rare, likely, small = UPDATING.rare / 10, 0.1, UPDATING.least_misfit / 2
     assert told([LackOfFit(7, small, rare), LackOfFit(8, 0.2, likely)]) == []
     (sentence,) = told([LackOfFit(7, 0.09, rare), LackOfFit(8, 0.12, rare)])
     assert "leaves 12 % of the measured growth of the frequencies of mode 8" in sentence

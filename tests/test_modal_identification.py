@@ -9,8 +9,6 @@ from opid.mechanics.rig import rig_run
 from opid.modal.forced import mode_tests
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.mode_tests import (
-    MOST_OUTSIDE,
-    WARNED_OUTSIDE,
     check_shapes,
     find_band,
     find_largest_mode,
@@ -21,6 +19,7 @@ from opid.modal.identification import identify_modes
 from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.modal.power_laws import power_law
+from opid.modal.settings import MODAL
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Channel, Recording
 from opid.signals.resampling import resampled
@@ -163,7 +162,7 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     exchanged = replace(right, shapes=right.shapes[[0, 4, 2, 3, 1, 5, 6, 7]])
     share, cause = measure_outside_shapes(replace(test, modes=exchanged), band)
     assert cause.startswith("with 'b' and 'e' exchanged")
-    assert WARNED_OUTSIDE < share < MOST_OUTSIDE
+    assert MODAL.warned_outside < share < MODAL.most_outside
     wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
     faults, (warning,) = check_shapes(wrong, 3, band)
     assert not faults

@@ -25,6 +25,7 @@ from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
+from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import reduce
 from opid.updating.warnings import warnings_of_choice, warnings_of_curves
 from opid.virtual.backbone_tests.measured import synthetic_backbones
@@ -117,7 +118,7 @@ def test_gaps_in_the_posterior_are_told_and_the_class_is_kept(data, monkeypatch)
 def test_a_posterior_that_may_be_cut_off_is_told(data, monkeypatch):
     edge = 1.70 * made.CUBIC.scales[0]  # some standard deviations above the best
     with_holes(monkeypatch, backbones, lambda c, a: between(1e-3, 1.0)(c, a) & (c > edge)[:, None])
-    monkeypatch.setattr("opid.updating.warnings.FAR_OUT", 20.0)
+    monkeypatch.setattr(warnings, "UPDATING", replace(UPDATING, far_out=20.0))
     found = update_class(data, made.CUBIC, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
     (told,) = [each for each in found.warnings if "converge" in each]
     assert told.startswith("beside the posterior, in mode 2 at ")

@@ -18,10 +18,11 @@ from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LARGEST_CONDITION, LinearModes, condition_number, modal_assurance, with_sensors
+from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.result import ModalIdentification
+from opid.modal.settings import MODAL
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.signals.health.inspection import inspect
 
@@ -257,7 +258,7 @@ def _truth_tests(
 
 def _warn_of_modes(modes: LinearModes) -> Iterator[str]:
     condition = condition_number(modes)
-    if condition > LARGEST_CONDITION:
+    if condition > MODAL.most_condition:
         yield (
             f"the shapes have the condition number {condition:.0f} (9 is good): noise and errors of the shapes grow by "
             "as much in the modal filter; add sensors or leave out modes"
@@ -281,7 +282,7 @@ def _warn_of_truth_tests(
         except InputError as error:
             yield f"how far truth test {each.test.name!r} moves mode {mode} is not known: {error}"
             continue
-        if times > 1.1:
+        if times > MODAL.extrapolated:
             yield (
                 f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests it was "
                 "fitted to: there its force is an extrapolation"
@@ -290,7 +291,7 @@ def _warn_of_truth_tests(
         missed = {name: figures.nrmse_nonlinear for name, figures in test.sensors.items()}
         worst = max(missed, key=lambda name: missed[name])
         median = float(np.median(list(missed.values())))
-        if missed[worst] > 0.3:
+        if missed[worst] > MODAL.most_missed:
             yield (
                 f"truth test {test.name!r}: the nonlinear model misses {100 * missed[worst]:.0f} % of the motion of "
                 f"{worst!r} (median of all sensors {100 * median:.0f} %): do not use it there before you know why"

@@ -16,6 +16,7 @@ from opid.mechanics.laws.law import Law
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.linear.modes import LinearModes, ModalTest, force_projection
+from opid.modal.settings import MODAL
 from opid.signals.recording import Channel, FloatArray, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
@@ -194,9 +195,9 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
         ) from error
     linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
     # above the band modes move that the models lack; below it sensors have offset and drift
-    top = 1.25 * float(test.modes.frequency_hz.max())
+    top = MODAL.above_modes * float(test.modes.frequency_hz.max())
     elastic = test.modes.frequency_hz[test.modes.elastic]
-    low = 0.3 * float(elastic.min()) if elastic.size else 0.0
+    low = MODAL.below_modes * float(elastic.min()) if elastic.size else 0.0
     band = (low, min(top, 0.5 * test.fs))
     measured, nonlinear, linear = (_filter(each, sensors, band) for each in (test.recording, nonlinear, linear))
     dead = [sensor for sensor in sensors if not measured.channel(sensor).any()]

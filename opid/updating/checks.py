@@ -13,14 +13,9 @@ from opid.mechanics.backbones.family import refuse_unseen
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, modal_assurance
-
-FARTHEST = 3.0  # ratio of frequencies, of nine in stiffness, beyond which no updating explains them
-ALIKE = 0.8  # modal assurance from which on a measured shape is that of a mode
-UNLIKE = 0.3  # modal assurance below which it is not
-APART = 0.1  # fraction by which curves of one mode may begin at different frequencies
-LEAST_EXTENSION = 1e-3  # of the largest extension of a joint in any mode, below which its law has no effect
 
 
 def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
@@ -54,9 +49,9 @@ def joint_fault(modes: JointedModes, mode: int) -> list[str]:
     """Return one clause if a mode, counted from 1, extends no joint, so that no law of the joints changes it."""
     size = np.abs(modes.at_joints).max(axis=0, initial=0.0)
     fraction = float(size[mode - 1] / max(float(size.max(initial=0.0)), 1e-300))
-    if not modes.joints or fraction > LEAST_EXTENSION:
+    if not modes.joints or fraction > UPDATING.least_extension:
         return []
-    others = np.flatnonzero(size > LEAST_EXTENSION * size.max()) + 1
+    others = np.flatnonzero(size > UPDATING.least_extension * size.max()) + 1
     return [
         f"mode {mode} extends no joint ({fraction:.1g} of the largest extension), so that their law does not change "
         f"it: take another mode, such as {', '.join(map(str, others[:3]))}"
@@ -108,7 +103,7 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
         backbones: measured on it.
     """
     # the right mode may lie above the highest that is named
-    n_modes = max((curve.mode for curve in backbones), default=0) + 8
+    n_modes = max((curve.mode for curve in backbones), default=0) + UPDATING.modes_above
     try:
         modes = nominal_modes(structure, n_modes)
     except InputError:
@@ -149,21 +144,22 @@ def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
     apart = np.array([_far(lowest, each) for each in hz])
     like = _likeness(modes, curve)
     nearest, best = int(np.argmin(apart)), int(np.argmax(like))
-    is_another = like[best] >= ALIKE and best != mode - 1 and apart[best] <= FARTHEST
+    is_another = like[best] >= UPDATING.alike and best != mode - 1 and apart[best] <= UPDATING.farthest
     counted = "(modes are counted from 1, rigid ones too)"
-    if apart[mode - 1] <= FARTHEST:
-        if not (is_another and like[mode - 1] < UNLIKE):
+    if apart[mode - 1] <= UPDATING.farthest:
+        if not (is_another and like[mode - 1] < UPDATING.unlike):
             return ""
         return (
-            f", and the shape is that of mode {best + 1} of the structure at {hz[best]:.4g} Hz (MAC above {ALIKE:g}), "
-            f"not that of mode {mode} at {own:.4g} Hz (MAC below {UNLIKE:g}): look at the number of the mode {counted}"
+            f", and the shape is that of mode {best + 1} of the structure at {hz[best]:.4g} Hz (MAC above "
+            f"{UPDATING.alike:g}), not that of mode {mode} at {own:.4g} Hz (MAC below {UPDATING.unlike:g}): look at "
+            f"the number of the mode {counted}"
         )
     if is_another:
         return (
             f", and mode {mode} of the structure lies at {own:.4g} Hz: shape and frequency are those of "
             f"mode {best + 1} at {hz[best]:.4g} Hz {counted}"
         )
-    if apart[nearest] > FARTHEST:
+    if apart[nearest] > UPDATING.farthest:
         far = f", far from any mode of the structure (the nearest is mode {nearest + 1} at {hz[nearest]:.4g} Hz)"
     else:
         far = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
@@ -207,7 +203,7 @@ def _crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
     for mode, curves in by_mode(backbones).items():
         middle[mode] = float(np.median([curve.frequency_hz[0] for curve in curves]))
         for curve in curves:
-            if _far(curve.frequency_hz[0], middle[mode]) > 1 + APART:
+            if _far(curve.frequency_hz[0], middle[mode]) > 1 + UPDATING.apart:
                 yield (
                     f"backbone {curve.name!r} begins at {curve.frequency_hz[0]:.4g} Hz where the others of mode {mode} "
                     f"begin near {middle[mode]:.4g} Hz: is it of another mode?"

@@ -21,12 +21,11 @@ from opid.updating.result import LinearMode, LinearPosterior
 from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, presses_against, spread_starts
 from opid.updating.sampling.maximum import Maximum, Support, maximum_a_posteriori
 from opid.updating.sampling.samplers import metropolis
+from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, reduce
 from opid.updating.structure.ritz import ritz_model
 
-PEAK = 1e-6  # largest distance of the log density from its maximum; its rounding is 1e-9
-MOST_STARTS = 5  # draws of the prior at which the search for the maximum may begin
 STEP = 0.01  # fraction by which each factor is changed to find its effect on the backbones
 LAW = "cubic_stiffness"  # of trial backbones, which grow as the measured ones; with a quintic one errors grow 1.4 times
 
@@ -89,7 +88,7 @@ def update_linear(
         f"{model.names[pressure.parameter - 1]} {pressure.sentence}"
         for pressure in presses_against(chain.pooled, ordered)
     ]
-    if diagnostics.r_hat > 1.1:
+    if diagnostics.r_hat > UPDATING.unmixed_r_hat:
         warnings.append(
             f"the chains of the linear parameters have not mixed (R-hat {diagnostics.r_hat:.2f}): take more samples"
         )
@@ -109,17 +108,19 @@ def update_linear(
 def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:
     """Return the maximum a posteriori, sought from the best of the draws, then from others if that one fails."""
     ranked = draws[np.argsort(-density(draws), kind="stable")]
-    for start in ranked[: MOST_STARTS - 1]:
+    for start in ranked[: UPDATING.most_starts - 1]:
         try:
-            return maximum_a_posteriori(density, start, support=support, tolerance=PEAK)
+            return maximum_a_posteriori(density, start, support=support, tolerance=UPDATING.peak_tolerance)
         except NotDeterminedError:
             continue
-    return maximum_a_posteriori(density, ranked[MOST_STARTS - 1 :], support=support, tolerance=PEAK)
+    return maximum_a_posteriori(
+        density, ranked[UPDATING.most_starts - 1 :], support=support, tolerance=UPDATING.peak_tolerance
+    )
 
 
 def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
     """Return the range of each parameter that its prior allows, above 0 and without far tails."""
-    box, far = {}, 5.0  # standard deviations
+    box, far = {}, UPDATING.prior_reach
     for name, prior in priors.items():
         if name not in structure.parts:
             known = nearest(name, structure.parts) if structure.parts else "the structure has no part to update"
@@ -131,7 +132,7 @@ def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[
             low, high = (prior.first * np.exp(side * far * prior.second) for side in (-1, 1))
         if high <= 0:
             raise InputError(f"the prior of {name!r} allows nothing above 0: a factor of stiffness is positive")
-        box[name] = (max(low, 0.01 * high), high)
+        box[name] = (max(low, UPDATING.least_ratio * high), high)
     return box
 
 
@@ -164,24 +165,24 @@ def _warnings(
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size
         mean, std = mean_eigenvalue(each)
         given = cov.get(each.mode, "scatter") if isinstance(cov, Mapping) else cov
-        if n_sets < 4 and given == "scatter":
+        if n_sets < UPDATING.few_sets and given == "scatter":
             warnings.append(
                 f"the scatter of {mode} is estimated from {n_sets} curves: measure more, give cov, or take the "
                 "recommended form, which infers it"
             )
         missed = ((2 * np.pi * row.updated_hz) ** 2 - mean) / std
-        if abs(missed) > 3.0:
+        if abs(missed) > UPDATING.missed_sigma:
             warnings.append(
                 f"the updated {mode} lies at {row.updated_hz:.4g} Hz, {abs(missed):.1f} standard deviations from the "
                 f"measured {row.identified_hz:.4g} Hz: the structure has an error that its parameters cannot mend"
             )
-        if row.updated_mac < 0.8:
+        if row.updated_mac < UPDATING.poor_mac:
             warnings.append(
                 f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): look whether "
                 "the curves are of another mode, and at the names and signs of the sensors"
             )
         moved = float(np.mean([_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
-        if abs(moved) > 1.0:
+        if abs(moved) > UPDATING.moved_sigma:
             warnings.append(
                 f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency that their "
                 "curves point to at amplitude 0: measure at smaller amplitudes"
@@ -241,14 +242,14 @@ def _compute_growth(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the growth of lambda, (n,), and its derivative by each factor, (n_factors, n), at measured amplitudes.
 
-    None where lambda does not grow, or the backbones converge at fewer than three amplitudes.
+    None where lambda does not grow, or the backbones converge at too few amplitudes.
     """
     mode, sensor = curves[0].mode, curves[0].controlled_sensor
     mine = [one for one in curves if one.controlled_sensor == sensor]
     amplitude = np.linspace(
         min(one.controlled_amplitude[0] for one in mine),
         max(one.controlled_amplitude[-1] for one in mine),
-        12,
+        UPDATING.n_amplitudes,
     )
     # that of the curve that grows or falls most
     growths = [float(one.eigenvalue[-1] / one.eigenvalue[0]) - 1 for one in mine]
@@ -263,7 +264,7 @@ def _compute_growth(
         relative.append((solved.eigenvalue[0] - system.eigenvalue[column]) / base.eigenvalue[column])
         converged.append(solved.converged[0])
     kept = np.all(converged, axis=0)
-    if kept.sum() < 3:
+    if kept.sum() < UPDATING.fewest_amplitudes:
         return None
     grown = relative[0][kept]
     return grown, np.array([(each[kept] - grown) / STEP for each in relative[1:]])
@@ -273,7 +274,7 @@ def _coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float,
     """Return the coefficient of the cubic law with which lambda grows so far at the amplitude; None if none does."""
     column = system.index(mode)
     at_sensor, at_joints = system.at_sensors[system.sensor(sensor), column], system.at_joints[:, column]
-    if abs(growth) < 1e-3 or not at_sensor or not at_joints.any():
+    if abs(growth) < UPDATING.least_growth or not at_sensor or not at_joints.any():
         return None
     # lambda = lambda_0 + 3/4 c q^2 sum psi^4 by one harmonic of one mode; other modes take a part of the force
     alone = 0.75 * (amplitude / at_sensor) ** 2 * float(np.sum(at_joints**4))

@@ -25,13 +25,9 @@ from opid.updating.sampling.chains import (
 from opid.updating.sampling.evidence import Evidence, laplace, laplace_of_samples, prior_sensitivity, quadrature
 from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
 from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, transitional
+from opid.updating.settings import UPDATING
 from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.warnings import TOO_LITTLE, moves_nothing, warnings_of_class
-
-N_CHAINS, SHORTEST = 20, 250  # Metropolis chains at most, and the fewest samples of each
-WARM_UP = 11  # one in so many samples is warm-up: 500 of 5500, as in Song et al.
-N_MOVES = 5  # Metropolis steps of each particle in each stage of transitional Markov chain Monte Carlo
-MOST_BY_QUADRATURE = 3  # parameters up to which the evidence is integrated by quadrature
 
 METHODS = ("quadrature", "laplace", "transitional")
 
@@ -106,7 +102,7 @@ def update_class(
     if peak is None or sampler == "transitional" or "transitional" in methods:
         stages = transitional(
             density.likelihood, density.prior, model_class.sample_prior, rng=rng,
-            n_particles=max(n_samples // N_MOVES, 100), n_moves=N_MOVES, progress=progress,
+            n_particles=max(n_samples // UPDATING.n_moves, 100), n_moves=UPDATING.n_moves, progress=progress,
         )  # fmt: skip
     if stages and (peak is None or sampler == "transitional"):
         chain = stages.chain
@@ -142,14 +138,16 @@ def update_class(
 
 def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
     if evidences is None:
-        return METHODS[:2] if n_parameters <= MOST_BY_QUADRATURE else METHODS[1:]
+        return METHODS[:2] if n_parameters <= UPDATING.most_by_quadrature else METHODS[1:]
     for method in evidences:
         if method not in METHODS:
             raise InputError(f"there is no evidence {method!r}: {nearest(method, METHODS)}")
     if not evidences:
         raise InputError(f"no evidence is named: give some of {', '.join(METHODS)}")
-    if "quadrature" in evidences and n_parameters > MOST_BY_QUADRATURE:
-        raise InputError(f"quadrature of {n_parameters} parameters: it takes up to {MOST_BY_QUADRATURE}, take laplace")
+    if "quadrature" in evidences and n_parameters > UPDATING.most_by_quadrature:
+        raise InputError(
+            f"quadrature of {n_parameters} parameters: it takes up to {UPDATING.most_by_quadrature}, take laplace"
+        )
     return tuple(evidences)
 
 
@@ -158,7 +156,7 @@ def _find_peak(
 ) -> tuple[Maximum | None, list[str]]:
     """Return the highest maximum from several starts, None where none has a curvature, and warnings about it."""
     support = [prior.support for prior in model_class.priors]
-    starts = model_class.sample_prior(256, rng)
+    starts = model_class.sample_prior(UPDATING.n_starts, rng)
     values = density.posterior(starts)
     if not np.isfinite(values).any():
         where = "; in ".join(where_it_fails(data, model_class, starts, lost=True))
@@ -202,8 +200,7 @@ def _climb(
 ) -> Maximum | None:
     """Return the maximum from one start, None where it has no curvature."""
     try:
-        # ten iterations are usual, unless the density has steps
-        peak = maximum_a_posteriori(density.posterior, start, support=support, max_iterations=40)
+        peak = maximum_a_posteriori(density.posterior, start, support=support, max_iterations=UPDATING.most_iterations)
         return peak if peak.precision.size else None  # `precision` raises without a curvature
     except NotDeterminedError as error:
         return None if error.partial is None else _rough_peak(density, np.asarray(error.partial), support, rng)
@@ -221,7 +218,7 @@ def _rough_peak(
     top = float(density.posterior(theta[None])[0])
     for k in range(theta.size):
         along = theta + reach[:, None] * steps[k] * np.eye(theta.size)[k]
-        fallen = np.flatnonzero(density.posterior(along) < top - 1.0)
+        fallen = np.flatnonzero(density.posterior(along) < top - UPDATING.rough_drop)
         if not fallen.size:
             return None
         steps[k] *= reach[fallen[0]]
@@ -250,13 +247,14 @@ def _rough_peak(
 def _sample(
     density: Density, peak: Maximum, sampler: str, n_samples: int, rng: np.random.Generator, progress: Progress | None
 ) -> Chain:
-    # emcee advises more than twice as many walkers as parameters; more walkers mix less
-    n_walkers = max(8, 2 * peak.theta.size + 2)
-    n_chains = n_walkers if sampler == "ensemble" else int(np.clip(n_samples // SHORTEST, 4, N_CHAINS))
+    n_chains = int(np.clip(n_samples // UPDATING.shortest_chain, 4, UPDATING.most_chains))
+    if sampler == "ensemble":
+        # emcee advises more than twice as many walkers as parameters
+        n_chains = max(UPDATING.least_walkers, 2 * peak.theta.size + 2)
     # `spread_starts` doubles the scatter: the starts follow the Laplace approximation and need a short warm-up only
     start = spread_starts(density.posterior, peak.theta, peak.covariance_inside / 4, n_chains=n_chains, rng=rng)
-    dropped = n_samples // (WARM_UP * n_chains)
-    kept = (n_samples - n_samples // WARM_UP) // n_chains
+    dropped = n_samples // (UPDATING.warm_up * n_chains)
+    kept = (n_samples - n_samples // UPDATING.warm_up) // n_chains
     if sampler == "ensemble":
         return ensemble(density.posterior, start, n_samples=kept, n_warm_up=dropped, rng=rng, progress=progress)
     return metropolis(
@@ -275,7 +273,7 @@ def _evidences(
 ) -> tuple[tuple[Evidence, ...], list[str]]:
     """Return the evidence by each method, at least one, and the reasons where a method has none."""
     support = [prior.support for prior in model_class.priors]
-    most = 6_000 if chain.n_parameters < MOST_BY_QUADRATURE else 60_000
+    most = UPDATING.most_nodes if chain.n_parameters < 3 else UPDATING.most_nodes_of_three
 
     def by_samples() -> Evidence:
         best, at_best = (

@@ -18,6 +18,7 @@ from opid.updating.likelihood.curves import FORMS, Form, coefficient_of_variatio
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass, Prior
+from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 
 Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
@@ -141,7 +142,7 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
     for name, prior in study.parameters.items():
-        high = prior.first + 5.0 * prior.second if prior.family == "normal" else prior.support[1]
+        high = prior.first + UPDATING.prior_reach * prior.second if prior.family == "normal" else prior.support[1]
         if high <= 0:
             yield f"the prior of {name!r} allows nothing above 0, a factor of stiffness is positive"
     if not study.setting_faults:  # a wrong list of harmonics is among these

@@ -15,17 +15,13 @@ from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, presses_against
 from opid.updating.sampling.evidence import Evidence
+from opid.updating.settings import UPDATING
 
-RARE = 1e-3  # probability, for all modes together, below which a misfit that all curves share is not chance
-LEAST_MISFIT = 0.05  # of the measured growth of lambda: many curves may show a smaller misfit, but it does no harm
-LEAST_MOVED = 0.05  # of the growth of the frequencies: a class that moves them less anywhere in its prior has no effect
-FAR_OUT = 3.0  # times the distance of samples from the best theta, at which it is tested whether the model converges
 N_PATTERNS = 2  # slope and curvature over the amplitude, the errors that a wrong law makes
-EXPECTED_WEIGHT = 10  # degrees of freedom with which the expected scatter between curves counts beside the observed one
 
 TOO_LITTLE = (
-    f"moves the frequencies by more than {100 * LEAST_MOVED:.0f} % of their measured growth: look at the unit of the "
-    "amplitudes, and at the scale of the law"
+    f"moves the frequencies by more than {100 * UPDATING.least_moved:.0f} % of their measured growth: look at the unit "
+    "of the amplitudes, and at the scale of the law"
 )
 
 
@@ -47,25 +43,25 @@ def warnings_of_class(
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
     yield from warnings_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
-    near = chain.thinned(200)
-    far = best + FAR_OUT * (near - best)
+    near = chain.thinned(UPDATING.n_checked)
+    far = best + UPDATING.far_out * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
     yield from warnings_of_curves(
         where_it_fails(data, model_class, near),
         where_it_fails(data, model_class, far, lost=True),
         where_modes_interact(data, model_class, best),
     )
-    if diagnostics.effective_samples < 200:
+    if diagnostics.effective_samples < UPDATING.few_samples:
         yield (
             f"the samples are worth {diagnostics.effective_samples:.0f} independent ones: intervals are rough, draw "
             "more"
         )
-    if diagnostics.r_hat > 1.05:
+    if diagnostics.r_hat > UPDATING.most_r_hat:
         yield f"the chains differ (R-hat {diagnostics.r_hat:.2f}): draw more samples, or take the transitional sampler"
     first, *others = evidences
     for other in others:
         apart = abs(other.log_evidence - first.log_evidence)
-        if apart > 0.5 + 3 * (first.std**2 + other.std**2) ** 0.5:
+        if apart > UPDATING.methods_differ + UPDATING.methods_sigma * (first.std**2 + other.std**2) ** 0.5:
             yield f"log evidence by {other.method} is {apart:.1f} from that by {first.method}: believe the latter"
     if model_class.n_parameters > 1:
         for (name, estimate), kind in zip(estimates.items(), model_class.kinds, strict=True):
@@ -99,10 +95,10 @@ def warnings_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[s
 
 def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
     """Return whether a class leaves the frequencies almost constant everywhere in its prior."""
-    theta = model_class.sample_prior(20, np.random.default_rng(0))
+    theta = model_class.sample_prior(UPDATING.n_tried, np.random.default_rng(0))
     for mode in data.modes:
         eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta)
-        if lost.any() or np.ptp(eigenvalue, axis=1).max() > LEAST_MOVED * np.ptp(mode.growth) * mode.linear:
+        if lost.any() or np.ptp(eigenvalue, axis=1).max() > UPDATING.least_moved * np.ptp(mode.growth) * mode.linear:
             return False
     return True
 
@@ -130,15 +126,16 @@ def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterato
 
     Where the curves are too short for `misfits`, the fraction `unexplained` is judged.
     """
-    rare = [each for each in misfits if each.probability < RARE / len(misfits) and each.fraction > LEAST_MISFIT]
+    large = [each for each in misfits if each.fraction > UPDATING.least_misfit]
+    rare = [each for each in large if each.probability < UPDATING.rare / len(misfits)]
     if rare:
         worst = max(rare, key=lambda each: each.fraction)
         yield (
             f"at its best it leaves {100 * worst.fraction:.0f} % of the measured growth of the frequencies of mode "
             f"{worst.mode} unexplained, the same way in all curves (by chance in less than one of "
-            f"{1 / RARE:.0f} sets): this law does not fit the backbones, its intervals mean nothing"
+            f"{1 / UPDATING.rare:.0f} sets): this law does not fit the backbones, its intervals mean nothing"
         )
-    elif not misfits and not unexplained <= 0.3:
+    elif not misfits and not unexplained <= UPDATING.most_unexplained:
         yield (
             f"at its best it leaves {100 * unexplained:.0f} % of the measured growth of the frequencies unexplained: "
             "this law does not fit the backbones, its intervals mean nothing"
@@ -187,7 +184,7 @@ def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> li
     # linear_error belongs to the frequency: that of lambda is twice as large
     growth = mode.frequency_noise.common_scale if mode.frequency_noise else data.noise.growth_of_linear_error
     common = (2 * data.noise.linear_error * growth) ** 2 * np.outer(slope, slope)
-    weight = min(EXPECTED_WEIGHT, freedom)
+    weight = min(UPDATING.expected_weight, freedom)
     per_point = np.eye(N_PATTERNS) * n / len(error) + data.noise.curve_growth**2 * np.outer(slope, slope)
     expected = rest / freedom * per_point
     between = np.array(own) - mean
@@ -239,7 +236,7 @@ def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbo
     if len(ranked) > 1:
         apart = ranked[0].log_evidence - ranked[1].log_evidence
         best, second = ranked[0].model_class.name, ranked[1].model_class.name
-        if apart < 1.0:
+        if apart < UPDATING.too_close:
             yield (
                 f"{best!r} and {second!r} differ by {apart:.1f} in log evidence: the data cannot tell them apart, "
                 "measure at larger amplitudes"
@@ -254,7 +251,7 @@ def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbo
                 f"mode {band.mode}: there is no band at {where}, where the model does not converge for most draws: "
                 "take fewer harmonics, or leave out measured points near those amplitudes"
             )
-        if band.coverage < 0.8:
+        if band.coverage < UPDATING.poor_coverage:
             yield (
                 f"mode {band.mode}: the 95 % band holds {100 * band.coverage:.0f} % of the measured points: the law or "
                 "the linear structure is wrong there"

@@ -22,10 +22,10 @@ from opid.mechanics.laws.law import Law
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import sum_lagged_products
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, harmonic_factor, make_fitted_law
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 IMPOSSIBLE = 1e8  # error of a law that does not vibrate or does not decay over all the record, standard deviations
-LEAST_RANGE = 1.5  # largest amplitude over the smallest, below which nonlinear terms are warned of
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +110,7 @@ def backbone(track: Track, derivative: int) -> tuple[FloatArray, FloatArray, Flo
     order = np.argsort(track.time_s)
     smooth = np.polyfit(track.time_s[order], rate[order], 1, w=1.0 / np.maximum(track.rate_std[order], 1e-300))[0]
     natural = np.sqrt(np.maximum(track.omega**2 - rate**2 + smooth + damping * rate, 1e-300))
-    # the drift comes from a smooth curve and is known to a tenth
-    drift_std = 0.1 * (2 * derivative - 1) * track.chirp / track.omega
+    drift_std = MODAL.drift_error * (2 * derivative - 1) * track.chirp / track.omega
     return amplitude, natural, track.omega_std, damping, np.hypot(2.0 * track.rate_std, drift_std)
 
 
@@ -141,7 +140,7 @@ def fit_decays(
     length, rate = float(amplitude.max()), float(np.median(natural))
     level = amplitude / length
     warnings: tuple[str, ...] = ()
-    if level.max() < LEAST_RANGE * level.min():
+    if level.max() < MODAL.least_range * level.min():
         falls = f"the amplitude falls by {level.max() / level.min():.2g} only"
         warnings = (f"{falls}: powers above 1 rest on little",)
     square, speed = (natural / rate) ** 2, level * natural / rate

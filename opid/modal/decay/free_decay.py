@@ -18,6 +18,7 @@ from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficient_rows, coefficients_json
+from opid.modal.settings import MODAL
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
@@ -212,7 +213,7 @@ def free_decay(
     try:
         law = fit_decays([track], derivative=derivative, stiffness_order=stiffness_order, damping_order=damping_order)
         warnings += law.warnings
-        if law.misfit > 3.0:
+        if law.misfit > MODAL.most_misfit:
             warnings.append(
                 f"the law leaves {law.misfit:.2g} times what the noise would: it is a smooth stand-in for another kind "
                 "of joint, to be used within these amplitudes"
@@ -328,7 +329,7 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
             "frequency or amplitude swings as two modes that beat: what is over amplitude is not that of one mode; "
             "separate them with several sensors (a modal filter)"
         )
-    if track.residual_share > 0.5:
+    if track.residual_share > MODAL.most_residual:
         yield (
             f"{100 * track.residual_share:.0f} % of the record is neither this mode nor what was found beside it: its "
             "amplitude is small beside noise and other modes"
@@ -346,7 +347,7 @@ def _beats(track: Track) -> bool:
     for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std)):
         weight = 1.0 / np.maximum(std, 1e-6 * np.abs(np.median(track.omega)))
         rest = values - np.polyval(np.polyfit(root, values, 3, w=weight), root)
-        swings |= bool(np.sqrt(np.mean((rest * weight) ** 2)) > 4.0)
+        swings |= bool(np.sqrt(np.mean((rest * weight) ** 2)) > MODAL.beating)
     # a beat shows from the start on; noise at low amplitude has little weight here
     trust = 1.0 / np.maximum(track.rate_std, 1e-2 * float(np.median(np.abs(track.rate)))) ** 2
     mean = float(np.average(track.rate, weights=trust))

@@ -10,11 +10,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend, fftconvolve, find_peaks, peak_prominences
 
 from opid.errors import InputError, NotDeterminedError
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
-
-FEWEST_CYCLES = 10  # with fewer, neither frequency nor damping can be found as functions of the amplitude
-KERNEL_CYCLES = 6  # length of the Hann kernel that gives the first envelope
-CLIPPED_SAMPLES = 3  # successive samples at the largest value that make a record clipped
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ def find_stretch(
         )
     frequency = _decaying_peak(part[peak:], fs, low, high)
     cycle = fs / frequency
-    if last - first < FEWEST_CYCLES * cycle:
+    if last - first < MODAL.fewest_cycles * cycle:
         raise _too_short(first / fs, (last - first) / cycle, frequency)
     warnings: list[str] = []
     envelope = find_envelope(part, fs=fs, frequency_hz=frequency)
@@ -77,7 +74,7 @@ def find_stretch(
         start = _start(part, envelope, cycle)
         start = max(start, _clipped_until(part, cycle, warnings))
     stop = _next_impact(part, start, cycle)
-    if stop - start < FEWEST_CYCLES * cycle:
+    if stop - start < MODAL.fewest_cycles * cycle:
         raise _too_short((first + start) / fs, (stop - start) / cycle, frequency)
     if start_s is None:
         frequency = _decaying_peak(part[start:stop], fs, low, high)
@@ -85,14 +82,14 @@ def find_stretch(
     floor = float(np.quantile(envelope[start + (stop - start) // 2 : stop], 0.2))
     quiet = np.flatnonzero(envelope[start:stop] < max(3.0 * floor, 2e-3 * envelope[start]))
     sure = start + int(quiet[0]) if quiet.size else stop
-    sure = min(stop, max(sure, start + int(FEWEST_CYCLES * fs / frequency)))
+    sure = min(stop, max(sure, start + int(MODAL.fewest_cycles * fs / frequency)))
     rate = _slope(envelope[start:sure], fs)
     return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings))
 
 
 def find_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
     """Return the amplitude of a signal near a frequency, (n,), through a Hann kernel of six cycles."""
-    length = max(3, round(KERNEL_CYCLES * fs / frequency_hz))
+    length = max(3, round(MODAL.kernel_cycles * fs / frequency_hz))
     kernel = np.hanning(length + 2)[1:-1]
     turned = samples * np.exp(-2j * np.pi * frequency_hz / fs * np.arange(samples.size))
     weight = fftconvolve(np.ones(samples.size), kernel, mode="same")
@@ -172,14 +169,14 @@ def _decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> floa
 
 def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
     """Return the first sample after an impact, or after a dwell."""
-    highest, reach = int(np.argmax(envelope)), round(0.5 * KERNEL_CYCLES * cycle) + 1
+    highest, reach = int(np.argmax(envelope)), round(0.5 * MODAL.kernel_cycles * cycle) + 1
     # the mean over a cycle follows slower motion, and the mode cancels in it
     level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
     first = max(0, highest - 4 * reach)
     near = level[first : highest + reach]
     peak = first + int(np.argmax(near))
-    # an impact rises to 2.5 times the motion before it, the end of a dwell does not
-    onset = first + int(np.flatnonzero(near * 2.5 >= near.max())[0])
+    # an impact rises far above the motion before it, the end of a dwell does not
+    onset = first + int(np.flatnonzero(near * MODAL.impact_rise >= near.max())[0])
     rise = level[onset : onset + round(2.5 * cycle)].max() > 0.75 * near.max()
     loud = int(np.flatnonzero(envelope >= 0.97 * envelope[highest])[-1])
     # a record that begins loud begins in a decay, or in a dwell
@@ -188,15 +185,16 @@ def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
         # after a dwell the kernel must not reach back across its end
         return loud + reach
     # a hammer that drives the mode touches for less than half of its period: the impact is over by then
-    return (peak if peak < onset + 2.5 * cycle else onset) + round(0.75 * cycle)
+    return (peak if peak < onset + 2.5 * cycle else onset) + round(MODAL.after_peak_cycles * cycle)
 
 
 def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
     """Return the first sample after the last one that is clipped."""
     last = -1
+    n = MODAL.clipped_samples
     for at_limit in (part >= part.max(), part <= part.min()):
-        run = np.convolve(at_limit.astype(np.int64), np.ones(CLIPPED_SAMPLES, dtype=np.int64), mode="valid")
-        last = max(last, np.flatnonzero(run == CLIPPED_SAMPLES).max(initial=-CLIPPED_SAMPLES) + CLIPPED_SAMPLES - 1)
+        run = np.convolve(at_limit.astype(np.int64), np.ones(n, dtype=np.int64), mode="valid")
+        last = max(last, np.flatnonzero(run == n).max(initial=-n) + n - 1)
     if last < 0:
         return 0
     warnings.append("samples are clipped: what was before the last of them is left out")
@@ -204,13 +202,13 @@ def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
 
 
 def _next_impact(part: FloatArray, start: int, cycle: float) -> int:
-    """Return the sample before the next impact, where the rms of a cycle is three times that of the three before."""
+    """Return the sample before the next impact, where the rms of a cycle rises above the three before."""
     length = max(4, round(cycle))
     n_blocks = (part.size - start) // length
     blocks = part[start : start + n_blocks * length].reshape(n_blocks, length)
     level = blocks.std(axis=1)
     for k in range(4, n_blocks):
-        if level[k] > 3.0 * level[k - 3 : k].max() > 0.0:
+        if level[k] > MODAL.next_impact_rise * level[k - 3 : k].max() > 0.0:
             return start + (k - 1) * length
     return part.size
 
@@ -223,6 +221,6 @@ def _slope(envelope: FloatArray, fs: float) -> float:
 def _too_short(start_s: float, cycles: float, frequency: float) -> NotDeterminedError:
     return NotDeterminedError(
         f"the free decay after {start_s:.4g} s is {max(cycles, 0.0):.1f} cycles of {frequency:.4g} Hz long: at least "
-        f"{FEWEST_CYCLES} are needed to tell frequency and damping over amplitude; record longer, or name another mode "
-        "with near_hz"
+        f"{MODAL.fewest_cycles} are needed to tell frequency and damping over amplitude; record longer, or name "
+        "another mode with near_hz"
     )

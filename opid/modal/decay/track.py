@@ -13,17 +13,8 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.modal.decay.stretch import Stretch, find_spectrum_peaks
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
-
-FEWEST_WINDOW_CYCLES = 6.0
-FEWEST_WINDOWS = 4
-WINDOW_DECAY = 0.6  # decay of the log-amplitude in a window, where nothing else sets its length
-RESOLVED = 2.5  # window length times distance of two frequencies from which a Hann window separates them
-SMALLEST_SIGNAL = 5.0  # amplitude over its standard deviation at which the decay has reached the noise
-LONGEST_DECAY = 3.0  # largest decay of the log-amplitude in a window that has to separate neighbours
-HIGHEST_NEIGHBOUR = 10.0  # in frequencies of the mode: the taper of the windows keeps out what lies beyond
-SMALLEST_NEIGHBOUR = 0.005  # of the mode's peak, from which on a neighbour is fitted
-UNRESOLVED = 0.1  # of the mode's peak, from which on a neighbour is reported that is too close to be fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +135,11 @@ def _follow(
     def early(reference: _Reference, neighbours: FloatArray) -> list[_Window]:
         return _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
 
-    for _ in range(2):
+    for _ in range(2):  # three rounds before neighbours are looked for, with that of `windows`
         reference = _renew(early(reference, neighbours), reference, fs)
     windows = early(reference, neighbours)
     close: list[float] = []
-    for _ in range(6):  # neighbours at most
+    for _ in range(MODAL.most_neighbours):
         found, resolved = _next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
         if found is None:
             break
@@ -177,7 +168,7 @@ def _windows(
 ) -> list[_Window]:
     """Return windows that overlap by half, from the start until the decay reaches the noise."""
     windows: list[_Window] = []
-    shortest_hop = max(1, part.size // 160)
+    shortest_hop = max(1, part.size // MODAL.most_windows)
     first, weak, whole = 0, 0, float(np.ptp(part))
     while first < part.size:
         length = _length(part.size, reference, first, neighbours, fs)
@@ -185,7 +176,7 @@ def _windows(
             break
         if first == 0:
             # the start gets half a window, highest at its first sample
-            shortest = round(FEWEST_WINDOW_CYCLES / 1.5 * fs * 2 * np.pi / reference.omega[0])
+            shortest = round(MODAL.fewest_window_cycles / 1.5 * fs * 2 * np.pi / reference.omega[0])
             short = max(length // 2, min(length, shortest))
             falling = 0.5 * (1.0 + np.cos(np.pi * (np.arange(short) + 0.5) / short))
             windows.append(_fit(part, 0, falling, reference, neighbours, fs))
@@ -194,7 +185,7 @@ def _windows(
         last = windows[-1]
         signal = abs(last.value) * np.exp(reference.log_amplitude[min(part.size - 1, round(last.centre * fs))])
         spread = last.value_std * signal / max(abs(last.value), 1e-300)
-        weak = weak + 1 if signal < SMALLEST_SIGNAL * spread else 0
+        weak = weak + 1 if signal < MODAL.smallest_signal * spread else 0
         if weak >= 2 and until_noise:
             del windows[-2:]
             break
@@ -209,13 +200,14 @@ def _windows(
 
 def _length(n: int, reference: _Reference, first: int, neighbours: FloatArray, fs: float) -> int:
     cycle = 2.0 * np.pi / reference.omega[first]
-    wanted = WINDOW_DECAY / max(reference.rate[first], 1e-9)
-    fewest = FEWEST_WINDOW_CYCLES * cycle
+    wanted = MODAL.window_decay / max(reference.rate[first], 1e-9)
+    fewest = MODAL.fewest_window_cycles * cycle
     if neighbours.size:
         distance = float(np.min(np.abs(neighbours - reference.omega[first] / (2 * np.pi))))
-        fewest = max(fewest, RESOLVED / max(distance, 1e-9))
+        fewest = max(fewest, MODAL.resolved / max(distance, 1e-9))
     most = n / fs / 5.0
-    return int(max(min(max(wanted, fewest), most), min(fewest, n / fs / 2.5), FEWEST_WINDOW_CYCLES / 1.5 * cycle) * fs)
+    least = max(min(fewest, n / fs / 2.5), MODAL.fewest_window_cycles / 1.5 * cycle)
+    return int(max(min(max(wanted, fewest), most), least) * fs)
 
 
 def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
@@ -292,7 +284,7 @@ def _next_neighbour(
     shift[0] = np.clip(shift[0], logs.real.min(), logs.real.max())
     rest = part - (main * np.exp(shift[0] + 1j * shift[1])).real
     own = float(np.median(reference.omega)) / (2.0 * np.pi)
-    highest = min(HIGHEST_NEIGHBOUR * own, 0.48 * fs)
+    highest = min(MODAL.highest_neighbour * own, 0.48 * fs)
     frequency, height, floor = find_spectrum_peaks(rest, fs=fs, low_hz=0.3 * own, high_hz=highest)
     largest = float(find_spectrum_peaks(part, fs=fs, low_hz=0.9 * own, high_hz=1.1 * own)[1].max(initial=0.0))
     swept = reference.omega[:size] / (2.0 * np.pi)
@@ -301,12 +293,12 @@ def _next_neighbour(
     apart = (frequency < swept.min() - width) | (frequency > swept.max() + width)
     apart &= np.min(np.abs(frequency[:, None] / own - np.array([2.0, 3.0])), axis=1, initial=np.inf) > 0.06
     apart &= np.min(np.abs(frequency[:, None] - np.array(known)), axis=1, initial=np.inf) > width
-    apart &= height > max(SMALLEST_NEIGHBOUR * largest, 6.0 * floor)
+    apart &= height > max(MODAL.smallest_neighbour * largest, 6.0 * floor)
     # a window that is longer than the decay itself separates nothing
-    longest = min(size / fs / 2.5, LONGEST_DECAY / max(rate, 1e-9))
-    resolved = np.abs(frequency - own) * longest > RESOLVED
+    longest = min(size / fs / 2.5, MODAL.longest_decay / max(rate, 1e-9))
+    resolved = np.abs(frequency - own) * longest > MODAL.resolved
     # a close and weak peak may be a residual of the mode itself
-    found = np.flatnonzero(apart & (resolved | (height > UNRESOLVED * largest)))
+    found = np.flatnonzero(apart & (resolved | (height > MODAL.unresolved * largest)))
     return (float(frequency[found[0]]), bool(resolved[found[0]])) if found.size else (None, False)
 
 
@@ -320,10 +312,10 @@ def _track(
     fs: float,
 ) -> Track:
     windows = sorted(windows, key=lambda window: window.centre)
-    if len(windows) < FEWEST_WINDOWS:
+    if len(windows) < MODAL.fewest_windows:
         raise NotDeterminedError(
-            f"the decay stands out of the noise in {len(windows)} windows of {FEWEST_WINDOW_CYCLES:g} cycles or more: "
-            f"at least {FEWEST_WINDOWS} are needed; record with less noise or a stronger impact"
+            f"the decay stands out of the noise in {len(windows)} windows of {MODAL.fewest_window_cycles:g} cycles or "
+            f"more: at least {MODAL.fewest_windows} are needed; record with less noise or a stronger impact"
         )
     time = np.arange(part.size) / fs
     centres = np.array([window.centre for window in windows])

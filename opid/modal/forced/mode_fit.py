@@ -12,7 +12,7 @@ from opid.errors import InputError, refuse
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.forced.equation import ModeLines, mode_lines
-from opid.modal.forced.mode_tests import WIDEST, check_shapes, check_test, find_band, warn_of_other_modes, warn_of_rates
+from opid.modal.forced.mode_tests import check_shapes, check_test, find_band, warn_of_other_modes, warn_of_rates
 from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
@@ -25,10 +25,10 @@ from opid.modal.forced.restoring_fit import (
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.power_laws import coefficients_json, make_fitted_law
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 N_CURVE = 101  # points of a force curve
-MASS_RANGE = (0.5, 2.0)  # modal mass that tests may show; outside it, shapes or force have another unit
 
 UNITS = {
     "a force in lbf taken for N": 0.2248,
@@ -244,6 +244,7 @@ def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float,
     """Return the band in which the tests move the mode, with its frequency at their largest amplitude inside."""
     low, high = find_band(tests, mode)
     lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
+    # orders of 3 show how far the frequency of a mode moves
     rough = fit_coefficients(lines, stiffness_order=3, damping_order=3)
     amplitude = np.array([max(each.largest_q for each in lines)])
     k0, c0 = lines[0].linear
@@ -251,7 +252,7 @@ def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float,
     width = np.abs(damping)
     begin, end = ((omega + sign * width).item() / (2 * np.pi) for sign in (-1, 1))
     natural = k0**0.5 / (2 * np.pi)
-    return min(low, max(begin, WIDEST[0] * natural)), max(high, min(end, WIDEST[1] * natural))
+    return min(low, max(begin, MODAL.widest_band[0] * natural)), max(high, min(end, MODAL.widest_band[1] * natural))
 
 
 def _at_amplitude(
@@ -277,7 +278,7 @@ def _curve(
 
 def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
     value, std = float(fit.modal_mass.value or 0.0), float(fit.modal_mass.std or 0.0)
-    if abs(value - 1) > max(0.05, 4 * std):
+    if abs(value - 1) > max(MODAL.warned_mass, 4 * std):
         yield (
             f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it is "
             "1: the scale of its shape or of the force is off, or the drive point, and with it the amplitudes"
@@ -285,7 +286,7 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
     for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):
         largest = np.abs(curve.force).max()
         half = 0.5 * (curve.high[-1] - curve.low[-1]) / largest if largest else 0.0
-        if half > 0.3:
+        if half > MODAL.widest_force:
             yield (
                 f"mode {fit.mode}: the nonlinear {word} force is known to +-{100 * half:.0f} % (95 %) at the "
                 f"largest amplitude: the data cannot tell it, lower {word}_order or test at higher levels"
@@ -296,7 +297,7 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
             f"mode {fit.mode}: the fitted spring has no positive stiffness at the largest amplitude: do not go beyond "
             "it"
         )
-    if fit.residual_share > 0.5:
+    if fit.residual_share > MODAL.most_unexplained:
         yield (
             f"mode {fit.mode}: the fit leaves {100 * fit.residual_share:.0f} % of the modal force unexplained: the "
             "mode is not alone in its band, or its linear properties belong to another state of the structure"
@@ -305,7 +306,7 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
 
 def _require_mass(mass: Estimate, mode: int, test: ModalTest) -> None:
     value, std = float(mass.value or 0.0), float(mass.std or 0.0)
-    if MASS_RANGE[0] <= value <= MASS_RANGE[1] or abs(value - 1) < 4 * std:
+    if MODAL.mass_range[0] <= value <= MODAL.mass_range[1] or abs(value - 1) < 4 * std:
         return
     if value < 0:
         raise InputError(

@@ -16,13 +16,9 @@ from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import ModeLines, find_noise_power, find_quiet_lines, integrate_mode
 from opid.modal.linear.frequency_response import accelerance
 from opid.modal.linear.modes import LinearModes, ModalTest, with_sensors
+from opid.modal.settings import MODAL
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
-
-WIDEST = (0.6, 1.5)  # ends of the widest band of a mode, in natural frequencies
-HALF_WIDTHS = 4.0  # half-power bandwidths on either side of the natural frequency that the band always holds
-LEAST_SIGNAL = 3.0  # force or motion in the band over its noise, rms, that a test needs
-WARNED_OUTSIDE, MOST_OUTSIDE = 0.1, 0.5  # rms fraction of the motion that no shapes make: warned of, and refused
 
 Remarks = tuple[list[str], list[str]]
 """Reasons why a test cannot be used, and warnings where it can; one clause each."""
@@ -38,7 +34,7 @@ def select_tests(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]
 def select_tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
     """Return tests of other modes for a mode that has none: those that reach a tenth of its largest amplitude."""
     energies = [(each.test, _energy(each.test, mode)) for each in tests if each.mode is None]
-    least = 0.1**2 * max((energy for _, energy in energies), default=0.0)
+    least = MODAL.part_of_largest**2 * max((energy for _, energy in energies), default=0.0)
     return tuple(test for test, energy in energies if energy >= least > 0)
 
 
@@ -59,8 +55,8 @@ def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
         least, most = _limits(test.modes, mode)
         frequency, spectrum = fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
         inside = (frequency >= least) & (frequency <= most)
-        with_energy = frequency[inside][spectrum[inside] >= 0.01 * spectrum[inside].max(initial=0.0)]
-        width = 2 * HALF_WIDTHS * damping * natural
+        with_energy = frequency[inside][spectrum[inside] >= MODAL.least_line * spectrum[inside].max(initial=0.0)]
+        width = 2 * MODAL.half_widths * damping * natural
         lows.append(max(least, min(natural - width, with_energy.min(initial=natural))))
         highs.append(min(most, max(natural + width, with_energy.max(initial=natural))))
     return float(min(lows)), float(max(highs))
@@ -69,22 +65,22 @@ def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
 def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float) -> Remarks:
     """Return the remarks on a test of a mode, from its equation in a band; `taper_s` fades its ends out."""
     faults, warnings = [], []
-    if _rms(lines.force) < LEAST_SIGNAL * lines.noise_force:
+    if _rms(lines.force) < MODAL.least_signal * lines.noise_force:
         faults.append(
             f"test {test.name!r} puts no energy into {band_hz[0]:.4g} to {band_hz[1]:.4g} Hz, the band of mode {mode}: "
             "excite the mode, or leave the test to another one"
         )
-    elif _rms(lines.inertia) < LEAST_SIGNAL * lines.noise_inertia:
+    elif _rms(lines.inertia) < MODAL.least_signal * lines.noise_inertia:
         faults.append(
             f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave it out"
         )
     left, word = (0.0, "") if taper_s else _left_over(test, lines, mode, band_hz)
     clause = f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record"
-    if left > 0.05:
+    if left > MODAL.most_left:
         faults.append(
             f"{clause} from rest until the mode has decayed, or fade the ends out in Python (taper_s of fit_mode)"
         )
-    elif left > 0.01:
+    elif left > MODAL.warned_left:
         warnings.append(f"{clause} longer")
     return faults, warnings
 
@@ -94,8 +90,8 @@ def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Re
     outside, cause = measure_outside_shapes(test, band_hz)
     hint = cause or "check the order, signs and units of the sensors, and whether a mode is missing"
     motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} about mode {mode}"
-    remark = [f"{motion} cannot be made of the shapes: {hint}"] if outside > WARNED_OUTSIDE else []
-    return (remark, []) if outside > MOST_OUTSIDE else ([], remark)
+    remark = [f"{motion} cannot be made of the shapes: {hint}"] if outside > MODAL.warned_outside else []
+    return (remark, []) if outside > MODAL.most_outside else ([], remark)
 
 
 def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
@@ -121,7 +117,7 @@ def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tup
         return float(np.sqrt(max(excess, 0.0) / max(float(np.sum(np.abs(lines) ** 2)), 1e-300)))
 
     found = outside(shapes)
-    if found <= WARNED_OUTSIDE:
+    if found <= MODAL.warned_outside:
         return found, ""
     signs = np.where(np.eye(n_sensors, dtype=bool), -1.0, 1.0)
     turned = [outside(shapes * sign[:, None]) for sign in signs]
@@ -143,7 +139,7 @@ def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tup
 
 def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
     """Yield one clause if some tests are sampled too slowly for the third harmonic of a mode with some of its width."""
-    needed = {test: 2 * 3.1 * float(test.modes.frequency_hz[test.modes.index(mode)]) for test in tests}
+    needed = {test: 2 * MODAL.third_harmonic * float(test.modes.frequency_hz[test.modes.index(mode)]) for test in tests}
     slow = [test for test in tests if test.fs < needed[test]]
     if slow:
         yield (
@@ -173,7 +169,7 @@ def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]
     target = rms_in(spectra, 1)[index]
     for multiple in (2, 3):
         seen, own = rms_in(spectra, multiple), rms_in(driven, multiple)
-        coupled = (seen > 0.3 * target) & (own < 0.3 * seen) & test.modes.elastic
+        coupled = (seen > MODAL.least_answer * target) & (own < MODAL.most_driven * seen) & test.modes.elastic
         coupled[index] = False
         if coupled.any():
             other = int(np.argmax(np.where(coupled, seen, 0.0)))
@@ -199,9 +195,9 @@ def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
     """
     index = modes.index(mode)
     natural = float(modes.frequency_hz[index])
-    own = HALF_WIDTHS * 2 * float(modes.damping_ratio[index]) * natural
-    low, high = (natural + 0.8 * (neighbour - natural) for neighbour in modes.neighbours_hz(mode))
-    low, high = max(low, WIDEST[0] * natural), min(high, WIDEST[1] * natural)
+    own = MODAL.half_widths * 2 * float(modes.damping_ratio[index]) * natural
+    low, high = (natural + MODAL.to_neighbour * (neighbour - natural) for neighbour in modes.neighbours_hz(mode))
+    low, high = max(low, MODAL.widest_band[0] * natural), min(high, MODAL.widest_band[1] * natural)
     return max(min(low, natural - own), 0.1 * natural), min(max(high, natural + own), 3 * natural)
 
 

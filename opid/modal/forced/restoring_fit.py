@@ -16,11 +16,8 @@ from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import ModeLines, Powers, find_line_noise, find_noise_scores
 from opid.modal.power_laws import HIGHEST_ORDER, harmonic_factor
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
-
-LARGEST_CONDITION = 1e6  # of the scaled columns, beyond which these tests cannot tell the powers apart
-PARSIMONY = 0.01  # fraction of the error that a further power must save on tests that were left out
-N_BLOCKS = 5  # parts of a band that are left out in turn where there are fewer than three tests
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +183,7 @@ def search_orders(
     near = [
         orders
         for orders, each in errors.items()
-        if mean[orders] <= (1 + PARSIMONY) * mean[best] + float(np.std(each - errors[best], ddof=1)) / root
+        if mean[orders] <= (1 + MODAL.parsimony) * mean[best] + float(np.std(each - errors[best], ddof=1)) / root
     ]
     chosen = min(near, key=lambda orders: (sum(orders), mean[orders]))
     return tuple(
@@ -242,13 +239,13 @@ def _make_folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[
     if len(lines) >= 3:
         top = max(lines, key=lambda each: each.largest_q)
         return [([other for other in lines if other is not each], [each]) for each in lines if each is not top]
-    blocks = [np.arange(each.frequency_hz.size) // 3 % N_BLOCKS for each in lines]
+    blocks = [np.arange(each.frequency_hz.size) // 3 % MODAL.n_blocks for each in lines]
     return [
         (
             [each.only(own != block) for each, own in zip(lines, blocks, strict=True)],
             [each.only(own == block) for each, own in zip(lines, blocks, strict=True)],
         )
-        for block in range(N_BLOCKS)
+        for block in range(MODAL.n_blocks)
     ]
 
 
@@ -286,7 +283,7 @@ def _finish(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArr
     matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
     condition = float(np.linalg.cond(matrix / scale))
-    if condition > LARGEST_CONDITION:
+    if condition > MODAL.most_column_condition:
         raise InputError(
             f"the columns of orders {powers.orders[0]} (stiffness) and {powers.orders[1]} (damping) are copies of "
             f"each other on these tests (condition {condition:.1g}): lower the orders, or add levels"

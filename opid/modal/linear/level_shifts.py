@@ -17,16 +17,8 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.modes import ModalTest
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
-
-SIGMAS = 3.0  # standard errors by which a shift must exceed its threshold: chance alone does that once in 370 times
-LEAST_RATIO = 1.5  # highest amplitude over the lowest, below which the levels do not show whether a mode is nonlinear
-SEARCHED = 0.1  # fraction of the natural frequency to either side that is searched (the paper's modes shifted by 7 %)
-HALF_WIDTHS = 8.0  # the band ends so many zeta f from the peak: noise and other modes dominate beyond it
-FEWEST_LINES = 16  # of a band, which has to give three coefficients and two noise levels
-LEAST_SIGNAL = 4.0  # third strongest line of a band over the median line of the record, below which no mode is seen
-QUIET_FRACTION = 0.15  # of the mean power, in the quietest quarter: noise falls below it once in 80 times at most
-NOT_DECAYED = 0.02  # of the peak, at the end of a record: above it the unknown end state gets terms of its own
 
 
 @dataclass(frozen=True)
@@ -162,17 +154,17 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
     )
     # the peak lies a tenth to either side, half way to a neighbour at most
     below, above = test.modes.neighbours_hz(mode)
-    low = max((1 - SEARCHED) * given_hz, (given_hz + below) / 2)
-    high = max(min((1 + SEARCHED) * given_hz, 0.49 * test.fs, (given_hz + above) / 2), given_hz)
+    low = max((1 - MODAL.searched) * given_hz, (given_hz + below) / 2)
+    high = max(min((1 + MODAL.searched) * given_hz, 0.49 * test.fs, (given_hz + above) / 2), given_hz)
     searched = lines.around(given_hz, min(given_hz - low, high - given_hz))
     nothing = LinearFit(Estimate(), Estimate(), lines.peak(searched), (low, high))
-    if test.modes.row(test.drive_point)[index] == 0 or searched.sum() < FEWEST_LINES:
+    if test.modes.row(test.drive_point)[index] == 0 or searched.sum() < MODAL.fewest_lines:
         return nothing
     ratio, zeta = _oscillator(lines.equation(searched).least_squares(modal_mass)) or (0.0, 0.0)
     centre = ratio * given_hz
     if not low < centre < high:  # where noise hides the mode, the search finds one elsewhere or none
         centre, zeta = given_hz, max(given_zeta, 1e-3)
-    near = lines.around(centre, min(HALF_WIDTHS * zeta, SEARCHED) * centre)
+    near = lines.around(centre, min(MODAL.level_half_widths * zeta, MODAL.searched) * centre)
     nothing = replace(nothing, amplitude=lines.peak(near), band_hz=lines.ends(near))
     if not lines.are_seen(near):
         return nothing
@@ -195,7 +187,7 @@ class _Lines:
     n_samples: int
 
     def around(self, centre: float, half: float) -> NDArray[np.bool_]:
-        half = max(half, 0.5 * (FEWEST_LINES + 1) * float(self.frequency_hz[1]))
+        half = max(half, 0.5 * (MODAL.fewest_lines + 1) * float(self.frequency_hz[1]))
         return (np.abs(self.frequency_hz - centre) <= half) & (self.frequency_hz > 0)
 
     def ends(self, band: NDArray[np.bool_]) -> tuple[float, float]:
@@ -211,11 +203,11 @@ class _Lines:
         """Return whether the mode stands out of the noise; most lines of the record are noise or less."""
         power = np.abs(self.acceleration) ** 2
         # for complex noise the median of |line|^2 is ln 2 times its mean
-        return bool(np.sort(power[band])[-3] > LEAST_SIGNAL**2 * np.median(power) / np.log(2))
+        return bool(np.sort(power[band])[-3] > MODAL.least_peak**2 * np.median(power) / np.log(2))
 
     def has_decayed(self, band: NDArray[np.bool_]) -> bool:
         motion = np.abs(self.motion(band))
-        return bool(motion[-max(2, self.n_samples // 50) :].max() <= NOT_DECAYED * motion.max())
+        return bool(motion[-max(2, self.n_samples // 50) :].max() <= MODAL.not_decayed * motion.max())
 
     def equation(self, band: NDArray[np.bool_], *, open_end: bool = False) -> _Equation:
         j_omega = 1j * self.frequency_hz[band] / self.scale_hz
@@ -329,7 +321,7 @@ def _fit(
     equation = lines.equation(band, open_end=not lines.has_decayed(band))
     theta, noise, fixed = equation.least_squares(), np.array([1.0, 0.0]), 0
     quiet = _quiet_fraction(equation.residual(theta)[0], band, lines.n_samples)
-    is_noise = quiet >= QUIET_FRACTION
+    is_noise = quiet >= MODAL.quiet_fraction
     if is_noise:
         likely, its_noise = equation.maximum_likelihood(*start)
         if _oscillator(likely) is not None:
@@ -378,7 +370,7 @@ def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[flo
     (low, high), (shifts, nonlinear, determined, reason) = pairs[best], found[best]
     ratio = fits[high].amplitude / fits[low].amplitude if fits[low].amplitude > 0 else np.inf
     between = f"{names[low]!r} and {names[high]!r}"
-    if determined and not nonlinear and ratio < LEAST_RATIO:
+    if determined and not nonlinear and ratio < MODAL.least_level_ratio:
         determined = False
         reason = (
             f"the data cannot tell: the amplitudes of mode {mode} in {between} differ by a factor of {ratio:.2g} only, "
@@ -443,7 +435,7 @@ def _judge(
             hardly = f"the data cannot tell: mode {mode} hardly moves at one of the levels, drive it harder"
             return shifts, False, False, hardly
         percents.append(f"{100 * shift.value:+.3g} %")
-        if abs(shift.value) - SIGMAS * shift.std > threshold:
+        if abs(shift.value) - MODAL.shift_sigma * shift.std > threshold:
             shifted.append(f"{word} by {percents[-1]} (threshold {100 * threshold:.3g} %)")
         if 1.96 * shift.std > threshold:
             wide.append(f"{word} shifts by {percents[-1]} +- {1.96 * 100 * shift.std:.2g} % (95 %)")

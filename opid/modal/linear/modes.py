@@ -13,8 +13,6 @@ from opid.mechanics.structure import Structure, natural_frequencies
 from opid.signals.motion import differentiate
 from opid.signals.recording import Channel, FloatArray, Recording
 
-LARGEST_CONDITION = 30.0  # of the shapes, above which noise of other coordinates dominates (the paper accepts 9)
-
 
 @dataclass(frozen=True, eq=False)
 class LinearModes:

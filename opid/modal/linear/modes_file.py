@@ -14,6 +14,7 @@ import numpy as np
 
 from opid.errors import InputError, meant_by, nearest
 from opid.modal.linear.modes import LinearModes
+from opid.modal.settings import MODAL
 from opid.signals.files import write_whole
 from opid.signals.recording import FloatArray
 
@@ -26,7 +27,6 @@ VARIANTS = {
 """Names that a file may use for each quantity, without regard to case and blanks; frequencies with or without Hz."""
 
 ROWS = ("frequency_hz", "damping_ratio")  # the rows of a CSV file that are no sensors
-HIGHEST_DAMPING = 0.2  # of a bolted structure: if every elastic mode has more, the numbers are percent
 
 
 def read_modes(path: str | os.PathLike[str]) -> LinearModes:
@@ -123,8 +123,8 @@ def looks_in_percent(modes: LinearModes) -> str:
     'the damping ratio of every elastic mode is above 0.2'
     """
     elastic = modes.damping_ratio[modes.elastic]
-    if elastic.size and elastic.min() > HIGHEST_DAMPING:
-        return f"the damping ratio of every elastic mode is above {HIGHEST_DAMPING:g}"
+    if elastic.size and elastic.min() > MODAL.most_damping:
+        return f"the damping ratio of every elastic mode is above {MODAL.most_damping:g}"
     return ""
 
 

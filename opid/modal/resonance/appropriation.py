@@ -27,6 +27,7 @@ from opid.modal.resonance.phase_lock import (
     make_controller,
     phase_error,
 )
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 
@@ -460,7 +461,7 @@ def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[Appropria
 def _text(control: Controller, locking: Locking, unsteadiness: float) -> str:
     if locking.locked:
         wanders = f"the fundamental wanders by {unsteadiness:.1%} from period to period: the motion is not periodic"
-        return wanders if unsteadiness > 0.02 else ""
+        return wanders if unsteadiness > MODAL.unsteady else ""
     reached, errors = locking.loop.frequency_hz, locking.errors_deg
     text = (
         f"not locked within {control.settings.longest_s:g} s at {reached:.2f} Hz: the phase error still lies "

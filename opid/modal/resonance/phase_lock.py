@@ -11,6 +11,7 @@ from opid.mechanics.response import State
 from opid.mechanics.rig import OpenRig, Readings, Rig, drive, open_rig
 from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.modes import LinearModes
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 N_HARMONICS = 5  # of the drive frequency, the fundamental included
@@ -147,8 +148,7 @@ class Controller:
         time_constant = self.natural_hz / self.rate_rad_s
         hold = max(settings.hold_periods, int(np.ceil(time_constant)))
         if not loop.started:
-            # the sudden start excites all modes: their transients must decay, or the loop follows them
-            n_periods = max(1, int(min(3.0 * time_constant, 0.5 * settings.longest_s * self.natural_hz)))
+            n_periods = max(1, int(min(MODAL.settling * time_constant, 0.5 * settings.longest_s * self.natural_hz)))
             loop = replace(loop, state=self._periods(loop, voltage_v, n_periods)[1], started=True)
             time_s = n_periods / loop.frequency_hz
         within, locked = 0, False
@@ -221,8 +221,8 @@ def make_controller(
         raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
     below, above = modes.neighbours_hz(mode)
     range_hz = chosen.range_hz or (
-        max(0.85 * natural_hz, (below + natural_hz) / 2.0),
-        min(1.15 * natural_hz, (above + natural_hz) / 2.0),
+        max((1 - MODAL.widest_range) * natural_hz, (below + natural_hz) / 2.0),
+        min((1 + MODAL.widest_range) * natural_hz, (above + natural_hz) / 2.0),
     )
     if not 0.0 < range_hz[0] < natural_hz < range_hz[1] < np.inf:
         raise InputError(

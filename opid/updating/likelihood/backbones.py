@@ -18,11 +18,9 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.curves import BackboneData, IntArray, ModeData
 from opid.updating.likelihood.noise import log_marginal
 from opid.updating.model_class import ModelClass
+from opid.updating.settings import UPDATING
 
-MOST_MISSING = 0.25  # largest fraction of the points of a curve that may be interpolated
-LEAST_SPAN = 0.9  # smallest fraction of the amplitude range that solved points must span: the rest is extrapolated
 MOST_NAMED = 4  # points that a sentence names
-REACH = 0.03  # relative distance of a harmonic to a mode within which they may interact for some theta
 
 BoolArray = NDArray[np.bool_]
 
@@ -121,9 +119,9 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
     """Return theta -> the model of one mode at its nodes.
 
     A point where Newton's method fails, as in an interaction with another mode, is interpolated by a polynomial through
-    the others, so that the rest of the curve still counts. There is no curve where more than `MOST_MISSING` of the
-    points fail, or where the others span less than `LEAST_SPAN` of the range. The curve has no loops where a harmonic
-    meets another mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
+    the others, so that the rest of the curve still counts. There is no curve where too many points fail, or where the
+    others span too little of the range (`UpdatingThresholds`). The curve has no loops where a harmonic meets another
+    mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
     """
     system = without_interactions(data, mode)
     solvers = [
@@ -159,7 +157,7 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
 def met_modes(data: BackboneData, mode: ModeData) -> IntArray:
     """Return the columns of the modes that a harmonic of the model may meet, near any measured frequency."""
     measured = np.sqrt(mode.eigenvalue)
-    low, high = (1 - REACH) * measured.min(), (1 + REACH) * measured.max()
+    low, high = (1 - UPDATING.interaction_reach) * measured.min(), (1 + UPDATING.interaction_reach) * measured.max()
     own = np.sqrt(np.maximum(data.system.eigenvalue, 0.0))
     near = np.zeros(own.size, dtype=bool)
     for harmonic in data.harmonics:
@@ -273,10 +271,10 @@ def _span(amplitude: FloatArray) -> str:
 def _bridge_gaps(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
     """Return values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None if too much is missing."""
     n_found = int(converged.sum())
-    if n_found < 4 or n_found < (1 - MOST_MISSING) * converged.size:
+    if n_found < 4 or n_found < (1 - UPDATING.most_missing) * converged.size:
         return None
     known = amplitude[converged]
-    if np.ptp(known) < LEAST_SPAN * np.ptp(amplitude):
+    if np.ptp(known) < UPDATING.least_span * np.ptp(amplitude):
         return None
     powers = np.polynomial.chebyshev.chebvander(
         2 * (amplitude - amplitude.min()) / np.ptp(amplitude) - 1, min(6, n_found - 2)

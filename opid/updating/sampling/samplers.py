@@ -22,9 +22,7 @@ from opid.updating.sampling.chains import (
     starting_densities,
 )
 from opid.updating.sampling.evidence import Evidence
-
-MOST_STAGES = 500  # of transitional Monte Carlo, after which the likelihood has no maximum that particles can reach
-VARIATION = 1.0  # of the weights in each stage; smaller ones need more stages (Ching & Chen 2007)
+from opid.updating.settings import UPDATING
 
 
 def metropolis(
@@ -198,8 +196,10 @@ def transitional(
     spread = np.atleast_2d(np.cov(swarm.theta, rowvar=False)) * 1e-10  # keeps the covariance from becoming singular
     exponents, acceptance, log_evidence, scale = [0.0], [], 0.0, 2.38**2 / swarm.theta.shape[1]
     while exponents[-1] < 1.0:
-        if len(exponents) > MOST_STAGES:
-            raise NotDeterminedError(f"the posterior was not reached in {MOST_STAGES} stages: does the likelihood end?")
+        if len(exponents) > UPDATING.most_stages:
+            raise NotDeterminedError(
+                f"the posterior was not reached in {UPDATING.most_stages} stages: does the likelihood end?"
+            )
         step = _exponent_step(swarm.likelihood, 1.0 - exponents[-1])
         if exponents[-1] + step == exponents[-1]:
             raise NotDeterminedError("the likelihood is too steep for the particles: take more of them")
@@ -281,20 +281,19 @@ class _Swarm:
             self.theta[taken], self.prior[taken] = proposal[taken], prior[taken]
             self.likelihood[taken] = likelihood[taken]
             fractions.append(float(taken.mean()))
-            # jumps are scaled for an acceptance of 0.3
-            scale = float(np.clip(scale * np.exp(2.0 * (fractions[-1] - 0.3)), 1e-6, 1e2))
+            scale = float(np.clip(scale * np.exp(2.0 * (fractions[-1] - UPDATING.aimed_acceptance)), 1e-6, 1e2))
         return float(np.mean(fractions)), scale
 
 
 def _exponent_step(log_likelihood: FloatArray, remaining: float) -> float:
-    """Return the growth of the exponent for which the weights of particles with a likelihood vary by `VARIATION`."""
+    """Return the growth of the exponent for which the weights of particles vary by `weight_variation`."""
     alive = log_likelihood[np.isfinite(log_likelihood)]
     alive = alive - alive.max()
 
     def excess(log_step: float) -> float:
         first, second = (logsumexp(k * np.exp(log_step) * alive) for k in (1, 2))
         # mean square over squared mean of the weights is 1 + variation^2
-        return second - 2 * first + np.log(len(alive)) - np.log1p(VARIATION**2)
+        return second - 2 * first + np.log(len(alive)) - np.log1p(UPDATING.weight_variation**2)
 
     if excess(np.log(remaining)) <= 0:
         return remaining
