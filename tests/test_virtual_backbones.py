@@ -143,3 +143,13 @@ def test_no_curve_at_all_is_told(system):
             settings=ContinuationSettings(longest_periods=60, most_records=3, record_periods=10),
         )
     assert caught.value.partial[0].sensor == "5"
+
+
+def test_the_controlled_sensor_and_how_much_of_a_curve_is_enough_are_chosen(system):
+    asked = {"modes": (7,), "amplitude_m": ((5e-4, 1.2e-3),), "n_points": 3, "sensors": ("10",)}
+    specimen = Specimen(system, CUBIC, 0.003, "7")
+    (curve,) = virtual_backbones(specimen, rng=np.random.default_rng(1), controlled_sensor="13", **asked)
+    assert curve.controlled_sensor == "13"
+    np.testing.assert_allclose(curve.controlled_amplitude[[0, -1]], [5e-4, 1.2e-3], rtol=0.01)
+    with pytest.raises(NotDeterminedError, match="none of 1 curves"):
+        virtual_backbones(specimen, rng=np.random.default_rng(1), least_fraction=1.1, **asked)

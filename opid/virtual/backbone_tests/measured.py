@@ -40,25 +40,29 @@ def virtual_backbones(
     modes: Sequence[int] = BENDING_MODES,
     amplitude_m: Sequence[tuple[float, float]] = AMPLITUDE_M,
     n_points: int = 20,
+    controlled_sensor: str = CONTROLLED,
     sensors: Sequence[str] | None = None,
     settings: ContinuationSettings | None = None,
     noise: ReadingNoise = BENCH_NOISE,
+    least_fraction: float = 0.9,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[MeasuredBackbone, ...]:
     """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
 
-    A curve that does not reach quadrature at nine tenths of its levels is left out, as in the paper, where 14 sensors
-    reach it in the first mode and 5 in the second. `opid.virtual.measured_curve` tells the reason.
+    A curve that does not reach quadrature at most of its levels is left out, as in the paper, where 14 sensors reach it
+    in the first mode and 5 in the second. `opid.virtual.measured_curve` tells the reason.
 
     Args:
         specimen: the structure with its shaker.
         rng: source of the noise.
         modes: their numbers, from 1.
-        amplitude_m: smallest and largest amplitude of sensor "10", which is controlled, for each mode, m.
+        amplitude_m: smallest and largest amplitude of the controlled sensor for each mode, m.
         n_points: levels of a curve, equally far apart.
+        controlled_sensor: whose amplitude is stepped up.
         sensors: those whose quadrature is held, one after the other; all if left out.
         settings: of the continuation; the usual ones where left out.
         noise: of the readings; that of a usual bench if left out, `ReadingNoise()` for none.
+        least_fraction: of its levels at which a curve must have converged.
         progress: called with the number of curves done and of all.
 
     Raises:
@@ -74,7 +78,7 @@ def virtual_backbones(
                 specimen,
                 mode=mode,
                 sensor=sensor,
-                controlled_sensor=CONTROLLED,
+                controlled_sensor=controlled_sensor,
                 amplitude=np.linspace(least, most, n_points),
                 rng=rng,
                 settings=settings,
@@ -83,7 +87,7 @@ def virtual_backbones(
             curves.append(curve)
             if progress:
                 progress(len(curves), len(modes) * len(held))
-    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, 0.9 * n_points)]
+    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, least_fraction * n_points)]
     if not whole:
         raise NotDeterminedError(
             f"none of {len(curves)} curves reaches quadrature ({curves[0].reason or 'they are too short'}): "

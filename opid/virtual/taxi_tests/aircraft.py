@@ -81,17 +81,18 @@ def with_bending(
     frequency_hz: float = 8.0,
     damping_ratio: float = 0.02,
     length_m: float | None = None,
+    beam_mass_share: float = 0.6,
 ) -> Airframe:
     """Return the airframe with the first bending mode of a free uniform beam whose middle is the centre of gravity.
 
-    The shape is 1 at both ends and -0.61 in the middle. The beam has 0.6 times the mass of the airframe, and the modal
-    mass is a quarter of that of the beam.
+    The shape is 1 at both ends and -0.61 in the middle; the modal mass is a quarter of that of the beam.
 
     Args:
         airframe: the airframe; a bending mode that it has is replaced.
         frequency_hz: of the mode.
         damping_ratio: of the mode.
         length_m: of the beam; where left out, 2.5 times the distance from the centre of gravity to the farthest gear.
+        beam_mass_share: mass of the beam over that of the airframe.
 
     Raises:
         InputError: a value that is not positive, a beam that does not reach every gear.
@@ -101,15 +102,17 @@ def with_bending(
     """
     reach_m = max(abs(gear.x_m - airframe.x_cg_m) for gear in airframe.gears)
     length = 2.5 * max(reach_m, 1.0) if length_m is None else length_m
-    if not 0.0 < length < np.inf:
-        raise InputError(f"the beam is {length} m long: give a positive number")
+    if not (0.0 < length < np.inf and 0.0 < beam_mass_share < np.inf):
+        raise InputError(
+            f"the beam is {length} m long and has {beam_mass_share} of the airframe's mass: give positive numbers"
+        )
     position = np.linspace(0.0, 1.0, 101)
     arc = _BEAM_WAVE * position
     shape = np.cosh(arc) + np.cos(arc) - _BEAM_RATIO * (np.sinh(arc) + np.sin(arc))
     bending = BendingMode(
         frequency_hz=frequency_hz,
         damping_ratio=damping_ratio,
-        modal_mass_kg=0.25 * 0.6 * airframe.mass_kg,
+        modal_mass_kg=0.25 * beam_mass_share * airframe.mass_kg,
         stations_m=tuple((airframe.x_cg_m + (position - 0.5) * length).tolist()),
         shape=tuple((0.5 * shape).tolist()),
     )
