@@ -7,9 +7,11 @@ from opid.errors import InputError
 from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.studies.run_files import RunFiles, Source, run_from_files
 from opid.studies.study_file import read_study, write_study
 from opid.studies.suspension_study import log_readings, study_from_logs
 from opid.suspensions.sensor_facts import SensorFacts
+from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import Run, study_of_gear
 
 NAMES = ["lower_z", "upper_z"]
@@ -95,6 +97,9 @@ def test_fast_runs_are_reduced(tmp_path):
     taxi = study_from_logs([tmp_path / "heavy.csv"], sprung="upper_z", unsprung="lower_z", mass_changes_kg=[])
     assert taxi.fs == 500.0
     assert "resampled from 5000 Hz to 500 Hz" in taxi.runs[0].recording.history
+    files = RunFiles("heavy", {name: Source(tmp_path / "heavy.csv", ChannelSettings(name)) for name in NAMES}, 0.0)
+    for settings, fs in ((RunSettings(reduced_above_hz=6000.0), 5000.0), (RunSettings(reduced_to_hz=1000.0), 1000.0)):
+        assert run_from_files(files, settings=settings).recording.fs == fs
 
 
 def test_settings_for_inspect(tmp_path):

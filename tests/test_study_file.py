@@ -12,9 +12,8 @@ from opid.errors import InputError
 from opid.provenance import read_file
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
-from opid.studies.run_files import read_loading
 from opid.studies.study_file import read_study, write_study
-from opid.studies.suspension_study import log_readings, study_from_logs
+from opid.studies.suspension_study import log_readings, read_loading, study_from_logs
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair
 from opid.suspensions.study import (
     BodySensor,

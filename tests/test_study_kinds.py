@@ -3,6 +3,7 @@
 import shlex
 import tomllib
 from copy import deepcopy
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import opid
 from opid.errors import InputError
 from opid.modal.study import ModalStudy
 from opid.signals.recording import recording_from_arrays
+from opid.studies.study_file import KINDS
 from opid.studies.suspension_study import log_readings
 from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run, Study, study_of_gear
@@ -71,6 +73,18 @@ def backbone_study():
         backbones=(curve_of(),),
         classes=(ModelClass("cubic", ("cubic_stiffness",), (6.8e7,), (Prior(),)),),
     )
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.subject)
+def test_record_and_module_of_each_kind_are_where_their_names_say(kind):
+    module, name = f"opid.{kind.record}".rsplit(".", 1)
+    record = getattr(import_module(module), name)
+    assert record is RECORD[kind.command]
+    # `read_study` and `write_study` compare this name with that of the record
+    assert f"{record.__module__}.{record.__qualname__}" == f"opid.{kind.record}"
+    own = import_module(f"opid.studies.{kind.module}")
+    assert callable(own.build_study)
+    assert callable(own.write_files)
 
 
 @pytest.mark.parametrize("command", SUBJECT)

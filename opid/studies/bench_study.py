@@ -10,7 +10,8 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
-from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, as_table, read_beside, run_from_files, sources_of
+from opid.studies.channels import CHANNEL, ChannelTable, as_table
+from opid.studies.run_files import RunFiles, read_beside, run_from_files, sources_of
 from opid.studies.schema import Document, Say, fields_of, prefix_errors, read_tables, recast, text_of
 from opid.studies.study_file import TEST_BENCH
 from opid.suspensions.bench.record import BenchStudy

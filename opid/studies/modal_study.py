@@ -17,7 +17,8 @@ from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
 from opid.signals.units import to_si
-from opid.studies.run_files import CHANNEL, ChannelTable, as_table, read_beside
+from opid.studies.channels import CHANNEL, ChannelTable, as_table
+from opid.studies.run_files import read_beside
 from opid.studies.schema import (
     NO_KEY,
     Document,

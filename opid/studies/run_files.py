@@ -1,17 +1,15 @@
-"""The files of a run -> `Run`: its channels, the stretch to identify from, one clock; and its loading table."""
+"""The files of a run -> `Run`: its channels, the stretch to identify from, one clock."""
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError
 from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.health.inspection import inspect, remove_spikes
@@ -21,15 +19,12 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
-from opid.studies.schema import NO_KEY, recast
+from opid.studies.channels import ChannelTable
+from opid.studies.schema import recast
 from opid.suspensions.settings import RunSettings
-from opid.suspensions.study import SAME_RATE, PointMass, Run
+from opid.suspensions.study import SAME_RATE, Run
 
-CHANNEL = "the name of a channel, its number or a table"
-"""What an entry of [channels] may be."""
-
-COLUMNS = ("mass_kg", "x_m", "y_m")
-"""The columns of a loading table."""
+DEFAULTS = RunSettings()
 
 
 @dataclass(frozen=True)
@@ -82,12 +77,13 @@ def run_from_files(
     *,
     fs_hz: float | None = None,
     is_bench: bool = False,
+    settings: RunSettings = DEFAULTS,
     progress: Callable[[str], None] | None = None,
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
     Without a given rate the lowest of the channels' rates is taken, reduced if it is above
-    `RunSettings.reduced_above_hz`. The record of a test bench is taken whole and at its own rate, and its channels are
+    `settings.reduced_above_hz`. The record of a test bench is taken whole and at its own rate, and its channels are
     not judged singly: a force and a travel are not judged like accelerations.
 
     Raises:
@@ -123,7 +119,7 @@ def run_from_files(
         )
     parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
-    fs = fs if fs_hz or is_bench else _reduce_rate(fs, RunSettings())
+    fs = fs if fs_hz or is_bench else _reduce_rate(fs, settings)
     recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
     if len({recorder.log.path for recorder in recorders}) > 1:
         words = (
@@ -214,7 +210,7 @@ def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: 
 def _on_one_clock(
     parts: Sequence[Recording], order: Sequence[str], fs: float, fs_hz: float | None
 ) -> tuple[Recording, list[Finding]]:
-    """The parts at one rate, and the findings of those that are resampled: they are no longer seen after it."""
+    """The parts at one rate, and the findings that can no longer be seen once a part is resampled."""
     if len(parts) == 1 and abs(parts[0].fs / fs - 1) < SAME_RATE:
         return parts[0], []
     findings: list[Finding] = []
@@ -237,35 +233,6 @@ def _without_spikes(recording: Recording) -> Recording:
 
 def _reduce_rate(fs: float, settings: RunSettings) -> float:
     return fs if fs <= settings.reduced_above_hz else fs / int(fs // settings.reduced_to_hz)
-
-
-# ---- tables [channels.NAME] --------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelTable(ChannelSettings):
-    """A table [channels.NAME].
-
-    Args:
-        channel: as in `ChannelSettings`; the name of the table where left out.
-        log: how its file is to be read; as [log] says where left out.
-        given: the keys that stand in it.
-    """
-
-    ELSEWHERE: ClassVar[dict[str, str]] = {"name": "write `channel` for the name of the channel in the log"}
-    channel: str | int | None = None  # type: ignore[assignment]
-    log: LogSettings | None = None
-    given: Annotated[frozenset[str], NO_KEY] = frozenset()
-
-
-C = TypeVar("C", bound=ChannelTable)
-
-
-def as_table(kind: type[C], name: str, entry: str | int | C) -> C:
-    """Return an entry of [channels] as a table; the entry may be a name, a number or a table without either."""
-    if isinstance(entry, str | int):
-        return kind(channel=entry, given=frozenset({"channel"}))
-    return replace(entry, channel=name if entry.channel is None else entry.channel)
 
 
 def sources_of(
@@ -293,49 +260,3 @@ def sources_of(
             raise InputError(f"run {run!r} has no 'log', and [channels.{name}] no 'file': give one of them")
         sources[name] = Source(directory / file, channel, table.log or settings)
     return sources
-
-
-# ---- loading tables ---------------------------------------------------------------------------------
-
-
-def read_loading(path: Path) -> tuple[PointMass, ...]:
-    """Read a loading table: a CSV file with the columns mass_kg, x_m and y_m, in any order among others.
-
-    Args:
-        path: the file; its columns stand apart by commas, or by semicolons (numbers may then have decimal commas).
-
-    Raises:
-        InputError: no such file, a column that is missing, a cell that is no number: all at once.
-    """
-    try:
-        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    except OSError as error:
-        raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
-    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
-        raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
-    delimiter = ";" if lines and ";" in lines[0] else ","
-    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
-    faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in COLUMNS if name not in head]
-    loading = []
-    for number, row in enumerate([] if faults else rows, start=2):
-        cells = [row[head.index(name)] if head.index(name) < len(row) else "" for name in COLUMNS]
-        values = [_number(cell.replace(",", ".") if delimiter == ";" else cell) for cell in cells]
-        faults += [
-            f"has {cell!r} for {name} in row {number}, give a number"
-            for name, cell, value in zip(COLUMNS, cells, values, strict=True)
-            if value is None
-        ]
-        loading.append(PointMass(*(math.nan if value is None else value for value in values)))
-    if not faults and not rows:
-        faults = ["has no row below its head, give one a mass (for the reference leave 'loading' out)"]
-    if faults:
-        raise InputError(f"the loading table {path} {'; it '.join(faults)}")
-    return tuple(loading)
-
-
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import os
 from collections.abc import Collection, Mapping, Sequence
@@ -17,18 +18,8 @@ from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.studies.run_files import (
-    CHANNEL,
-    ChannelTable,
-    RunFiles,
-    Source,
-    as_table,
-    at_one_rate,
-    read_beside,
-    read_loading,
-    run_from_files,
-    sources_of,
-)
+from opid.studies.channels import CHANNEL, ChannelTable, as_table
+from opid.studies.run_files import RunFiles, Source, at_one_rate, read_beside, run_from_files, sources_of
 from opid.studies.schema import (
     NO_KEY,
     Document,
@@ -58,6 +49,7 @@ from opid.suspensions.study import (
 
 # ---- the tables of a study file --------------------------------------------------------------------
 
+LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")  # of a loading table
 FACTS = tuple(each.name for each in fields(SensorFacts))
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
@@ -294,6 +286,49 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
         sensors=further,
         source=source,
     )
+
+
+def read_loading(path: Path) -> tuple[PointMass, ...]:
+    """Read a loading table: a CSV file with the columns mass_kg, x_m and y_m, in any order among others.
+
+    Args:
+        path: the file; its columns stand apart by commas, or by semicolons (numbers may then have decimal commas).
+
+    Raises:
+        InputError: no such file, a column that is missing, a cell that is no number: all at once.
+    """
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except OSError as error:
+        raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
+    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
+        raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+    faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in LOADING_COLUMNS if name not in head]
+    loading = []
+    for number, row in enumerate([] if faults else rows, start=2):
+        cells = [row[head.index(name)] if head.index(name) < len(row) else "" for name in LOADING_COLUMNS]
+        values = [_number(cell.replace(",", ".") if delimiter == ";" else cell) for cell in cells]
+        faults += [
+            f"has {cell!r} for {name} in row {number}, give a number"
+            for name, cell, value in zip(LOADING_COLUMNS, cells, values, strict=True)
+            if value is None
+        ]
+        loading.append(PointMass(*(math.nan if value is None else value for value in values)))
+    if not faults and not rows:
+        faults = ["has no row below its head, give one a mass (for the reference leave 'loading' out)"]
+    if faults:
+        raise InputError(f"the loading table {path} {'; it '.join(faults)}")
+    return tuple(loading)
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
 
 
 def _sound_body(document: Document, source: Path) -> _Body:
