@@ -67,7 +67,7 @@ class Interrupted(click.ClickException):
 
 
 class Commands(click.Group):
-    """Commands that end with a sentence, not with a traceback, where the input or the data are at fault."""
+    """Where the input or the data are at fault, these commands end with a sentence instead of a traceback."""
 
     group_class = type
 

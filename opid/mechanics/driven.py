@@ -12,8 +12,8 @@ The measured acceleration is noisy. A free simulation (`driven_response`) carrie
 is stiff, where a ground spring takes part, or where an AC coupling was undone. `predict` therefore corrects the motion
 by every reading on the body, by as much as the noise of the sensors allows: a Kalman filter about the nonlinear
 trajectory. What is left, the innovation, is white for the true model, whatever the law is, and least squares over it
-are maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4). With exact sensors nothing is
-corrected.
+are maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4). With an exact drive and a
+known start nothing is corrected.
 """
 
 from __future__ import annotations

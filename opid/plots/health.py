@@ -41,7 +41,7 @@ KINDS = {
 # number of stretches of each kind that are stored: the record may have more
 MOST_STRETCHES = 100
 MOST_LABELS = 6
-# up to so many channels each row has more height
+# with this many channels at most, each row has more height
 FEW = 6
 LONGEST_NAME = 44
 # range of the colours: a value that is held would make it far too large

@@ -34,7 +34,7 @@ SHADED = "#F1F1F1"
 TRAVEL, VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 WIDTH_IN, DPI = 7.4, 150
 RAISED = str.maketrans("0123456789.n", "⁰¹²³⁴⁵⁶⁷⁸⁹˙ⁿ")
-# at most about so many points are drawn in a scatter: more would only make a blot
+# this many points at most, about, are drawn in a scatter: more would only make a blot
 N_POINTS = 4000
 
 STYLE: Any = {

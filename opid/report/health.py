@@ -18,7 +18,7 @@ CHANNELS_A_FIGURE, MOST_FIGURES = 12, 2
 """Channels on a figure and the number of figures; each figure takes seconds, so that no more are drawn."""
 
 FEW_CLOCKS = 6
-"""Up to so many clocks get a sentence each; more get a row of a table each."""
+"""This many clocks at most get a sentence each; more get a row of a table each."""
 
 NO_LAG = "A lag needs a broad coherent band in which the phase is that of a delay; that of a suspension is not."
 

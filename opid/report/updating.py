@@ -36,7 +36,7 @@ N_SENSORS_SHOWN = 6  # the most sensors in a figure of backbones
 N_DRAWS = 200  # samples that make the band of a force
 N_EXTENSIONS = 200  # extensions at which a force is computed
 KEPT = 0.01  # a mode counts as kept if the relative error of its frequency is smaller
-MOST_NAMED = 4  # up to so many modes are named one by one
+MOST_NAMED = 4  # this many modes at most are named one by one
 
 _BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
 

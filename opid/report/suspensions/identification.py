@@ -62,7 +62,7 @@ REFERENCE = (
 )
 
 MOST_NAMED = 6
-"""Up to so many kinds of law are named one by one."""
+"""This many kinds of law at most are named one by one."""
 
 
 def document_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Document:

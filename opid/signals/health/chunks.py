@@ -1,4 +1,4 @@
-"""A log of any length in bounded memory: chunks of one size, and what is kept of all of them at a bounded length.
+"""A log of any length in bounded memory: chunks of one size, and summaries whose length is bounded.
 
 Blocks come in any size; what is found in the chunks that are made of them does not depend on it.
 """
