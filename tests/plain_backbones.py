@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
-from opid.mechanics.backbones.continuation import joint_harmonics
-from opid.mechanics.backbones.family import transform_at
+from opid.mechanics.backbones.harmonic_balance import joint_harmonics, transform_at
 from opid.mechanics.laws.law import FloatArray, Law
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones.continuation import ContinuedBackbone, joint_harmonics
-from opid.mechanics.backbones.family import Backbone, is_odd, laws_of_joints, period_transform
+from opid.mechanics.backbones.continuation import ContinuedBackbone
+from opid.mechanics.backbones.family import Backbone, laws_of_joints
+from opid.mechanics.backbones.harmonic_balance import is_odd, joint_harmonics, period_transform
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import FloatArray, Law
 

@@ -5,15 +5,17 @@ from scipy.integrate import quad
 from shooting import shoot
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones.continuation import (
+from opid.mechanics.backbones.family import backbone
+from opid.mechanics.backbones.harmonic_balance import (
     balance,
+    harmonics_of,
     joint_harmonics,
-    linear_start,
+    linear_unknowns,
     modal_motion,
+    period_transform,
     residual,
     solve_at,
 )
-from opid.mechanics.backbones.family import backbone, harmonics_of, period_transform
 from opid.mechanics.laws.law import default_law
 
 SYSTEM = two_pylons(0.05)
@@ -63,7 +65,7 @@ def test_harmonics_of_a_force_are_its_fourier_integrals(law):
 def test_the_jacobian_is_the_derivative_of_the_equations(law):
     equations = balance(SYSTEM, (law,) * 4, mode=3, sensor="tip 1", harmonics=used(law))
     rng = np.random.default_rng(7)
-    start = linear_start(equations, 1e-3)
+    start = linear_unknowns(equations, 1e-3)
     scale = np.append(np.full(start.size - 1, 1e-3), start[-1])
     point = start + 0.05 * scale * rng.standard_normal(start.size)
     _, jacobian = residual(equations, point, 1e-3)
@@ -79,7 +81,7 @@ def test_the_compiled_way_and_the_one_in_numpy_are_one(law):
     amplitudes = np.linspace(0.2e-3, 1.5e-3, 6)
     curve = backbone(SYSTEM, law, mode=4, sensor="tip 1", amplitude=amplitudes, harmonics=used(law))
     equations = balance(SYSTEM, (law,) * 4, mode=4, sensor="tip 1", harmonics=used(law))
-    unknowns = linear_start(equations, amplitudes[0])
+    unknowns = linear_unknowns(equations, amplitudes[0])
     for point, amplitude in enumerate(amplitudes):
         unknowns = solve_at(equations, unknowns, amplitude)
         assert np.sqrt(unknowns[-1]) / (2 * np.pi) == pytest.approx(curve.frequency_hz[point], rel=1e-12)

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from opid.errors import InputError, refuse
-from opid.mechanics.backbones.family import harmonics_of
+from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.checks import mode_faults, sensor_faults, shortened
 from opid.updating.likelihood.curves import FORMS, Form, coefficient_of_variation, scatter_fault

@@ -1,7 +1,4 @@
-"""Backbones followed by arclength, through turning points of the amplitude and interactions with other modes.
-
-The equations of harmonic balance are written so that they stay regular at resonances of other modes.
-"""
+"""Backbones followed by arclength, through turning points of the amplitude and interactions with other modes."""
 
 from __future__ import annotations
 
@@ -12,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.errors import InputError
-from opid.mechanics.backbones.family import (
-    Backbone,
-    Transform,
-    harmonics_of,
-    laws_of_joints,
-    period_transform,
-    refuse_unseen,
-    refuse_velocity,
-    require_amplitudes,
+from opid.mechanics.backbones.family import Backbone, laws_of_joints, refuse_unseen, require_amplitudes
+from opid.mechanics.backbones.harmonic_balance import (
+    Balance,
+    balance,
+    linear_unknowns,
+    modal_motion,
+    residual,
+    solve_at,
 )
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import FloatArray, Law
@@ -98,13 +94,13 @@ def continued_backbone(
         raise InputError(f"largest_step is {largest_step} and most_points {most_points}: give up to 1, and 2 or more")
     refuse_unseen(system, system.index(mode), system.sensor(sensor))
     equations = balance(system, laws_of_joints(law, system), mode=mode, sensor=sensor, harmonics=harmonics)
-    start = solve_at(equations, linear_start(equations, amplitudes[0]), amplitudes[0])
+    start = solve_at(equations, linear_unknowns(equations, amplitudes[0]), amplitudes[0])
     if start is None:
         raise InputError(
             f"no solution near the linear mode at the first amplitude, {first_amplitude_m:g} m at {sensor!r}: begin at "
             "a smaller one"
         )
-    scales = _scales(equations, linear_start(equations, amplitudes[1]), amplitudes[1])
+    scales = _scales(equations, linear_unknowns(equations, amplitudes[1]), amplitudes[1])
     points, turns, reason = _follow(equations, scales, start, amplitudes, largest_step, most_points)
     return _as_curve(equations, mode, sensor, points, turns, reason)
 
@@ -249,155 +245,3 @@ def _as_curve(
         extension=points[:, :n].reshape(len(points), len(equations.harmonics), len(equations.laws)),
         modal_motion=motion,
     )
-
-
-def joint_harmonics(laws: Sequence[Law], transform: Transform, extension: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the harmonics of the joints' forces, (n_harmonics, n_joints) N, and their slopes.
-
-    The slopes by the harmonics of the extensions are (n_joints, n_harmonics, n_harmonics), N/m. `extension` holds the
-    cosine coefficients of the extensions, (n_harmonics, n_joints) m.
-    """
-    z = transform.cosines.T @ extension
-    force, stiffness = np.empty(z.shape), np.empty(z.shape)
-    for each in dict.fromkeys(laws):
-        its = [joint for joint, one in enumerate(laws) if one == each]
-        force[:, its], stiffness[:, its] = each.force(z[:, its], 0.0), each.gradient(z[:, its], 0.0)[0]
-    slopes = np.einsum("ht,tj,gt->jhg", transform.weights, stiffness, transform.cosines)
-    return transform.weights @ force, slopes
-
-
-@dataclass(frozen=True, eq=False)
-class Balance:
-    """The equations of a backbone with the extensions z_h, some modal coordinates and the eigenvalue as unknowns.
-
-    Modes near resonance in a harmonic keep their coordinate in that harmonic, (l_i - h^2 l) q_ih + psi_i^T F_h = 0, so
-    that the equations stay regular where l = l_i / h^2; all others are condensed on the joints.
-
-    Attributes:
-        system: the linear structure by its modes.
-        laws: one a joint.
-        harmonics: of the motion.
-        transform: from harmonics to times of a period.
-        mode: column of the mode.
-        sensor: row of the sensor.
-        explicit: (n_harmonics, n_modes) whether a mode keeps its coordinate in a harmonic.
-    """
-
-    system: JointedModes
-    laws: tuple[Law, ...]
-    harmonics: tuple[int, ...]
-    transform: Transform
-    mode: int
-    sensor: int
-    explicit: NDArray[np.bool_]
-
-    @property
-    def n_joint_unknowns(self) -> int:
-        """Number of harmonics of all extensions, which stand first."""
-        return len(self.harmonics) * len(self.laws)
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns: the extensions, harmonic by harmonic, the coordinates kept, the eigenvalue."""
-        return self.n_joint_unknowns + int(self.explicit.sum()) + 1
-
-
-def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str, harmonics: Sequence[int]) -> Balance:
-    """Return the equations of the backbone of a mode, counted from 1, at prescribed amplitudes of a sensor.
-
-    Raises:
-        InputError: an unknown mode or sensor, harmonics that cannot be, a law of the rate.
-    """
-    terms = [term for each in laws for term in each.terms]
-    refuse_velocity(terms)
-    used = harmonics_of(terms, harmonics)
-    m = system.index(mode)
-    moved = np.abs(system.at_joints).max(axis=0, initial=0.0) > 1e-9 * np.abs(system.at_joints).max(initial=0.0)
-    at = np.square(used)[:, np.newaxis] * system.eigenvalue[m]
-    # within an octave of the harmonic; in harmonic 0 the rigid-body modes
-    near = (system.eigenvalue > at / 4.0) & (system.eigenvalue < 4.0 * at)
-    free = (np.array(used) == 0)[:, np.newaxis] & (np.abs(system.eigenvalue) <= 1e-9 * system.eigenvalue.max())
-    explicit = (near | free) & moved
-    explicit[used.index(1), m] = True
-    return Balance(system, tuple(laws), used, period_transform(terms, used), m, system.sensor(sensor), explicit)
-
-
-def linear_start(equations: Balance, amplitude: float) -> FloatArray:
-    """Return the unknowns of the linear mode."""
-    system, m, first = equations.system, equations.mode, equations.harmonics.index(1)
-    q = amplitude / system.at_sensors[equations.sensor, m]
-    extension = np.zeros((len(equations.harmonics), len(equations.laws)))
-    extension[first] = system.at_joints[:, m] * q
-    coordinates = np.zeros(equations.explicit.shape)
-    coordinates[first, m] = q
-    return np.concatenate([extension.ravel(), coordinates[equations.explicit], system.eigenvalue[[m]]])
-
-
-def residual(equations: Balance, unknowns: FloatArray, amplitude: float) -> tuple[FloatArray, FloatArray]:
-    """Return the values of the equations and their exact Jacobian, (size,) and (size, size); the last is the sensor's.
-
-    By the amplitude, m, the last equation has the slope -1, the others 0.
-    """
-    system, n = equations.system, equations.n_joint_unknowns
-    n_joints, at = len(equations.laws), unknowns[-1]
-    extension = unknowns[:n].reshape(-1, n_joints)
-    force, slopes = joint_harmonics(equations.laws, equations.transform, extension)
-    value, jacobian = np.zeros(equations.size), np.zeros((equations.size, equations.size))
-    value[:n], jacobian[:n, :n] = unknowns[:n], np.eye(n)
-    value[-1] = -amplitude
-    first = n
-    for k, h in enumerate(equations.harmonics):
-        rows = slice(k * n_joints, (k + 1) * n_joints)
-        kept = equations.explicit[k]
-        own = slice(first, first + int(kept.sum()))
-        first = own.stop
-        psi, away = system.at_joints[:, kept], system.eigenvalue[kept] - h**2 * at
-        others, seen = system.at_joints[:, ~kept], system.at_sensors[equations.sensor]
-        receptance = 1.0 / (system.eigenvalue[~kept] - h**2 * at)
-        # what the forces of this harmonic do to its extensions, to its coordinates (over the eigenvalue), to the sensor
-        condensed, pushed, sensed = (others * receptance) @ others.T, psi.T / at, -(seen[~kept] * receptance) @ others.T
-        value[rows] += condensed @ force[k] - psi @ unknowns[own]
-        value[own] = away / at * unknowns[own] + pushed @ force[k]
-        jacobian[rows, own], jacobian[own, own] = -psi, np.diag(away / at)
-        jacobian[rows, -1] = (others * h**2 * receptance**2) @ (others.T @ force[k])
-        jacobian[own, -1] = -system.eigenvalue[kept] / at**2 * unknowns[own] - pushed @ force[k] / at
-        for g in range(len(equations.harmonics)):
-            columns = slice(g * n_joints, (g + 1) * n_joints)
-            jacobian[rows, columns] += condensed * slopes[:, k, g]
-            jacobian[own, columns] = pushed * slopes[:, k, g]
-            if h == 1:
-                jacobian[-1, columns] = sensed * slopes[:, k, g]
-        if h == 1:
-            value[-1] += seen[kept] @ unknowns[own] + sensed @ force[k]
-            jacobian[-1, own] = seen[kept]
-            jacobian[-1, -1] = -(seen[~kept] * receptance**2) @ (others.T @ force[k])
-    return value, jacobian
-
-
-def modal_motion(equations: Balance, unknowns: FloatArray) -> FloatArray:
-    """Return the cosine coefficients of all modal coordinates, (n_harmonics, n_modes) m kg^1/2."""
-    system, n = equations.system, equations.n_joint_unknowns
-    force, _ = joint_harmonics(equations.laws, equations.transform, unknowns[:n].reshape(-1, len(equations.laws)))
-    away = system.eigenvalue - np.square(equations.harmonics)[:, np.newaxis] * unknowns[-1]
-    # a rigid-body mode that no joint moves stands still in harmonic 0
-    motion = np.divide(-force @ system.at_joints, away, out=np.zeros(away.shape), where=away != 0.0)
-    motion[equations.explicit] = unknowns[n:-1]
-    return motion
-
-
-def solve_at(equations: Balance, start: FloatArray, amplitude: float) -> FloatArray | None:
-    """Return the unknowns at a prescribed amplitude by Newton's method, or None where it does not converge."""
-    unknowns = start.copy()
-    for _ in range(15):
-        value, jacobian = residual(equations, unknowns, amplitude)
-        try:
-            step = np.linalg.solve(jacobian, value)
-        except np.linalg.LinAlgError:
-            return None
-        unknowns -= step
-        if not 0.0 < unknowns[-1] < 10.0 * start[-1]:
-            return None
-        small = 1e-9 * np.abs(unknowns[:-1]).max()
-        if np.abs(step[:-1]).max() <= small and abs(step[-1]) <= 1e-9 * unknowns[-1]:
-            return unknowns
-    return None

@@ -11,25 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gamma
 
 from opid.errors import InputError, nearest
+from opid.mechanics.backbones.harmonic_balance import (
+    POWERS,
+    Transform,
+    harmonics_of,
+    period_transform,
+    refuse_held_free_modes,
+    refuse_velocity,
+)
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.kernels import backbones, code_of, law_arrays
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray, Law, Term
 
-# power p of the kinds c |z|^(p-1) z; -1 where it is an inner parameter
-POWERS = {
-    "quadratic_stiffness": 2,
-    "cubic_stiffness": 3,
-    "quartic_stiffness": 4,
-    "quintic_stiffness": 5,
-    "signed_power_stiffness": -1,
-}
-# power of the kinds that are polynomials, whose harmonics a finite sum gives exactly
-POLYNOMIALS = {"even_quadratic_stiffness": 2, "cubic_stiffness": 3, "quintic_stiffness": 5}
-# extensions at which a law is tried for its symmetry, m
-TRIED_M = np.geomspace(1e-6, 1e-1, 21)
-# number of times in half a period for laws whose corners may lie anywhere
-MANY_TIMES = 256
 # fraction of the largest value below which a shape counts as zero
 NOTHING = 1e-9
 
@@ -378,107 +372,3 @@ def _reason(amplitude: FloatArray, frequency_hz: FloatArray, sensor: str) -> str
         f"no solution near the curve at point {points}{more}: take smaller steps of the amplitude or fewer harmonics, "
         "or follow the curve with continued_backbone, which passes interactions with other modes"
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Transform:
-    """The transform from cosine coefficients to times of a period and back.
-
-    Attributes:
-        cosines: (n_harmonics, n_times) cos(h theta).
-        weights: (n_harmonics, n_times) with which values over time sum up to cosine coefficients.
-        angle: (n_times,) theta, rad.
-    """
-
-    cosines: FloatArray
-    weights: FloatArray
-    angle: FloatArray
-
-
-def is_odd(terms: Sequence[Term]) -> bool:
-    """Return whether every term is an odd function of the extension."""
-    at_rest = np.zeros(TRIED_M.size)
-    return all(
-        np.allclose(term.evaluate(-TRIED_M, at_rest)[0], -term.evaluate(TRIED_M, at_rest)[0], rtol=1e-9, atol=0.0)
-        for term in terms
-    )
-
-
-def refuse_velocity(terms: Sequence[Term]) -> None:
-    """Refuse terms that are no springs, because a backbone is a free motion that neither grows nor decays.
-
-    Raises:
-        InputError: a term depends on the rate.
-    """
-    for term in terms:
-        at_rest, moving = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in (0.0, 0.1))
-        if not np.array_equal(at_rest + 0.0 * TRIED_M, moving + 0.0 * TRIED_M):
-            raise InputError(f"{term.name} depends on the rate of the extension: backbones take springs alone")
-
-
-def refuse_held_free_modes(system: JointedModes) -> None:
-    """Refuse rigid-body modes that joints extend, because the linear springs do not determine their mean position.
-
-    Raises:
-        InputError: there is such a mode.
-    """
-    size = np.linalg.norm(system.at_joints, axis=0)
-    free = np.abs(system.eigenvalue) <= 1e-9 * np.abs(system.eigenvalue).max()
-    held = free & (size > 1e-9 * size.max(initial=0.0))
-    if held.any():
-        raise InputError(
-            f"mode {int(np.argmax(held)) + 1} is free but for the joints' laws, which are not odd, so its mean "
-            "position is not known: give the joints some linear stiffness"
-        )
-
-
-def harmonics_of(terms: Sequence[Term], harmonics: Sequence[int]) -> tuple[int, ...]:
-    """Return the harmonics in order; where all `terms` are odd, the even ones are zero and left out.
-
-    Raises:
-        InputError: harmonics that are no whole numbers, twice the same, without 1, or without 0 for a law that is not
-            odd.
-    """
-    asked = tuple(harmonics)
-    if not asked or any(h != int(h) or h < 0 for h in asked) or len(set(asked)) < len(asked) or 1 not in asked:
-        raise InputError(f"the harmonics are {asked}: give different whole numbers from 0 up, 1 among them")
-    ordered = tuple(sorted(int(h) for h in asked))
-    if is_odd(terms):
-        return tuple(h for h in ordered if h % 2)
-    if 0 not in ordered:
-        names = "+".join(dict.fromkeys(term.name for term in terms))
-        raise InputError(
-            f"{names} is not odd, so its force has a mean and even harmonics: give harmonics such as (0, 1, 2)"
-        )
-    return ordered
-
-
-def period_transform(terms: Sequence[Term], harmonics: tuple[int, ...]) -> Transform:
-    """Return times and weights with which polynomials are transformed exactly, and |z| z nearly so.
-
-    A motion of odd harmonics under odd laws repeats itself in every quarter of the period, and its extensions are zero
-    where quarters meet, so Gauss points in a quarter are as good for |z| z as for polynomials.
-    """
-    names = {term.name for term in terms}
-    powers = [POLYNOMIALS.get(name, POWERS.get(name, 3)) for name in names]
-    highest = (max(powers, default=1) + 1) * max(harmonics)
-    polynomial = names <= set(POLYNOMIALS)
-    if 0 in harmonics:
-        n = highest // 2 + 1 if polynomial else MANY_TIMES + 4 * max(harmonics)
-        angle, weight = np.pi * (np.arange(n) + 0.5) / n, np.full(n, 1.0 / n)
-    elif polynomial:
-        n = highest // 4 + 1
-        angle, weight = np.pi / 2 * (np.arange(n) + 0.5) / n, np.full(n, 1.0 / n)
-    else:
-        smooth = names <= set(POWERS) - {"signed_power_stiffness"}
-        n = int(0.4 * highest) + (10 if smooth else 64)
-        node, weight = np.polynomial.legendre.leggauss(n)
-        angle, weight = np.pi / 4 * (node + 1.0), weight / 2.0
-    return transform_at(angle, weight, harmonics)
-
-
-def transform_at(angle: FloatArray, weight: FloatArray, harmonics: tuple[int, ...]) -> Transform:
-    """Return the transform with given times, `angle`; a sum over them with `weight` is the mean over a period."""
-    cosines = np.cos(np.outer(harmonics, angle))
-    double = np.where(np.array(harmonics) == 0, 1.0, 2.0)
-    return Transform(cosines, double[:, np.newaxis] * weight * cosines, angle)
