@@ -30,18 +30,18 @@ from .laws import (
 )
 from .modes import (
     auto_mac as auto_mac,
-    backbone as backbone,
     drive_point_response as drive_point_response,
-    harmonic_shape as harmonic_shape,
     level_shift_figures as level_shift_figures,
-    modal_harmonics as modal_harmonics,
     mode_indicators as mode_indicators,
-    sensor_harmonics as sensor_harmonics,
 )
 from .nonlinear_modes import (
+    backbone as backbone,
     free_decay_figure as free_decay_figure,
+    harmonic_shape as harmonic_shape,
+    modal_harmonics as modal_harmonics,
     modal_orders as modal_orders,
     mode_restoring_force as mode_restoring_force,
+    sensor_harmonics as sensor_harmonics,
     sine_beats as sine_beats,
     truth_test as truth_test,
     truth_test_figures as truth_test_figures,
