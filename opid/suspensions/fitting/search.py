@@ -215,7 +215,7 @@ class _Search:
             return self.ways(model, theta, first)
         if is_hopeless(found.fit) and is_hopeless(on_pieces.fit):
             return found
-        is_possible = self.question.law_is_given or not cannot_be(found.fit)
+        is_possible = self._is_possible(found)
         if is_possible and (found.is_unlike or leaves_noise(found.fit)):
             return found
         try:
@@ -223,9 +223,12 @@ class _Search:
         except NO_FIT:
             return found
         n_starts = found.n_starts + other.n_starts
-        is_other_possible = self.question.law_is_given or not cannot_be(other.fit)
-        is_kept = found.fit.bic < other.fit.bic if is_possible == is_other_possible else is_possible
+        is_kept = found.fit.bic < other.fit.bic if is_possible == self._is_possible(other) else is_possible
         return replace(found if is_kept else other, n_starts=n_starts)
+
+    def _is_possible(self, found: Found) -> bool:
+        """Whether an answer can have the laws that were found; laws that were given are those asked for."""
+        return self.question.law_is_given or not cannot_be(found.fit)
 
     def first_fit(self, model: Model, theta: FloatArray) -> Fit | None:
         """The fit that the first way begins with; None where the start values make no body that the runs can drive."""
@@ -297,7 +300,7 @@ class _Search:
                 continue
             if found.is_unlike:
                 return replace(found, n_starts=n_starts)
-            if searched and cannot_be(found.fit):
+            if not self._is_possible(found):
                 # such a law no search would take; the start values had it
                 last = last or found
                 continue
