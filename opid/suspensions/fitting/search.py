@@ -132,7 +132,7 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         first = search.first_fit(model, theta)
         if found is None or not is_hopeless(found.fit) or first is None or not explains_nothing(first):
             found = search.ways(model, theta, first)
-    assert found is not None  # an error, or a search with more steps
+    assert found is not None  # one of both searches has ended, or an error was raised
     return search.with_all_readings(found, model.runs)
 
 
