@@ -10,6 +10,7 @@ from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_model, runs_of, study_of
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.signals.recording import Recording
+from opid.suspensions import candidates
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
 from opid.suspensions.fitting import search
 from opid.suspensions.fitting.search import Question, find_model, folded_power, is_hopeless, judged
@@ -28,13 +29,17 @@ FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 # ---- one gear --------------------------------------------------------------------------------------
 
 
-def found_of(runs, question, law=LINEAR):
-    """Where a search ends from start values of the equation of motion."""
+def begun(runs, question, law=LINEAR):
+    """A model, and the start values of its equation of motion."""
     kinds = () if question.law_is_given else ("arctan_velocity", "cubic_stiffness")
     group = Group("", (0,), law.scaled(1 / MASS_KG) if law.terms else law)
     start = start_values(runs, gear_body(), (group,), mass_free=True, kinds=kinds)
-    model = replace(gear_model(runs), groups=start.groups, motion_rms=start.motion_rms)
-    return find_model(model, start, question)
+    return replace(gear_model(runs), groups=start.groups, motion_rms=start.motion_rms), start
+
+
+def found_of(runs, question, law=LINEAR):
+    """Where a search ends from start values of the equation of motion."""
+    return find_model(*begun(runs, question, law), question)
 
 
 def test_a_given_law_is_the_only_one_that_is_tried():
@@ -117,6 +122,32 @@ def test_a_wrong_structure_is_refused_on_pieces_of_the_runs(monkeypatch, long_ru
     first, *between, last = seen
     assert between
     assert max(between) < 15 < 30 < min(first, last)
+
+
+def test_only_what_explains_nothing_begins_in_vain(long_runs):
+    """A wrong structure does; a right one does not, nor does one whose law is missing."""
+    question = Question(law_is_given=True)
+    assert search.begins_in_vain(*begun([swapped(run) for run in long_runs], question), question)
+    assert not search.begins_in_vain(*begun(long_runs, question, DEFAULT_LAW), question)
+    assert not search.begins_in_vain(*begun(long_runs, question), question)
+
+
+def test_runs_without_loading_are_not_searched_where_no_run_is_explained(monkeypatch):
+    """Swapped channels end after one search; the runs without loading would begin in vain."""
+    searched, real = [], candidates.find_model
+
+    def find(model, *rest, **settings):
+        searched.append(len(model.runs))
+        return real(model, *rest, **settings)
+
+    monkeypatch.setattr(candidates, "find_model", find)
+    # whichever laws the start values have
+    monkeypatch.setattr(candidates, "depends_on_travel", lambda law: True)
+    right = study_of(LandingGear(law=default_law("cubic_stiffness")), duration_s=40)
+    (gear,) = right.interfaces
+    wrong = replace(right, interfaces=(replace(gear, sprung=gear.unsprung, unsprung=gear.sprung),))
+    assert identify(wrong).is_refused
+    assert searched == [2]
 
 
 def test_a_right_structure_is_fitted_to_the_whole_runs(monkeypatch, long_runs):

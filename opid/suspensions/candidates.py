@@ -57,6 +57,7 @@ from opid.suspensions.fitting.search import (
     Ladder,
     Question,
     asks_for_law,
+    begins_in_vain,
     find_from_reference,
     find_model,
     is_hopeless,
@@ -653,6 +654,9 @@ def _from_reference(
         alone, start = begin()
         laws = [group.law for group in start.groups] + ([] if found is None else [*found.fit.laws.values()])
         if not any(map(depends_on_travel, laws)):
+            return found
+        if found is not None and explains_nothing(found.fit) and begins_in_vain(alone, start, task.question):
+            # no single run is explained either, so no mass is in the way
             return found
         first = find_model(alone, start, replace(task.question, faults=False), progress=task.say).fit
         fraction = model.settings.faults.alone_fraction

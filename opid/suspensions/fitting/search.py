@@ -175,6 +175,20 @@ def find_from_reference(
     return search.with_all_readings(found, model.runs)
 
 
+def begins_in_vain(model: Model, start: Start, question: Question) -> bool:
+    """Return whether the first fit from start values explains nothing of the motion.
+
+    Args:
+        model: the body, its runs and first laws.
+        start: where to begin.
+        question: what may be tried.
+    """
+    theta = first_vector(model, start)
+    search = _Search(start, question, lambda step: None, model.settings)
+    first = search.first_fit(_at_coarse_rate(model, theta), theta)
+    return first is not None and explains_nothing(first)
+
+
 def is_hopeless(fit: Fit) -> bool:
     """Return whether a fit leaves what is beyond the mending of laws.
 
