@@ -15,6 +15,7 @@ from opid.suspensions.law_search.driven import DrivenLaws, cannot_be
 from opid.suspensions.law_search.pursuit import (
     LawStep,
     _limits,
+    _moves,
     add_neighbours,
     alternatives,
     chosen,
@@ -133,6 +134,23 @@ def test_scales_between_the_simulated_ones_are_right(friction):
         near = at_scale[round(np.log(few.terms[place].inner[0]), 6)]
         np.testing.assert_allclose(dictionary.along[near], few.along[place], atol=0.02 * np.linalg.norm(few.along))
         np.testing.assert_allclose(dictionary.size[near], few.size[place], rtol=0.02)
+
+
+def test_no_move_leads_to_a_friction_beside_one_that_remembers():
+    """The limits of an arctangent of both are a friction and a spring; beside a friction only the spring can stand."""
+    both = default_law("arctan_mixed+bouc_wen")
+
+    class NoColumns:
+        settings = SETTINGS
+
+        def dictionaries(self, fit, kinds):
+            return {}
+
+    moves = _moves(NoColumns(), SeenLaws(both, 0.0), library())
+    found = {law.name for move in moves for law in move.laws.values()}
+    assert "arctan_displacement+bouc_wen" in found
+    assert "arctan_velocity+bouc_wen" in {each.name for each in _limits(both, library())} - found
+    assert "arctan_mixed+dahl_friction" in found
 
 
 def test_what_a_run_left_out_says(friction):

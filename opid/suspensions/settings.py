@@ -426,6 +426,8 @@ class FaultSettings:
             what all together leave: a mass change that nobody stated, which faults of sensors would be let in for.
         ground_fraction: the equation speaks for a ground spring above this fraction of the stiffness: below, the noise
             biases it as much.
+        sure_ground_std: springs to the ground that a fit began with, none of which is this many standard deviations
+            from zero, may be none, and the fit without them is asked for. A spring that matters is known to a per cent.
         plausible_std: a fault that lies farther from what such sensors do may stand in for something else. AC coupling
             is let in all the same where less than `Verdicts.noted` is left.
         n_farther: so often such corners are looked for about those found: each time up to five times as high.
@@ -455,6 +457,7 @@ class FaultSettings:
     least_gain: float = 0.2
     alone_fraction: float = 0.5
     ground_fraction: float = 0.005
+    sure_ground_std: float = 20.0
     plausible_std: float = 5.0
     n_farther: int = 2
     helps_fraction: float = 0.3

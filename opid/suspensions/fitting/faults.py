@@ -326,8 +326,16 @@ def without_ground(model: Model) -> Model:
 
 
 def may_hold_a_needless_ground(fit: Fit) -> bool:
-    """Return whether springs to the ground may have been asked for at the start where a sensor was at fault."""
-    return fit.model.ground and bool(fit.model.faults)
+    """Return whether springs to the ground may have been asked for at the start in vain.
+
+    What else was wrong there, a sensor or a law, asked for them. They then hold the fit in a worse minimum, where they
+    are small.
+    """
+    if not fit.model.ground:
+        return False
+    springs = [fit.model.names.index(group.called(GROUND)) for group in fit.model.groups if group.ground]
+    is_sure = bool(np.any(np.abs(fit.theta[springs]) > fit.model.settings.faults.sure_ground_std * fit.std[springs]))
+    return bool(fit.model.faults) or not is_sure
 
 
 def _without_ground(fit: Fit) -> Fit:

@@ -18,7 +18,7 @@ import numpy as np
 
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.weight import depends_on_travel
-from opid.suspensions.law_search.dictionary import LawDictionary
+from opid.suspensions.law_search.dictionary import LawDictionary, stand_together
 from opid.suspensions.settings import SearchSettings
 
 logger = logging.getLogger(__name__)
@@ -355,7 +355,9 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
         moves += [_Move({group: other}, 0.0, 0, always=True) for other in relatives(law, kinds)]
         dictionary = dictionaries.get(group)
         moves += [] if dictionary is None else [_Move({group: other}, -math.inf, 0) for other in dictionary.further]
-    return sorted(moves, key=lambda move: move.bic)
+    # the limit of a term may be a friction, which stands beside no other that remembers
+    possible = (move for move in moves if all(stand_together(law.parameters) for law in move.laws.values()))
+    return sorted(possible, key=lambda move: move.bic)
 
 
 def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
