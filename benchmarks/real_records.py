@@ -2,7 +2,8 @@
 
 Run `python benchmarks/real_records.py --data ../shared/data`; in parts `--sets shake_table_frame`. The studies are the
 files in `examples/real_records`, their logs those that `examples/real_records.py` writes. Sets whose records are
-repeated trials are identified record by record, the others all at once. "Unexplained" is what the free motion leaves of
+repeated trials are identified record by record, with a row that says how far the answers agree and what was aimed at,
+and all at once, as the others are. "Unexplained" is what the free motion leaves of
 the body's rms acceleration in the band, "left out" the same of a run that the others predict, "inside" its lines inside
 the band that is to hold 95 %. Frequencies and damping ratios are those of the equivalent straight suspension.
 """
@@ -16,48 +17,81 @@ from pathlib import Path
 # before numpy is loaded
 os.environ["OMP_NUM_THREADS"] = "1"
 
+import numpy as np
+
 import opid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from real_records import SETS, read_set, records_of
 
-# laws that are given, None to search one; whether each record is identified alone
+# laws that are given, None to search one; whether each record is identified alone, too
 CASES = {
     "isolated_building": (("linear", "dahl_friction", "arctan_displacement+dahl_friction", None), False),
     "shake_table_frame": (("linear", None), True),
+    "flexible_frame": (("linear", None), False),
     "sliding_isolators": (("linear", "coulomb_friction", "dahl_friction"), False),
     "quarter_car_bench": (("linear", "coulomb_friction", "dahl_friction"), False),
 }
 
 
+# of repeated trials: between the highest and the lowest frequency over their mean, and between the lags, s
+AIMED_FREQUENCY, AIMED_LAG_S = 0.005, 0.2e-3
+
+
 def print_rows(name: str, data: Path) -> None:
     """Print a row for each record of a set under each law."""
-    each, (laws, alone) = SETS[name], CASES[name]
-    groups = [(record,) for record in records_of(name)] if alone else [()]
+    laws, alone = CASES[name]
     for law in laws:
-        for records in groups:
-            study = read_set(name, data, records)
-            begun = time.process_time()
-            found = opid.identify(study, law=law, band_hz=each.band_hz)
-            busy_s = time.process_time() - begun
-            left_out = {each.run: each for error in _errors(found) for each in error.left_out}
-            lag = found.evidence[0].fit.value("lag_s")
-            for place, run in enumerate(found.runs):
-                told = found.equivalents[place] if found.equivalents else None
-                other = left_out.get(place)
-                cells = (
-                    run.name,
-                    found.law.name if law else f"{found.law.name} (searched)",
-                    found.limited_by + (", refused" if found.is_refused else ""),
-                    "-" if told is None else _shown(told.natural_frequency_hz),
-                    "-" if told is None else _shown(told.damping_ratio),
-                    f"{1e3 * lag:.2f}" if lag else "-",
-                    f"{run.unexplained:.3f}",
-                    "-" if other is None else f"{other.unexplained:.3f}",
-                    "-" if other is None else f"{100 * other.inside:.0f}",
-                    f"{busy_s:.1f}",
-                )
-                print(f"| {' | '.join(cells)} |", flush=True)
+        if alone:
+            print_agreement([print_answer(name, data, law, (record,)) for record in records_of(name)])
+        print_answer(name, data, law)
+
+
+def print_answer(
+    name: str, data: Path, law: str | None, records: tuple[str, ...] = ()
+) -> opid.suspensions.Identification:
+    """Print a row for each record that is identified, those of the study where none are given; return the answer."""
+    study = read_set(name, data, records)
+    begun = time.process_time()
+    found = opid.identify(study, law=law, band_hz=SETS[name].band_hz)
+    busy_s = time.process_time() - begun
+    left_out = {each.run: each for error in _errors(found) for each in error.left_out}
+    lag = found.evidence[0].fit.value("lag_s")
+    for place, run in enumerate(found.runs):
+        (frequency, ratio), other = _swing(found, place), left_out.get(place)
+        cells = (
+            run.name + (" (alone)" if records else ""),
+            f"`{found.law.name}`" if law else f"`{found.law.name}` (searched)",
+            found.limited_by + (", refused" if found.is_refused else ""),
+            _shown(frequency),
+            _shown(ratio),
+            f"{1e3 * lag:.2f}" if lag else "-",
+            f"{run.unexplained:.3f}",
+            "-" if other is None else f"{other.unexplained:.3f}",
+            "-" if other is None else f"{100 * other.inside:.0f}",
+            f"{busy_s:.1f}",
+        )
+        print(f"| {' | '.join(cells)} |", flush=True)
+    return found
+
+
+def print_agreement(answers: list[opid.suspensions.Identification]) -> None:
+    """Print a row that says how far records that were identified alone agree, with the aims."""
+    frequencies = np.array([_swing(each)[0].value for each in answers], dtype=float)
+    lags_s = [each.evidence[0].fit.value("lag_s") for each in answers]
+    laws = len({each.law.name for each in answers})
+    apart = np.ptp(frequencies) / frequencies.mean()
+    print(
+        f"| between them | {laws} {'law' if laws == 1 else 'laws'} (aim 1) | - | {100 * apart:.2f} % (aim "
+        f"{100 * AIMED_FREQUENCY:g} %) | - | {1e3 * np.ptp(lags_s):.2f} (aim {1e3 * AIMED_LAG_S:g}) | - | - | - | - |",
+        flush=True,
+    )
+
+
+def _swing(found: opid.suspensions.Identification, place: int = 0) -> tuple[opid.Estimate, opid.Estimate]:
+    """Natural frequency and damping ratio of the equivalent straight suspension of a run."""
+    told = found.equivalents[place] if found.equivalents else found.ratios
+    return told.natural_frequency_hz, told.damping_ratio
 
 
 def _errors(found: opid.suspensions.Identification) -> list:

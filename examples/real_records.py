@@ -2,9 +2,12 @@
 
     python examples/real_records.py isolated_building --data ../shared/data --out records
     python examples/real_records.py water_impact --records 5nthreshold_2mps_trial1 --data ../shared/data --out records
+    python examples/real_records.py shake_table_frame --data my_frame.npz --law linear --out records
 
-Copies the study file of the set from the folder real_records beside this script, writes the logs that it names beside
-the copy, identifies them and writes the report. `opid identify records/isolated_building.toml --band 0.1 8` and
+`--data` is the folder that holds the sets, or one with records of the set, or a file of them; what its files hold says
+which records there are. `--records` names some of them; an unknown name ends in a list of those that are there. Copies
+the study file of the set from the folder real_records beside this script, writes the logs that it names beside the
+copy, identifies them and writes the report. `opid identify records/isolated_building.toml --band 0.1 8` and
 `opid law records/water_impact.toml` then do the same. The records are not part of this project: each set names its
 origin. What was done to the signals of a set before they were logs, because no key of a study says it, stands at its
 function.
@@ -13,12 +16,14 @@ function.
 import argparse
 import re
 import shutil
+import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import tomli_w
@@ -34,7 +39,11 @@ FRAME_HZ, IMPACT_HZ, FRICTION_HZ, MR_HZ = 256.0, 5000.0, 1024.0, 3004.8
 # the bench takes no shorter record
 LEAST_SAMPLES = 200
 
-# of the frame: the table hardly moves below, its accelerometer drifts there; above, the displacements hold noise
+# of the frame on the shake table: what an upper sensor reads beyond is its own shaking, and below its first bending
+# mode each frame goes with its ground
+SHAKE_BAND_HZ, WITH_GROUND_HZ = (0.5, 30.0), (0.5, 3.0)
+
+# of the sliding frame: the table hardly moves below, its accelerometer drifts there; above, displacements hold noise
 TABLE_FROM_HZ, FRAME_TO_HZ = 0.2, 10.0
 # about twice the speed that the sensors show between a table and a base that is bolted to it
 SLIDES_M_S = 0.05
@@ -54,80 +63,149 @@ SETTLED_S = 0.02
 FloatArray = NDArray[np.float64]
 
 
+class Place(NamedTuple):
+    """Where a record stands: its file, and what it is called there."""
+
+    path: Path
+    key: str
+
+
 @dataclass(frozen=True)
 class RecordSet:
     """What a study file does not say of its set.
 
     Args:
-        log: of a folder with the set, and of the name of a record.
+        log: of the folder or the file with the records, and of the name of a record.
+        names: of the file's channels: the records that it holds; the file itself is one where nothing is said.
         band_hz: in which the set tells of its suspension; None on the test bench.
-        records: of such a folder, on the test bench: the records that it has.
         folder: where it is not called as the set.
     """
 
     log: Callable[[Path, str], opid.Recording]
+    names: Callable[[Sequence[str]], Iterable[str]] | None = None
     band_hz: tuple[float, float] | None = None
-    records: Callable[[Path], Sequence[str]] | None = None
     folder: str = ""
 
 
+def _places(name: str, folder: Path) -> dict[str, Place]:
+    """Return where the records of a set stand, in a folder or a file.
+
+    A name that several files have begins with that of its file.
+
+    Raises:
+        opid.InputError: there are none.
+    """
+    names, found = SETS[name].names, []
+    for path in [folder] if folder.is_file() else sorted(folder.glob("*.npz")):
+        with np.load(path) as file:
+            found += [Place(path, key) for key in ([path.stem] if names is None else sorted(set(names(file.files))))]
+    if not found:
+        raise opid.InputError(f"there are no records of {name} in {folder}: give their folder, or a file, with --data")
+    keys = [place.key for place in found]
+    return {place.key if keys.count(place.key) == 1 else f"{place.path.stem}_{place.key}": place for place in found}
+
+
+def _place(name: str, folder: Path, record: str) -> Place:
+    """Return where a record of a set stands.
+
+    Raises:
+        opid.InputError: it is not there.
+    """
+    places = _places(name, folder)
+    if record not in places:
+        raise opid.InputError(f"there is no record {record!r} of {name} in {folder}: it has {', '.join(places)}")
+    return places[record]
+
+
+def _channels(path: Path, *names: str) -> list[FloatArray]:
+    """Return channels of a file.
+
+    Raises:
+        opid.InputError: one is not there.
+    """
+    with np.load(path) as file:
+        missing = [name for name in names if name not in file]
+        if missing:
+            raise opid.InputError(f"{path} has no {', '.join(missing)}: it holds {', '.join(sorted(file))}")
+        return [file[name].astype(np.float64) for name in names]
+
+
+def _parts(channels: Sequence[str]) -> list[str]:
+    """The records of a file whose channels are called <record>/<channel>."""
+    return [channel.split("/")[0] for channel in channels if "/" in channel]
+
+
 def isolated_building(folder: Path, record: str) -> opid.Recording:
-    """Return the table and the mean of six floors: the forces of the isolators accelerate all of the mass.
+    """Return the table and the mean of its floors: the forces of the isolators accelerate all of the mass.
 
     Somebody filtered the signals.
     """
-    data = np.load(folder / f"{record}.npz")
-    floors = np.mean([data[f"level{level}_a"] for level in range(6)], axis=0)
-    return opid.signals.recording_from_arrays([data["ground_a"], floors], ["ground", "floors"], fs=float(data["fs_hz"]))
+    path = _place("isolated_building", folder, record).path
+    with np.load(path) as file:
+        levels = [channel for channel in file if re.fullmatch(r"level\d+_a", channel)]
+    fs, ground, *floors = _channels(path, "fs_hz", "ground_a", *(levels or ["level0_a"]))
+    sides = [ground, np.mean(floors, axis=0)]
+    return opid.signals.recording_from_arrays(sides, ["ground", "floors"], fs=float(fs))
 
 
 def shake_table_frame(folder: Path, record: str) -> opid.Recording:
-    """Return the ground and the top of a frame, on one clock.
+    """Return the ground and the mean of the floors of a frame, on one clock.
 
     The sensors are turned against each other, gravity is in them, and each has a clock of its own: each signal is
-    turned to the direction in which it moves most, both are brought to one clock by their stamps and to one gain by the
-    gravity that they read. One is late by an amount that nobody stated, which is left to the fit.
+    turned to the direction in which it moves most, all are brought to one clock by their stamps and to one gain by the
+    gravity that they read. One is late by an amount that nobody stated, which is left to the fit. The columns of the
+    lowest storey accelerate all floors, which are taken to be alike.
     """
-    data = np.load(folder / f"{record}.npz")
-    sides, fs = [], 120.0
-    stamps = [data[f"{floor}_packet_time_us"].astype(np.float64) * 1e-6 for floor in ("ground_floor", "top_floor")]
-    begin_s = max(each[1] for each in stamps)
-    end_s = min(each[-1] for each in stamps)
+    path, fs = _place("shake_table_frame", folder, record).path, 120.0
+    with np.load(path) as file:
+        sensors = [channel.removesuffix("_acc") for channel in file if channel.endswith("_acc")]
+    floors = [each for each in sensors if each != "ground_floor"] or ["top_floor"]
+    names = [(f"{floor}_packet_time_us", f"{floor}_acc") for floor in ("ground_floor", *floors)]
+    signals = [_channels(path, *both) for both in names]
+    begin_s, end_s = max(1e-6 * stamps[1] for stamps, _ in signals), min(1e-6 * stamps[-1] for stamps, _ in signals)
     time_s = np.arange(begin_s, end_s, 1.0 / fs)
-    for floor, own in zip(("ground_floor", "top_floor"), stamps, strict=True):
+    sides: list[FloatArray] = []
+    for stamps, acceleration in signals:
         # the first row is zero; stamps are those of packets: a straight line through them is the sensor's clock
-        row = np.arange(own.size)
-        clock_s = np.polyval(np.polyfit(row[1:], own[1:], 1), row)
-        acceleration = data[f"{floor}_acc"].astype(np.float64)[1:]
-        acceleration *= G / np.linalg.norm(acceleration.mean(axis=0))
-        along = _main_direction(acceleration)
-        sides.append(np.interp(time_s, clock_s[1:], along))
-    if sides[0] @ sides[1] < 0:  # a frame this stiff goes with its ground
-        sides[1] = -sides[1]
-    return opid.signals.recording_from_arrays(sides, ["ground", "top"], fs=fs)
+        row = np.arange(1, stamps.size)
+        clock_s = np.polyval(np.polyfit(row, 1e-6 * stamps[1:], 1), row)
+        along = _main_direction(acceleration[1:] * (G / np.linalg.norm(acceleration[1:].mean(axis=0))), fs)
+        sides.append(np.interp(time_s, clock_s, along))
+        ground, own = (_band_passed(each, WITH_GROUND_HZ, fs) for each in (sides[0], sides[-1]))
+        if ground @ own < 0:
+            sides[-1] = -sides[-1]
+    both = [sides[0], np.mean(sides[1:], axis=0)]
+    return opid.signals.recording_from_arrays(both, ["ground", "floors"], fs=fs)
 
 
-def _main_direction(acceleration: FloatArray) -> FloatArray:
-    """The acceleration along the direction in which a sensor moves most."""
+def _main_direction(acceleration: FloatArray, fs: float) -> FloatArray:
+    """The acceleration along the direction in which a sensor moves most in the band of the set."""
     centred = acceleration - acceleration.mean(axis=0)
-    return np.asarray(centred @ np.linalg.svd(centred, full_matrices=False)[2][0])
+    return np.asarray(centred @ np.linalg.svd(_band_passed(centred, SHAKE_BAND_HZ, fs), full_matrices=False)[2][0])
+
+
+def _band_passed(samples: FloatArray, band_hz: tuple[float, float], fs: float) -> FloatArray:
+    return np.asarray(signal.sosfiltfilt(signal.butter(2, band_hz, "bandpass", fs=fs, output="sos"), samples, axis=0))
 
 
 def sliding_isolators(folder: Path, record: str) -> opid.Recording:
     """Return the table and the mean of base and floors, whose displacements twice differentiated are good to 3 Hz."""
-    with np.load(folder / "frame_256Hz.npz") as data:
-        fs = float(data["fs"])
-        table = G * data[f"{record}/aextx"]
-        path = INCH_M * np.mean([data[f"{record}/s{channel}"] for channel in (2, 3, 4, 5)], axis=0)
-    return opid.signals.recording_from_arrays([table, _twice(path, fs)], ["table", "frame"], fs=fs)
+    table_g, *paths_inch = _sliding_channels(_place("sliding_isolators", folder, record))
+    sides = [G * table_g, _twice(INCH_M * np.mean(paths_inch, axis=0), FRAME_HZ)]
+    return opid.signals.recording_from_arrays(sides, ["table", "frame"], fs=FRAME_HZ)
+
+
+def _sliding_channels(place: Place) -> list[FloatArray]:
+    """Acceleration of the table, g, and displacements of base and floors, inch."""
+    return _channels(place.path, *(f"{place.key}/{channel}" for channel in ("aextx", "s2", "s3", "s4", "s5")))
 
 
 def quarter_car_bench(folder: Path, record: str) -> opid.Recording:
     """Return the tyre plate and the body plate, from encoders with steps of a few micrometres."""
-    data = np.load(folder / f"{record}.npz")
-    fs = 1.0 / float(np.median(np.diff(data["time_s"])))
-    sides = [_twice(data[f"{plate}_plate_m"], fs) for plate in ("tyre", "body")]
-    return opid.signals.recording_from_arrays(sides, ["tyre", "body"], fs=fs)
+    path = _place("quarter_car_bench", folder, record).path
+    time_s, *plates_m = _channels(path, "time_s", "tyre_plate_m", "body_plate_m")
+    fs = 1.0 / float(np.median(np.diff(time_s)))
+    return opid.signals.recording_from_arrays([_twice(each, fs) for each in plates_m], ["tyre", "body"], fs=fs)
 
 
 def _twice(path_m: FloatArray, fs: float) -> FloatArray:
@@ -155,17 +233,38 @@ class Sliding:
         """(n,) whether base and table move apart faster than their sensors could pretend."""
         return np.abs(self.velocity) > SLIDES_M_S
 
+    @property
+    def fastest_m_s(self) -> float:
+        """Of the base over the table."""
+        return float(np.abs(self.velocity).max())
+
 
 def sliding_isolators_bench(folder: Path, record: str) -> opid.Recording:
     """Return force for each kilogram, travel and velocity of the isolators, and where they slide.
 
     The mean acceleration of base and floors, weighted by their masses, is the force of the isolators for each kilogram.
+
+    Raises:
+        opid.InputError: the base does not slide in the record, or too shortly.
     """
+    _place("sliding_isolators_bench", folder, record)
     records = sliding_records(folder)
     one = records[record]
+    if one.slides.sum() < LEAST_SAMPLES:
+        slides = [name for name, each in records.items() if each.slides.sum() >= LEAST_SAMPLES]
+        raise opid.InputError(
+            f"the base {said_of_slip(one)} in {record}: it moves over the table at {one.fastest_m_s:.3f} m/s at the "
+            f"most, and above {SLIDES_M_S} m/s it counts as sliding, which a law needs for {LEAST_SAMPLES} samples; "
+            f"records that slide for so long: {', '.join(slides) or 'none'}"
+        )
     columns = [mass_fractions(tuple(records.values())) @ one.floors, one.travel, one.velocity, one.slides]
     names, units = ["frame", "travel", "velocity", "slides"], ["m/s^2", "m", "m/s", "1"]
     return opid.signals.recording_from_arrays(columns, names, fs=FRAME_HZ, unit=units)
+
+
+def said_of_slip(record: Sliding) -> str:
+    """Return what the base does where it does not slide for long enough."""
+    return "slides too little to tell" if record.slides.any() else "never slips"
 
 
 @cache
@@ -175,13 +274,13 @@ def sliding_records(folder: Path) -> dict[str, Sliding]:
     The table is measured by its acceleration, base and floors by their displacement.
     """
     records = {}
-    with np.load(folder / "frame_256Hz.npz") as file:
-        for name in sorted({key.split("/")[0] for key in file if "/" in key}):
-            table = _in_band(G * file[f"{name}/aextx"].astype(np.float64), (TABLE_FROM_HZ, FRAME_TO_HZ), -2)
-            paths = [INCH_M * file[f"{name}/s{channel}"].astype(np.float64) for channel in (2, 3, 4, 5)]
-            travel = _in_band(paths[0], (0.0, FRAME_TO_HZ), 0) - table
-            floors = np.stack([_in_band(path, (0.0, FRAME_TO_HZ), 2) for path in paths])
-            records[name] = Sliding(travel, np.gradient(travel, 1 / FRAME_HZ), floors)
+    for name, place in _places("sliding_isolators_bench", folder).items():
+        table_g, *paths_inch = _sliding_channels(place)
+        table = _in_band(G * table_g, (TABLE_FROM_HZ, FRAME_TO_HZ), -2)
+        paths = [INCH_M * path for path in paths_inch]
+        travel = _in_band(paths[0], (0.0, FRAME_TO_HZ), 0) - table
+        floors = np.stack([_in_band(path, (0.0, FRAME_TO_HZ), 2) for path in paths])
+        records[name] = Sliding(travel, np.gradient(travel, 1 / FRAME_HZ), floors)
     return records
 
 
@@ -230,7 +329,7 @@ def water_impact(folder: Path, record: str) -> opid.Recording:
     row = np.arange(travel.size)
     body = np.interp(row + free_fall(travel, body)[1] * IMPACT_HZ, row, body)
     # the release is the first sample
-    first = round(programmed(record)[2] / G * IMPACT_HZ)
+    first = round(programmed(_place("water_impact", folder, record).key)[2] / G * IMPACT_HZ)
     near = np.flatnonzero(travel[first:] > NEAR_STOP_M)
     stop = first + (int(near[0]) if near.size else travel.size)
     last = min(stop - round(BEFORE_STOP_S * IMPACT_HZ), first + round(AFTER_IMPACT_S * IMPACT_HZ))
@@ -243,19 +342,25 @@ def water_impact(folder: Path, record: str) -> opid.Recording:
 
 def falling(folder: Path, record: str) -> tuple[FloatArray, FloatArray]:
     """Return travel of the nose into the body (m) and acceleration of the body, positive downwards (m/s^2)."""
-    with np.load(folder / "impacts_5kHz.npz") as file:
-        travel, body = (file[f"{record}/{channel}"].astype(np.float64) for channel in ("pos", "ay"))
-    return 1e-3 * travel, G * body
+    path, key = _place("water_impact", folder, record)
+    travel_mm, body_g = _channels(path, f"{key}/pos", f"{key}/ay")
+    return 1e-3 * travel_mm, G * body_g
 
 
 def programmed(name: str) -> tuple[float, float | None, float]:
     """Return what a fall is named after: stiffness N/m, force at which the spring saturates N, speed m/s.
 
+    Raises:
+        opid.InputError: it is named otherwise.
+
     >>> programmed("5npmm_2mps_trial1"), programmed("20nthreshold_6mps_trial1")
     ((5000.0, None, 2.0), (15000.0, 20.0, 6.0))
     """
     found = re.match(r"(\d+)n(pmm|threshold)_(\d+)mps", name)
-    assert found is not None, name
+    if found is None:
+        raise opid.InputError(
+            f"the fall {name!r} does not say its spring and speed: a name begins like 5npmm_2mps or 15nthreshold_4mps"
+        )
     number, speed = float(found[1]), float(found[3])
     return (1e3 * number, None, speed) if found[2] == "pmm" else (15e3, number, speed)
 
@@ -277,23 +382,28 @@ def free_fall(travel: FloatArray, body: FloatArray) -> tuple[float, float]:
 
 def mr_damper(folder: Path, record: str) -> opid.Recording:
     """Return force, travel and velocity of a magneto-rheological damper, and where its voltage is held as named."""
-    with np.load(folder / "random_first_half.npz") as file:
-        force, travel, velocity, volts = (file[name].astype(np.float64).ravel() for name in "FDVY")
+    path, key = _place("mr_damper", folder, record)
+    force, travel, velocity, volts = (each.ravel() for each in _channels(path, *"FDVY"))
     is_on = volts > 0.5 * (volts.min() + volts.max())
     changed = np.flatnonzero(np.diff(is_on)) + 1
     since = np.zeros(is_on.size, dtype=np.int64)
     since[changed] = changed
     settled = (np.arange(is_on.size) - np.maximum.accumulate(since)) / MR_HZ > SETTLED_S
     held = dict(zip(VOLTAGES, (is_on & settled, ~is_on & settled, np.ones_like(is_on)), strict=True))
-    columns = [force, travel / 100, velocity / 100, held[record]]
+    columns = [force, travel / 100, velocity / 100, held[key]]
     names, units = ["force", "travel", "velocity", "held"], ["N", "m", "m/s", "1"]
     return opid.signals.recording_from_arrays(columns, names, fs=MR_HZ, unit=units)
 
 
 def friction_damper_brfd(folder: Path, record: str) -> opid.Recording:
     """Return force, travel and velocity of a band-brake friction damper, which were recorded in kip and inches."""
-    with np.load(folder / "brfd.npz") as file:
-        table = file[next(each for each in file if _short(each) == record)].astype(np.float64)
+    path, key = _place("friction_damper_brfd", folder, record)
+    with np.load(path) as file:
+        table = file[next(each for each in file if _short(each) == key)].astype(np.float64)
+    if table.ndim != 2 or table.shape[1] < 4:
+        raise opid.InputError(
+            f"{record} in {path} has the shape {table.shape}: its columns are time, travel, force and velocity"
+        )
     columns = [table[:, 2] * KIP_N, table[:, 1] * INCH_M, table[:, 3] * INCH_M]
     return opid.signals.recording_from_arrays(
         columns, ["force", "travel", "velocity"], fs=FRICTION_HZ, unit=["N", "m", "m/s"]
@@ -304,38 +414,34 @@ def _short(name: str) -> str:
     return name.split("__")[-1].removesuffix("amplitude")
 
 
-def _friction_tests(folder: Path) -> tuple[str, ...]:
-    with np.load(folder / "brfd.npz") as file:
-        return tuple(map(_short, file))
-
-
-def _falls(folder: Path) -> tuple[str, ...]:
-    with np.load(folder / "impacts_5kHz.npz") as file:
-        return tuple(sorted({key.split("/")[0] for key in file}))
-
-
 SETS = {
-    "isolated_building": RecordSet(isolated_building, (0.1, 8.0)),
-    "shake_table_frame": RecordSet(shake_table_frame, (0.5, 30.0)),
-    "sliding_isolators": RecordSet(sliding_isolators, (0.15, 3.0)),
-    "quarter_car_bench": RecordSet(quarter_car_bench, (0.3, 10.0)),
-    "sliding_isolators_bench": RecordSet(sliding_isolators_bench, records=sliding_records, folder="sliding_isolators"),
-    "water_impact": RecordSet(water_impact, records=_falls),
-    "mr_damper": RecordSet(mr_damper, records=lambda folder: VOLTAGES),
-    "friction_damper_brfd": RecordSet(friction_damper_brfd, records=_friction_tests),
+    "isolated_building": RecordSet(isolated_building, band_hz=(0.1, 8.0)),
+    "shake_table_frame": RecordSet(shake_table_frame, band_hz=SHAKE_BAND_HZ),
+    # its second bending mode swings at 11 Hz
+    "flexible_frame": RecordSet(shake_table_frame, band_hz=(0.5, 6.0), folder="shake_table_frame"),
+    "sliding_isolators": RecordSet(sliding_isolators, _parts, (0.15, 3.0)),
+    "quarter_car_bench": RecordSet(quarter_car_bench, band_hz=(0.3, 10.0)),
+    "sliding_isolators_bench": RecordSet(sliding_isolators_bench, _parts, folder="sliding_isolators"),
+    "water_impact": RecordSet(water_impact, _parts),
+    "mr_damper": RecordSet(mr_damper, lambda channels: VOLTAGES),
+    "friction_damper_brfd": RecordSet(friction_damper_brfd, lambda channels: map(_short, channels)),
 }
 
 
 def folder_of(name: str, data: Path) -> Path:
-    """Return the folder with the records of a set."""
-    return data / (SETS[name].folder or name)
+    """Return the folder with the records of a set.
+
+    Args:
+        name: of the set.
+        data: folder that holds the sets, or that with the records, or a file of them.
+    """
+    has_records = data.suffix == ".npz" or any(data.glob("*.npz"))
+    return data if has_records else data / (SETS[name].folder or name)
 
 
 def records_in(name: str, data: Path) -> tuple[str, ...]:
-    """Return the records that the folder of a set of the test bench has."""
-    listed = SETS[name].records
-    assert listed is not None, name
-    return tuple(listed(folder_of(name, data)))
+    """Return the records of a set that are there, as `folder_of`."""
+    return tuple(_places(name, folder_of(name, data)))
 
 
 def records_of(name: str) -> tuple[str, ...]:
@@ -343,6 +449,12 @@ def records_of(name: str) -> tuple[str, ...]:
     document = tomllib.loads((STUDIES / f"{name}.toml").read_text())
     runs = document["runs"] if "runs" in document else [document["bench"]]
     return tuple(Path(run["log"]).stem for run in runs)
+
+
+def default_records(name: str, data: Path) -> tuple[str, ...]:
+    """Return the records that the study of a set names, or all that are there where it names none of them."""
+    there, named = records_in(name, data), records_of(name)
+    return named if set(named) & set(there) else there
 
 
 def write_logs(name: str, data: Path, folder: Path, records: Sequence[str] = ()) -> Path:
@@ -354,14 +466,22 @@ def write_logs(name: str, data: Path, folder: Path, records: Sequence[str] = ())
         folder: for study and logs; made where it is not there.
         records: those to take in place of the ones that the study names, one on the test bench; all else stays as it
             says.
+
+    Raises:
+        opid.InputError: a record or a channel of it is not there, several records of a test bench, or a frame that
+            does not slide.
     """
     study, target = STUDIES / f"{name}.toml", folder / f"{name}.toml"
     folder.mkdir(parents=True, exist_ok=True)
     if records:
         document = tomllib.loads(study.read_text())
         if "bench" in document:
-            (record,) = records
-            document |= {"title": record, "bench": document["bench"] | {"log": f"{record}.csv"}}
+            if len(records) > 1:
+                raise opid.InputError(
+                    f"a law is that of one record, and {len(records)} of {name} are given: take one, of "
+                    f"{', '.join(records)}"
+                )
+            document |= {"title": records[0], "bench": document["bench"] | {"log": f"{records[0]}.csv"}}
         else:
             document["runs"] = [document["runs"][0] | {"name": each, "log": f"{each}.csv"} for each in records]
         target.write_text(tomli_w.dumps(document))
@@ -388,10 +508,18 @@ def main() -> None:
     parser.add_argument("--law", help="to fit, or on the bench to choose from; searched where left out")
     parser.add_argument("--out", type=Path, default=Path("real_records_result"), help="for study, logs and report")
     options = parser.parse_args()
-    if not folder_of(options.set, options.data).is_dir():
+    if not folder_of(options.set, options.data).exists():
         print(f"The records of {options.set} are not in {options.data}: give their folder with --data.")
         return
-    records = options.records.split(",") if options.records else ()
+    try:
+        identify_set(options)
+    except (opid.InputError, opid.NotDeterminedError) as error:
+        sys.exit(f"{options.set}: {error}")
+
+
+def identify_set(options: argparse.Namespace) -> None:
+    """Write study and logs, identify them, print the answer and write the report."""
+    records = options.records.split(",") if options.records else default_records(options.set, options.data)
     study = opid.read_study(write_logs(options.set, options.data, options.out, records))
     if isinstance(study, opid.suspensions.BenchStudy):
         kinds = None if options.law is None else options.law.split("+")
