@@ -33,6 +33,7 @@ from real_records import (
     programmed,
     read_set,
     records_in,
+    said_of_slip,
     sliding_records,
 )
 
@@ -137,9 +138,8 @@ def sliding_rows(data: Path) -> Iterator[str]:
     for name, record in records.items():
         far_mm, slides_s = 1e3 * np.abs(record.travel).max(), record.slides.sum() / FRAME_HZ
         if record.slides.sum() < LEAST_SAMPLES:
-            fastest = np.abs(record.velocity).max()
-            said = "no slip" if slides_s == 0 else "slides too little to tell"
-            yield f"| {name} | {said}: at most {fastest:.3f} m/s | - | - | {far_mm:.1f} | {slides_s:.1f} | - |"
+            told_of_it = f"{said_of_slip(record)}: at most {record.fastest_m_s:.3f} m/s"
+            yield f"| {name} | {told_of_it} | - | - | {far_mm:.1f} | {slides_s:.1f} | - |"
             continue
         found = law_of_bench(read_set("sliding_isolators_bench", data, (name,)))
         slow, fast = (friction_coefficient(found, speed) for speed in SPEEDS_M_S)

@@ -11,6 +11,7 @@ import pytest
 from measured_data import DATA, measured
 from scripts import script
 
+from opid.errors import InputError
 from opid.signals.health.across_channels import check_pair
 from opid.studies.bench_study import bench_tables
 from opid.studies.study_file import read_study
@@ -128,3 +129,59 @@ def test_a_bench_of_a_quarter_car_is_answered_and_its_runs_predict_each_other(fo
         assert left_out.inside > 0.8
     frequencies = [each.natural_frequency_hz.value for each in result.equivalents]
     np.testing.assert_allclose(frequencies, frequencies[0], rtol=0.01)
+
+
+def write_frames(path, names, *, slip):
+    """Records of a frame on a table that swings, whose base follows it or slides against it."""
+    t = np.arange(2048) / 256.0
+    swing = np.sin(2 * np.pi * 1.5 * t) * np.sin(np.pi * t / t[-1])
+    channels = {}
+    for name in names:
+        table_m = 0.02 * swing
+        channels[f"{name}/aextx"] = np.gradient(np.gradient(table_m, t), t) / 9.80665
+        for storey in (2, 3, 4, 5):
+            channels[f"{name}/s{storey}"] = (1 - slip) * table_m / 0.0254
+    np.savez(path, **channels)
+
+
+def test_records_are_those_that_files_of_any_name_hold(records, tmp_path):
+    write_frames(tmp_path / "tuesday.npz", ["one", "two"], slip=0.0)
+    assert records.records_in("sliding_isolators", tmp_path) == ("one", "two")
+    assert records.records_in("sliding_isolators", tmp_path / "tuesday.npz") == ("one", "two")
+    assert records.default_records("sliding_isolators", tmp_path) == ("one", "two")
+    write_frames(tmp_path / "wednesday.npz", ["two"], slip=0.0)
+    assert records.records_in("sliding_isolators", tmp_path) == ("one", "tuesday_two", "wednesday_two")
+    study = read_study(records.write_logs("sliding_isolators", tmp_path, tmp_path / "out", ("wednesday_two",)))
+    assert study.runs[0].name == "wednesday_two"
+    # a file of one record each
+    assert records.records_in("quarter_car_bench", tmp_path) == ("tuesday", "wednesday")
+
+
+def test_a_record_or_a_channel_that_is_not_there_ends_in_a_list_of_those_that_are(records, tmp_path):
+    write_frames(tmp_path / "tuesday.npz", ["one"], slip=0.0)
+    with pytest.raises(InputError, match=r"no record 'three' of sliding_isolators .* it has one$"):
+        records.read_set("sliding_isolators", tmp_path, ("three",))
+    with pytest.raises(InputError, match=r"has no one/pos, one/ay: it holds one/aextx, one/s2, one/s3"):
+        records.read_set("water_impact", tmp_path, ("one",))
+    with pytest.raises(InputError, match=r"has no time_s, tyre_plate_m, body_plate_m: it holds one/aextx"):
+        records.read_set("quarter_car_bench", tmp_path, ("tuesday",))
+    with pytest.raises(InputError, match="no records of mr_damper"):
+        records.read_set("mr_damper", tmp_path / "out", ("voltage_on",))
+    with pytest.raises(InputError, match="a law is that of one record, and 2"):
+        records.write_logs("water_impact", tmp_path, tmp_path / "out", ("one", "two"))
+
+
+def test_a_base_that_never_slips_is_said_to(records, tmp_path):
+    write_frames(tmp_path / "bolted.npz", ["bolted"], slip=0.0)
+    write_frames(tmp_path / "loose.npz", ["loose"], slip=0.9)
+    with pytest.raises(InputError, match=r"the base never slips in bolted: .* slide for so long: loose$"):
+        records.read_set("sliding_isolators_bench", tmp_path, ("bolted",))
+    assert records.read_set("sliding_isolators_bench", tmp_path, ("loose",)).bench.samples.size >= records.LEAST_SAMPLES
+
+
+def test_the_command_of_the_example_ends_in_one_sentence(records, tmp_path, monkeypatch):
+    write_frames(tmp_path / "tuesday.npz", ["one"], slip=0.0)
+    said = ["sliding_isolators_bench", "--data", str(tmp_path), "--records", "one", "--out", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.argv", ["real_records.py", *said])
+    with pytest.raises(SystemExit, match=r"^sliding_isolators_bench: the base never slips in one"):
+        records.main()

@@ -276,7 +276,12 @@ def _checked_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, sett
             f"counted has type {which.dtype} and shape {which.shape}: give one truth value a sample, {n_samples}"
         )
     if which.sum() < settings.least_samples:
-        raise InputError(f"{which.sum()} samples count: at least {settings.least_samples} are needed")
+        remedy = (
+            "take a longer record"
+            if which.any()
+            else "the law holds nowhere in this record, as that of a bearing that never slips; take one in which it does"
+        )
+        raise InputError(f"{which.sum()} samples count: at least {settings.least_samples} are needed; {remedy}")
     if moving_mass and not which.all():
         raise InputError(
             "counted beside moving_mass: a motion is simulated without a gap, give a stretch of the record"
