@@ -1,6 +1,7 @@
 """Struts of oil and gas: what carries the weight, from which starts it is found, and what is told of the gas."""
 
 import importlib
+import re
 from dataclasses import replace
 from datetime import date
 
@@ -86,6 +87,42 @@ def test_a_lighter_strut_of_the_benchmark_rests_where_its_gas_does(struts):
 def test_a_gear_needs_a_spring_or_gas():
     with pytest.raises(InputError, match="suspension_stiffness_n_per_m of the landing gear is 0"):
         LandingGear(suspension_stiffness_n_per_m=0.0)
+
+
+def test_a_run_so_light_that_its_strut_rests_on_its_stop_is_said_to():
+    """The gas gives up F0 (1 - h/(h + g)) on the way to the stop; the rest of the weight that is gone presses on it."""
+    gap_m, removed_n = 0.008, 222.0 * GRAVITY_M_PER_S2
+    stop = {"rebound_stop": {"stiffness_n_per_m": 2e6, "gap_m": gap_m}}
+    values = {name: VALUES[name] for name in ("gas_column", "orifice_damping")} | stop
+    stopped = law_from_parameters("+".join(values), values)
+    gear = LandingGear(suspension_stiffness_n_per_m=0.0, suspension_damping_n_s_per_m=2e3, law=stopped)
+    without = identify(strut_study(gear), law="gas_column+orifice_damping")
+    assert "a mass change may have put the strut on a stop that the law lacks" in without.not_determined
+    for removed_kg in (222.0, 100.0):
+        found = identify(strut_study(gear, removed_kg=removed_kg), law=stopped.name)
+        assert found.parameters.sprung_mass_kg.holds(MASS_KG)
+        said = [each for each in found.warnings if "rests on its rebound_stop" in each]
+        if removed_kg == 100.0:
+            assert not said
+            continue
+        (sentence,) = said
+        _, run, _, reference, *_ = sentence.split("'")
+        less_n, beyond_n = (float(each) for each in re.findall(r"([\d.]+) N\b", sentence))
+        assert (run, reference) == ("light", "heavy")
+        assert less_n == pytest.approx(removed_n, rel=0.02)
+        # where the stop gives way a little, the gas gives up a little more
+        travel_m = gear_rest(gear, removed_n)
+        assert beyond_n == pytest.approx(2e6 * (travel_m - gap_m), rel=0.1)
+        assert "check mass_change_kg" in sentence
+
+
+def gear_rest(gear, removed_n):
+    """How much farther a gear rests extended whose weight is less by a force, by bisection."""
+    low, high = 0.0, 0.1
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if gear.law.static_force(middle)[0] < removed_n else (low, middle)
+    return low
 
 
 # ---- what is known of the gas ----------------------------------------------------------------------

@@ -69,6 +69,16 @@ def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(foun
         assert frequency.std > 0.02 * frequency.value
 
 
+def test_the_law_that_is_searched_predicts_a_quake_that_was_left_out(found):
+    """Three quakes to a quarter of their motion; the fourth moves the isolators twice as far as the others do."""
+    result = found("isolated_building")
+    assert result.law.has_memory
+    left_out = sorted(each.unexplained for each in result.evidence[0].error.left_out)
+    assert left_out[2] < 0.25
+    assert left_out[3] < 0.5
+    assert all(each.inside > 0.9 for each in result.evidence[0].error.left_out)
+
+
 @pytest.mark.parametrize(
     ("name", "kinds", "law"),
     [

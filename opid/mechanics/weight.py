@@ -85,8 +85,11 @@ def find_rest(
         travel = travel + step
         if not np.abs(travel).max() < FARTHEST_REST_M:
             break
+    given = _most_carried(interfaces, rows, total, carried)
     raise UnboundedResponseError(
-        "the springs and the weight that a run carries balance nowhere: check the mass change and the stiffness"
+        f"the springs balance at most {100 * given:.0f} % of the weight that a run carries more or less, and the other "
+        f"{100 * (1 - given):.0f} % would drive a suspension off its stop: check the mass change with its sign and "
+        "unit, change the mass by less, or give a law with the stop that is reached (rebound_stop or bump_stop)"
     )
 
 
@@ -142,9 +145,17 @@ def slopes_at_rest(law: TermSet) -> bool:
     return bool(law.gradient(0.0, 0.0)[0])
 
 
+def _most_carried(interfaces: Sequence[Interface], rows: FloatArray, total: FloatArray, carried: FloatArray) -> float:
+    """Return the largest fraction of a load that springs balance on the way that it pushes them."""
+    way = rows @ total
+    travel = np.outer(way / np.abs(way).max(), np.geomspace(1e-6, FARTHEST_REST_M, 500))
+    forces = total @ rows.T @ (_springs(interfaces, travel)[0] - carried[:, np.newaxis])
+    return float(np.clip(np.nanmax(forces) / (total @ total), 0.0, 1.0))
+
+
 def _springs(interfaces: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Spring forces about the origins of their laws, and their slopes."""
-    force, slope = np.empty((2, len(interfaces)))
+    """Spring forces about the origins of their laws, and their slopes: each (n_interfaces, ...), as the travel."""
+    force, slope = np.empty((2, *travel.shape))
     for number, (interface, z) in enumerate(zip(interfaces, travel, strict=True)):
         slope[number] = interface.stiffness + interface.ground_stiffness
         force[number] = slope[number] * z

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.mechanics.laws.law import LAWS
+from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.repeatability import PARTS, part_of
 from opid.signals.health.across_channels import find_unit_ratio
 from opid.signals.health.inspection import findings_in_words
@@ -80,6 +80,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     if reported:
         yield from _of_the_ground(answer)
         yield from doubts_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
+        yield from doubts_of_stops(answer.interfaces)
     rules = any(each.repeatability.rules_mass for each in answer.evidence)
     yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:
@@ -500,6 +501,26 @@ def doubts_of_gas(
             for doubt in _doubts_of_column(each, areas[each.name], settings):
                 yield where + doubt
         done.add(each.name)
+
+
+def doubts_of_stops(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:
+    """Yield the runs whose weight puts a suspension on a stop, one sentence each."""
+    for each in interfaces:
+        reference = next((at_rest.run for at_rest in each.at_rest if not at_rest.travel_m.value), "the reference run")
+        stops = [term for term in each.law.terms if term.kind.is_stop]
+        for at_rest, stop in [(at_rest, stop) for at_rest in each.at_rest for stop in stops]:
+            travel, stiffness = at_rest.travel_m.value, each.stiffness.value
+            pressed_n = 0.0 if travel is None else float(Law((stop,), each.law.rest_m).static_force(travel)[0])
+            if travel is None or stiffness is None or not pressed_n:
+                continue
+            change_n = stiffness * travel + float(each.law.static_force(travel)[0])
+            where = f" at {each.name!r}" if len(interfaces) > 1 else ""
+            yield (
+                f"in run {at_rest.run!r} the suspension{where} rests on its {stop.name}: it carries "
+                f"{abs(change_n):.4g} N {'less' if travel > 0 else 'more'} than in {reference!r}, which exceeds what "
+                f"the spring takes before the stop by {abs(pressed_n):.4g} N; if it did not stand on the stop, check "
+                "mass_change_kg, otherwise change the mass by less, for a strut on its stop tells less of its spring"
+            )
 
 
 def _doubts_of_column(

@@ -279,7 +279,7 @@ def _checked_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, sett
         remedy = (
             "take a longer record"
             if which.any()
-            else "the law holds nowhere in this record, as that of a bearing that never slips; take one in which it does"
+            else "the law holds nowhere in this record, as that of what never slips; take a record in which it does"
         )
         raise InputError(f"{which.sum()} samples count: at least {settings.least_samples} are needed; {remedy}")
     if moving_mass and not which.all():
