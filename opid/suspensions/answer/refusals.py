@@ -215,9 +215,9 @@ def _why_no_mass_of_gear(choice: Choice) -> str | None:
             f"{over_noise(choice.ratio)} times the sensors' noise, goes with the motion and bends the parameters, and "
             f"no mass can be told: {law if part.law_is_given else 'the law may be outside the library'}, this gear may "
             "not be alone on its body, which rolls and pitches on others (then describe all of them in "
-            "[[interfaces]]), a mass change may have put the strut on a stop that the law lacks, or the channels or the "
-            "mass changes are not as stated; the ratios to the mass are given, as equivalents over the motion of these "
-            "runs"
+            "[[interfaces]]), a mass change may have put the strut on a stop that the law lacks, or the channels or "
+            "the mass changes are not as stated; the ratios to the mass are given, as equivalents over the motion of "
+            "these runs"
         )
     if is_loose and choice.ratio > choice.verdicts.doubtful:
         return (
