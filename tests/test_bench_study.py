@@ -223,3 +223,80 @@ def test_a_study_made_in_python_is_checked(bench, tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             replace(study, **wrong)
+
+
+# ---- a strut of oil and gas -------------------------------------------------------------------------
+
+AREA_M2, PRESSURE_PA, LENGTH_M = 0.006, 3e6, 0.08
+
+
+def strut(seed=1):
+    """Time, travel and force of gas at 3 MPa above 480 cm^3 and of oil: 12 N of noise, strokes of half of the gas."""
+    t, rng = np.arange(6000) / FS, np.random.default_rng(seed)
+    z = sum(0.014 * np.sin(2 * np.pi * f * t + phase) for f, phase in ((0.7, 1), (1.3, 4), (2.1, 2)))
+    v = np.gradient(z, 1 / FS)
+    gas = (PRESSURE_PA + 101325) * (1 + z / LENGTH_M) ** -1.25 - 101325
+    force = -AREA_M2 * gas + 2e3 * v + 4e4 * v * np.abs(v) + 12 * rng.standard_normal(t.size)
+    return {"time [s]": t, "stroke [mm]": 1e3 * z, "speed [m/s]": v, "load [N]": force}
+
+
+def strut_file(place, area):
+    written(place / "bench.csv", strut())
+    named = "force = 'load'\ntravel = 'stroke'\nvelocity = 'speed'\n"
+    path = place / "study.toml"
+    kinds = "candidates = ['gas_column', 'quadratic_damping', 'cubic_stiffness']\n"
+    path.write_text(f"[bench]\nlog = 'bench.csv'\n{kinds}{named}{area}", encoding="utf-8")
+    return path
+
+
+def test_gas_of_a_strut_on_the_bench_is_told_in_pressure_and_volume(tmp_path):
+    found = opid.suspensions.law_of_bench(opid.read_study(strut_file(tmp_path, f"piston_area_m2 = {AREA_M2}\n")))
+    assert found.law.name == "quadratic_damping+gas_column"
+    volume = AREA_M2 * LENGTH_M
+    truth = ((PRESSURE_PA + 101325) * volume, PRESSURE_PA, volume)
+    told_of_gas = (found.gas.content_n_m, found.gas.pressure_pa, found.gas.volume_m3)
+    for estimate, true in zip(told_of_gas, truth, strict=True):
+        assert estimate.holds(true)
+        assert np.ptp(estimate.interval95) < 0.2 * true
+    assert not any("piston_area" in warning for warning in found.warnings)
+    assert "gas: gauge pressure" in opid.text(found)
+    told = found.to_dict()
+    assert told["gas"]["pressure_pa"]["value"] == found.gas.pressure_pa.value
+    assert told["settings"]["piston_area_m2"] == AREA_M2
+
+
+def test_gas_of_a_strut_without_its_area_is_told_as_pressure_times_volume(tmp_path):
+    found = opid.suspensions.law_of_bench(opid.read_study(strut_file(tmp_path, "")))
+    assert found.gas.content_n_m.holds((PRESSURE_PA + 101325) * AREA_M2 * LENGTH_M)
+    assert found.gas.pressure_pa.value is None
+    assert "gas: gauge pressure" not in opid.text(found)
+
+
+def test_a_law_without_gas_tells_none(bench, tmp_path):
+    study = replace(opid.read_study(study_file(tmp_path)), piston_area_m2=AREA_M2)
+    found = opid.suspensions.law_of_bench(study)
+    assert found.gas is None
+    assert found.to_dict()["gas"] is None
+
+
+@pytest.mark.parametrize("area_m2", [6e-5, 0.6])
+def test_an_area_that_contradicts_the_static_pressure_is_doubted_on_the_bench(tmp_path, area_m2):
+    found = opid.suspensions.law_of_bench(opid.read_study(strut_file(tmp_path, f"piston_area_m2 = {area_m2}\n")))
+    (warning,) = (each for each in found.warnings if "contradicts the static pressure" in each)
+    assert f"{area_m2:g}" in warning
+    assert "MPa" in warning
+
+
+def test_the_command_takes_the_area_and_refuses_one_that_no_piston_has(tmp_path):
+    log = written(tmp_path / "bench.csv", strut())
+    named = ("--force", "load", "--travel", "stroke", "--velocity", "speed")
+    done = command("law", log, *named, "--piston-area", AREA_M2, "--out", tmp_path / "result")
+    assert done.exit_code == 0
+    assert "gas: volume" in done.stdout
+    page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+    assert "--piston-area 0.006" in page
+    for area in ("60", "0"):
+        done = command("law", log, *named, "--piston-area", area)
+        refused(done, f"the piston_area_m2 is {float(area)!r}, give the area that the gas pushes on")
+    study = strut_file(tmp_path, f"piston_area_m2 = {AREA_M2}\n")
+    refused(command("law", study, "--piston-area", AREA_M2), "leave out --piston-area")

@@ -221,6 +221,13 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
     metavar="KG",
     help="Of a body that the specimen alone holds: --force is its acceleration.",
 )
+@click.option(
+    "--piston-area",
+    "piston_area_m2",
+    type=Number("m^2, 0.004 for 40 cm^2"),
+    metavar="M2",
+    help="What the gas of an oleo strut pushes on; its pressure and volume are then given.",
+)
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @out_option("For result.json, report and figures.")
 @partial(with_output, option="--overwrite")  # --force names a column here
@@ -240,7 +247,7 @@ def law(bench: Path, output: Output, **of_log: Any) -> None:
     from opid.suspensions.bench.record import BenchStudy
 
     given = {name: value for name, value in of_log.items() if value is not None and value is not False}
-    options = [f"--{name.removesuffix('_kg').replace('_', '-')}" for name in given]
+    options = [f"--{name.removesuffix('_kg').removesuffix('_m2').replace('_', '-')}" for name in given]
     is_study = bench.suffix.lower() == ".toml"
     if is_study and given:
         raise click.UsageError(f"{bench} is a study, which says that itself: leave out {' and '.join(options)}")

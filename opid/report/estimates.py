@@ -9,6 +9,7 @@ from opid.mechanics.laws.kinds import Parameter
 from opid.mechanics.laws.law import Law, unit_of_parameter
 from opid.mechanics.truth import Truth
 from opid.report.document import Row, Table, columns
+from opid.suspensions.result import GasColumn
 
 ROUNDING = 1e-12
 """A value whose relative standard deviation is smaller is a constant: such a deviation comes from rounding."""
@@ -67,6 +68,17 @@ def estimate_table(rows: Iterable[Row], truth: Truth | None = None, title: str =
 def law_in_words(law: Law, symbol: str = "f") -> str:
     """Return the name of a law, and its formula where it is one term."""
     return f"{law.name}, {symbol} = {formula(law.latex)}" if len(law.terms) == 1 else law.name
+
+
+def gas_rows(gas: GasColumn | None, where: str) -> Iterator[Row]:
+    """Yield a heading and the rows of a column of gas; none where there is no gas."""
+    if gas is None:
+        return
+    rows = [("gas: pressure times volume", "N m", gas.content_n_m)]
+    if gas.pressure_pa.value is not None:
+        rows += [("gas: gauge pressure", "Pa", gas.pressure_pa), ("gas: volume", "m^3", gas.volume_m3)]
+    yield (f"{where}; pressure times volume falls where gas leaks or cools",)
+    yield from (estimate_row(*row) for row in rows)
 
 
 def law_rows(

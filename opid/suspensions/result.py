@@ -174,13 +174,13 @@ class SpringEstimate(Estimates):
 
 @dataclass(frozen=True)
 class GasColumn(Estimates):
-    """The gas that carries a suspension, in the reference run.
+    """The gas that carries a suspension, in the reference run, or where the travel of a strut on the bench is zero.
 
     Args:
         content_n_m: absolute pressure times volume, which no loading changes: it falls where gas leaks, and rises where
             gas takes the place of oil.
-        pressure_pa: as a gauge reads it at rest; nothing where the area of the piston is not stated.
-        volume_m3: at rest, likewise.
+        pressure_pa: as a gauge reads it there; nothing where the area of the piston is not stated.
+        volume_m3: there, likewise.
     """
 
     content_n_m: Estimate = _NOTHING

@@ -404,17 +404,7 @@ def _interface_faults(study: Study) -> Iterator[str]:
         yield f"the axis{_of(study, each)} is {each.axis!r}, {remedy}"
     for each in study.interfaces:
         area = each.piston_area_m2
-        if area is not None and not (_is_within(area, 0.0, LARGEST_PISTON_M2) and area):
-            is_small_unit = _is_within(area, LARGEST_PISTON_M2, 1e6 * LARGEST_PISTON_M2)
-            usual = (
-                f"{float(area):g} mm^2 are {1e-6 * area:.3g} m^2"
-                if is_small_unit
-                else "a bore of 100 mm has 0.00785 m^2"
-            )
-            yield (
-                f"the piston_area_m2{_of(study, each)} is {area!r}, give the area that the gas pushes on, more than 0 "
-                f"and at most {LARGEST_PISTON_M2:g} m^2 ({usual})"
-            )
+        yield from area_faults(area, _of(study, each))
         if area is not None and each.axis in ("down", "horizontal"):
             turned = "give both channels sign = -1 and the axis 'up', or " * (each.axis == "down")
             yield (
@@ -494,6 +484,21 @@ def repeatability_faults(repeatability: object) -> Iterator[str]:
         yield (
             f"the repeatability is {repeatability!r}, give the relative standard deviation by which springs, damping "
             f"and friction differ from run to run, a number from 0 to {MOST_UNLIKE:g} (0.01 for 1 %)"
+        )
+
+
+def area_faults(area_m2: float | None, of: str = "") -> Iterator[str]:
+    """Yield what is wrong with the stated area of a piston, `of` which interface in words."""
+    if area_m2 is not None and not (_is_within(area_m2, 0.0, LARGEST_PISTON_M2) and area_m2):
+        is_small_unit = _is_within(area_m2, LARGEST_PISTON_M2, 1e6 * LARGEST_PISTON_M2)
+        usual = (
+            f"{float(area_m2):g} mm^2 are {1e-6 * area_m2:.3g} m^2"
+            if is_small_unit
+            else "a bore of 100 mm has 0.00785 m^2"
+        )
+        yield (
+            f"the piston_area_m2{of} is {area_m2!r}, give the area that the gas pushes on, more than 0 "
+            f"and at most {LARGEST_PISTON_M2:g} m^2 ({usual})"
         )
 
 

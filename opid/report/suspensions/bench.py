@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from opid.report.document import Document, Figure, Paragraph, Row, sentence, warnings
-from opid.report.estimates import estimate_row, estimate_table, law_in_words, law_rows
+from opid.report.estimates import estimate_row, estimate_table, gas_rows, law_in_words, law_rows
 from opid.suspensions.bench.law import UNITS, BenchLaw
 
 LABELS = {
@@ -92,6 +92,7 @@ def _rows(result: BenchLaw) -> Iterator[Row]:
     if len(result.law.terms) < 2:
         yield (f"Law: {law_in_words(result.law)}",)
     yield from law_rows(result.law, result.law_estimates)
+    yield from gas_rows(result.gas, "Gas where the travel is zero")
     yield ("Energy a cycle",)
     yield estimate_row("whole force", "J", result.cycle.area_j)
     if result.loop is not None:
@@ -147,4 +148,5 @@ def _command(result: BenchLaw) -> list[str]:
     words += [word for role, name in bench.channels.items() if name is not None for word in (f"--{role}", name)]
     words += ["--moving-mass"] if bench.acceleration is not None else []
     words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]
+    words += [] if bench.piston_area_m2 is None else ["--piston-area", f"{bench.piston_area_m2:.12g}"]
     return [*words, "--quasi-static"] if bench.is_quasi_static else words

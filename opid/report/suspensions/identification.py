@@ -23,7 +23,7 @@ from opid.report.document import (
     sentence,
     warnings,
 )
-from opid.report.estimates import estimate_row, estimate_table, law_in_words, law_rows
+from opid.report.estimates import estimate_row, estimate_table, gas_rows, law_in_words, law_rows
 from opid.report.suspensions.again import command_of, python_of
 from opid.report.suspensions.figures import figures_of
 from opid.suspensions.answer.as_json import chain_of
@@ -314,14 +314,7 @@ def _rest_rows(result: Identification, interface: InterfaceEstimate) -> Iterator
         rows.append((f"{each.run}: damping", damping, each.damping))
     yield ("At rest, run by run: static travel from the reference run, tangent stiffness, equivalent damping",)
     yield from (estimate_row(*row) for row in rows)
-    gas = interface.gas
-    if gas is None:
-        return
-    rows = [("gas: pressure times volume", "N m", gas.content_n_m)]
-    if gas.pressure_pa.value is not None:
-        rows += [("gas: gauge pressure", "Pa", gas.pressure_pa), ("gas: volume", "m^3", gas.volume_m3)]
-    yield ("Gas at rest in the reference run; pressure times volume falls where gas leaks or cools",)
-    yield from (estimate_row(*row) for row in rows)
+    yield from gas_rows(interface.gas, "Gas at rest in the reference run")
 
 
 # ---- structures, sensors and runs ------------------------------------------------------------------

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.weight import ATMOSPHERE_PA
 from opid.signals.recording import FloatArray
+from opid.suspensions.answer.gas import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.answer.intervals import Parameters
 from opid.suspensions.answer.refusals import ConfoundedTerm
 from opid.suspensions.candidates import Choice, Fitted
@@ -172,21 +172,15 @@ def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:
 def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasColumn | None:
     """Return the gas that carries a group of interfaces in the reference run; None where none is found.
 
-    Its force at rest is (p - p0) A with the pressure p, that of the air p0 and the area A of the piston; the amplitude
-    of the law is p A, and the length of the column V/A. The mass must be determined; pressure and volume are told only
-    where the area of the piston is stated.
+    The mass must be determined.
     """
     model, theta = known.fit.model, known.fit.theta
-    terms = model.laws(theta)[number].terms
-    index = next((k for k, term in enumerate(terms) if term.kind.quasi_static), None)
+    index = index_of_gas(model.laws(theta)[number])
     if index is None or model.inverse_mass(theta) <= 0.0:
         return None
-    area = piston_area_m2 or 1.0
 
     def read(vector: FloatArray) -> FloatArray:
         term = model.laws(vector)[number].terms[index]
-        force = term.amplitude / model.inverse_mass(vector)
-        return np.array([force * term.inner[0], force / area - ATMOSPHERE_PA, area * term.inner[0]])
+        return amounts_of_gas(term.amplitude / model.inverse_mass(vector), term.inner[0], piston_area_m2)
 
-    content, pressure, volume = known.of_function(read)
-    return GasColumn(content) if piston_area_m2 is None else GasColumn(content, pressure, volume)
+    return as_gas_column(known.of_function(read), piston_area_m2)

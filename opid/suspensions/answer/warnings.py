@@ -13,6 +13,7 @@ from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.repeatability import PARTS, part_of
 from opid.signals.health.across_channels import find_unit_ratio
 from opid.signals.health.inspection import findings_in_words
+from opid.suspensions.answer.gas import doubts_of_area
 from opid.suspensions.answer.refusals import ConfoundedTerm, worst_sensor
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.fitting.noise import over_noise
@@ -526,13 +527,7 @@ def doubts_of_stops(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:
 def _doubts_of_column(
     interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings
 ) -> Iterator[str]:
-    pressure, (low, high) = None if interface.gas is None else interface.gas.pressure_pa.value, settings.pressures_pa
-    if pressure is not None and not low <= pressure <= high:
-        yield (
-            f"the stated piston_area_m2 of {piston_area_m2:g} contradicts the static pressure: the weight would make "
-            f"it {1e-6 * pressure:.2g} MPa, and struts are serviced with {1e-6 * low:g} to {1e-6 * high:g} MPa; check "
-            "the area and the unit of the mass changes"
-        )
+    yield from doubts_of_area(interface.gas, piston_area_m2, settings)
     yield from doubts_of_exponents(interface, settings)
 
 

@@ -13,11 +13,13 @@ import numpy as np
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.mechanics.memory import gradient_along
+from opid.suspensions.answer.gas import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
+from opid.suspensions.result import GasColumn
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +157,48 @@ def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
     not. The intervals are therefore symmetric in 1/h and in A^(-1/2). Where that of 1/h reaches zero, any longer h with
     a larger A fits as well, and neither has an interval.
     """
-    intervals = []
-    for estimate, power in zip(estimates, (2, 1), strict=True):
-        value, ends = estimate.value, estimate.interval95
-        if value is None or ends is None or not (part := (ends[1] - ends[0]) / (2 * power * abs(value))) < 1:
-            return [Estimate(each.value) for each in estimates]
-        low, high = sorted((value / (1 + part) ** power, value / (1 - part) ** power))
-        intervals.append((low, high))
-    return [Estimate(each.value, each.std, ends) for each, ends in zip(estimates, intervals, strict=True)]
+    found = [_in_power(estimate, power) for estimate, power in zip(estimates, (2, 1), strict=True)]
+    if any(each.interval95 is None for each in found):
+        return [Estimate(each.value) for each in estimates]
+    return found
+
+
+def _in_power(estimate: Estimate, power: int) -> Estimate:
+    """Return an estimate x whose interval is symmetric in x^(-1/power); without one where that reaches zero."""
+    value, ends = estimate.value, estimate.interval95
+    if value is None or ends is None or not (part := (ends[1] - ends[0]) / (2 * power * abs(value))) < 1:
+        return Estimate(value)
+    low, high = sorted((value / (1 + part) ** power, value / (1 - part) ** power))
+    return Estimate(value, estimate.std, (low, high))
+
+
+def gas_of_bench(
+    fit: SeparableFit, of_law: dict[str, dict[str, Estimate]], spread: Spread, piston_area_m2: float | None
+) -> GasColumn | None:
+    """Return the gas of a strut where its travel is zero; None where none is found, or where it has no intervals.
+
+    With the parabola A/h^2 that the motion shows, A h goes with the third power of h.
+    """
+    index = index_of_gas(fit.law)
+    if index is None:
+        return None
+    term = fit.law.terms[index]
+    force, length = list(of_law[term.name].values())[:2]
+    if force.interval95 is None or length.interval95 is None:
+        return None
+    first = fit.weights.size + sum(len(each.values) for each in fit.law.terms[:index])
+    slopes = np.array([term.inner[0], term.amplitude])
+    std = float(np.sqrt(slopes @ spread.covariance[first : first + 2, first : first + 2] @ slopes))
+    values = amounts_of_gas(term.amplitude, term.inner[0], piston_area_m2)
+    ends = [amounts_of_gas(*both, piston_area_m2) for both in zip(force.interval95, length.interval95, strict=True)]
+    content, wide, area = float(values[0]), spread.student * std, piston_area_m2 or 1.0
+    stds = (std, (force.std or 0.0) / area, (length.std or 0.0) * area)
+    amounts = [
+        Estimate(float(value), own, (float(low), float(high)))
+        for value, own, low, high in zip(values, stds, *ends, strict=True)
+    ]
+    amounts[0] = _in_power(Estimate(content, std, (content - wide, content + wide)), 3)
+    return as_gas_column(amounts, piston_area_m2)
 
 
 @dataclass(frozen=True)

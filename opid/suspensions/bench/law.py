@@ -21,12 +21,14 @@ from opid.mechanics.laws.law import LAWS, Law, default_law, law_rows
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
+from opid.suspensions.answer.gas import doubts_of_area
 from opid.suspensions.bench.intervals import (
     Loop,
     cycle_of,
     estimate_parameters,
     fades_linearly,
     find_spread,
+    gas_of_bench,
     has_long_scale,
     loop_of,
 )
@@ -46,6 +48,7 @@ from opid.suspensions.bench.simulation import SimulatedFit, Simulation, refine_l
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
 from opid.suspensions.law_search.pursuit import chosen
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
+from opid.suspensions.result import GasColumn
 
 logger = logging.getLogger(__name__)
 
@@ -97,6 +100,7 @@ class BenchLaw(Result):
         interval_cell_s: length of the cells over which scores were added up for the intervals, s.
         simulation: the motion that the law makes of the force alone, to which its parameters were refined; None where
             the parameters are those of the force.
+        gas: of a strut, where its travel is zero; None where no gas is found, or where it has no intervals.
     """
 
     bench: Bench
@@ -119,6 +123,7 @@ class BenchLaw(Result):
     n_search_samples: int
     interval_cell_s: float
     simulation: Simulation | None = None
+    gas: GasColumn | None = None
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return stiffness, damping, offset, the law, and the energy that a cycle takes."""
@@ -168,6 +173,7 @@ class BenchLaw(Result):
                 "simulation": None
                 if simulation is None
                 else {name: getattr(simulation, name) for name in ("error_rms_m", "r2", "steps_per_sample", "tried")},
+                "gas": None if self.gas is None else asdict(self.gas),
                 "warnings": self.warnings,
                 "not_determined": self.not_determined,
                 "settings": self._settings(),
@@ -185,6 +191,7 @@ class BenchLaw(Result):
             "quasi_static": bench.is_quasi_static,
             "moving_mass": bench.acceleration is not None,
             "mass_kg": bench.mass_kg,
+            "piston_area_m2": bench.piston_area_m2,
             "velocity_band_hz": bench.velocity_band_hz,
             "travel_zero_m": bench.travel_zero_m,
             "candidates": self.candidates,
@@ -318,6 +325,7 @@ def _result(
         n_search_samples=problem.points.sample.size,
         interval_cell_s=spread.cell_s,
         simulation=None if refined is None else _simulation(bench, refined, simulated),
+        gas=gas_of_bench(fit, of_law, spread, bench.piston_area_m2),
     )
     warnings = (*_warnings(result, fit), *spread.reasons)
     return replace(result, warnings=warnings, not_determined=_reason(result))
@@ -445,6 +453,7 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
                 f"{amplitude.name} / {inner[0].name}^2 = {term.amplitude / term.inner[0] ** 2:.3g} is determined, and "
                 "neither has an interval; record larger strokes"
             )
+    found += doubts_of_area(result.gas, result.bench.piston_area_m2, settings.gas)
     unreached = _ways_to_stops(result.bench, fit.law)
     found += [f"{name} {not_reached(way_m)}" for name, way_m in unreached.items()]
     names = [(term, p.name) for term in fit.law.terms for p in term.kind.parameters]

@@ -18,6 +18,7 @@ from opid.provenance import ReadFile
 from opid.signals.health.result import Finding
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
+from opid.suspensions.study import area_faults
 
 _NEEDED = {"force": ("N", "N, kN or lbf"), "travel": ("m", "m, mm or in"), "velocity": ("m/s", "m/s, mm/s or in/s")}
 _ACCELERATION = ("m/s^2", "m/s^2 or g")
@@ -44,6 +45,7 @@ class Bench:
             direction, 1 or -1.
         mass_kg: of the body whose acceleration the channel of the force is, see `bench_from_recording`; None where a
             force was measured.
+        piston_area_m2: what the gas of a strut pushes on; None where it is not known, or no gas carries it.
         log: the file that it was read from without a study file; None where it came otherwise.
         source: the study file; None where there is none.
         files: that it was read from.
@@ -62,6 +64,7 @@ class Bench:
     counted: NDArray[np.bool_] | None = None
     is_quasi_static: bool = False
     mass_kg: float | None = None
+    piston_area_m2: float | None = None
     log: Path | None = None
     source: Path | None = None
     files: tuple[ReadFile, ...] = ()
@@ -403,13 +406,15 @@ class BenchStudy:
         counted: name of a channel that is 0 where the law does not hold: such samples are followed and not fitted.
         candidates: kinds that the law may be made of; None for every kind that is searched.
         most_terms: of the law at the most; None for as many as the settings say.
+        piston_area_m2: what the gas of a strut pushes on, whose pressure and volume are then told; None where it is not
+            known, or no gas carries it.
         findings: what the health check found in the log.
         source: the study file; None where there is none.
         log: the file that it was read from without a study file; None where it came otherwise.
 
     Raises:
-        InputError: an unknown kind, a quasi-static test with a velocity, a mass, a moving mass or samples that do not
-            count, or as `bench_from_recording`.
+        InputError: an unknown kind, an area that no piston has, a quasi-static test with a velocity, a mass, a moving
+            mass or samples that do not count, or as `bench_from_recording`.
         NotDeterminedError: a travel or a force that never changes.
     """
 
@@ -424,6 +429,7 @@ class BenchStudy:
     counted: str | None = None
     candidates: Sequence[str] | None = None
     most_terms: int | None = None
+    piston_area_m2: float | None = None
     findings: tuple[Finding, ...] = ()
     source: Path | None = None
     log: Path | None = None
@@ -433,6 +439,8 @@ class BenchStudy:
             default_law(kind)  # refuses an unknown kind
         if self.most_terms is not None and self.most_terms < 0:
             raise InputError(f"most_terms is {self.most_terms}: give 0 or more")
+        for fault in area_faults(self.piston_area_m2):
+            raise InputError(fault)
         timed = [name for name in ("velocity", "mass_kg", "moving_mass", "counted") if getattr(self, name)]
         if self.quasi_static and timed:
             raise InputError(
@@ -456,4 +464,10 @@ class BenchStudy:
                 counted=None if self.counted is None else self.recording.channel(self.counted) != 0,
             )
         of_log = (f"{each.channel}: " * bool(each.channel) + each.message for each in self.findings)
-        return replace(found, warnings=(*found.warnings, *of_log), source=self.source, log=self.log)
+        return replace(
+            found,
+            warnings=(*found.warnings, *of_log),
+            piston_area_m2=self.piston_area_m2,
+            source=self.source,
+            log=self.log,
+        )

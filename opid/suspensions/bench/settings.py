@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from opid.suspensions.fitting.least_squares import SeparableSettings
-from opid.suspensions.settings import SearchSettings
+from opid.suspensions.settings import GasSettings, SearchSettings
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,7 @@ class BenchSettings:
         separable: where inner parameters are searched.
         memory: what counts as memory.
         simulation: how a law of moving parts is refined.
+        gas: with what pressure struts are serviced; what carries a weight is not asked on a bench.
         n_search: samples that the search looks at; the chosen law is fitted to all.
         steps_per_rms: the search follows what is remembered in steps in which the rms velocity covers one part in so
             many of the rms travel: some two hundred steps in a cycle, however fast a slow motion was sampled.
@@ -160,6 +161,7 @@ class BenchSettings:
     separable: SeparableSettings = field(default_factory=SeparableSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    gas: GasSettings = field(default_factory=GasSettings)
     n_search: int = 5000
     steps_per_rms: float = 30.0
     n_stretches: int = 30

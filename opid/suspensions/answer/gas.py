@@ -1,0 +1,45 @@
+"""The gas that carries a suspension, told as it is serviced: of a gear that taxied and of a strut on the test bench."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law
+from opid.mechanics.weight import ATMOSPHERE_PA
+from opid.signals.recording import FloatArray
+from opid.suspensions.result import GasColumn
+from opid.suspensions.settings import GasSettings
+
+
+def index_of_gas(law: Law) -> int | None:
+    """Return which term of a law is a column of gas; None where none is."""
+    return next((index for index, term in enumerate(law.terms) if term.kind.quasi_static), None)
+
+
+def amounts_of_gas(force_n: float, length_m: float, piston_area_m2: float | None) -> FloatArray:
+    """Return pressure times volume, gauge pressure and volume of a column of gas, (3,) in N m, Pa and m^3.
+
+    The law's force at its origin is p A with the absolute pressure p and the area A of the piston, and the length of
+    the column V/A. The gauge pressure is p less that of the air. Without an area only the first is one of the gas.
+    """
+    area = piston_area_m2 or 1.0
+    return np.array([force_n * length_m, force_n / area - ATMOSPHERE_PA, area * length_m])
+
+
+def as_gas_column(amounts: Sequence[Estimate], piston_area_m2: float | None) -> GasColumn:
+    """Return what is told of the amounts: pressure and volume only where the area of the piston is stated."""
+    return GasColumn(amounts[0]) if piston_area_m2 is None else GasColumn(*amounts)
+
+
+def doubts_of_area(gas: GasColumn | None, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:
+    """Yield that the stated area of a piston contradicts the static pressure, in one sentence."""
+    pressure, (low, high) = None if gas is None else gas.pressure_pa.value, settings.pressures_pa
+    if pressure is not None and not low <= pressure <= high:
+        yield (
+            f"the stated piston_area_m2 of {piston_area_m2:g} contradicts the static pressure: what the gas carries "
+            f"would make it {1e-6 * pressure:.2g} MPa, and struts are serviced with {1e-6 * low:g} to {1e-6 * high:g} "
+            "MPa; check the area and the unit of the mass changes, or on the test bench of the force"
+        )
