@@ -92,6 +92,52 @@ def test_a_motion_is_that_of_solve_ivp(name, scale):
         np.testing.assert_allclose(got, wanted, atol=1e-4 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize(
+    "subject",
+    [
+        law(
+            "lugre_friction",
+            amplitude_n=1000.0,
+            scale_m=1e-4,
+            breakaway_ratio=1.6,
+            stribeck_m_per_s=2e-3,
+            bristle_lag_s=1e-3,
+        ),
+        law("dahl_friction", amplitude_n=1500.0, scale_m=1e-4),
+    ],
+    ids=lambda subject: subject.name,
+)
+def test_a_body_that_sticks_and_slips_is_that_of_solve_ivp(subject):
+    """A drive of 0.25 Hz holds the friction below its breakaway for most of a second, then tears it off, and again."""
+    (name,), (amplitude, *inner) = (term.name for term in subject.terms), subject.vector.tolist()
+    lag = inner[3] if name == "lugre_friction" else 0.0
+    half_steps = np.arange(2 * int(4.5 * FS) - 1) / (2 * FS)
+    time_s = half_steps[::2]
+
+    def drive(t):
+        return np.sin(0.5 * np.pi * t)
+
+    def rates(t, state):
+        z, v, h = state
+        rate = _rate(name, h, v, inner)
+        force = 5e4 * z + 1500 * v + amplitude * (h + lag * rate)
+        return [v, -force / MASS_KG - drive(t), rate]
+
+    true = solve_ivp(rates, (0, time_s[-1]), [0.0] * 3, "Radau", t_eval=time_s, rtol=1e-7, atol=1e-10).y
+    speed = np.abs(true[1])
+    # what creeps at a fiftieth of the fastest slip sticks: how long each time, and how fast it slips between
+    edges = np.flatnonzero(np.diff(speed > 0.02 * speed.max(), prepend=True, append=True))
+    stuck_s = [(last - first) / FS for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    assert sum(each > 0.4 for each in stuck_s) >= 3
+    assert speed.max() > 0.05
+    assert np.ptp(true[0]) > 100 * inner[0]
+    interface = Interface(5e4, 1500.0, law=subject)
+    given = drive(half_steps)[:, np.newaxis]
+    found = driven_response([interface], [[1 / MASS_KG]], given, fs=FS, ground=False, sensitivity=False)
+    for got, wanted in ((found.travel[:, 0], true[0]), (found.velocity[:, 0], true[1])):
+        np.testing.assert_allclose(got, wanted, atol=2e-4 * np.abs(wanted).max())
+
+
 def test_an_iwan_joint_is_its_sliders():
     """Elements whose slip travels are those of the law, as the sliders of a structure."""
     subject = law("iwan_friction", amplitude_n=900.0, scale_m=4e-3, spread=0.6, jump=0.4)
