@@ -1,6 +1,7 @@
 """Struts of oil and gas: what carries the weight, from which starts it is found, and what is told of the gas."""
 
 import importlib
+import json
 import re
 from dataclasses import replace
 from datetime import date
@@ -371,7 +372,6 @@ def test_a_study_file_says_the_area_of_the_piston(tmp_path):
 
 @pytest.mark.parametrize(("changed", "words"), [(-0.08, "a gas leak"), (0.08, "an oil leak")])
 def test_flights_tell_a_gas_leak_from_an_oil_leak(tmp_path, changed, words):
-    import json
 
     from made_flights import gear_result
 
@@ -392,6 +392,42 @@ def test_flights_tell_a_gas_leak_from_an_oil_leak(tmp_path, changed, words):
     assert words in change.statement
     names = {series.quantity.name for series in found.series}
     assert names == {"gas", "damping", "mass"}
+
+
+@pytest.fixture(scope="module")
+def sound_flights():
+    """Two flights of a strut that lost nothing."""
+    return [flight_of_strut(0.08, number) for number in range(2)]
+
+
+def flight_of_strut(length_m, number):
+    study = strut_study(on_air(0.006, length_m), seed=number, piston_area_m2=0.006, date=date(2026, 3, number + 1))
+    return identify(study, law="gas_column")
+
+
+@pytest.mark.parametrize(
+    ("volume_factor", "words"), [(0.9, "a gas leak, less pressure"), (1.1, "an oil leak, more volume"), (1.0, None)]
+)
+def test_a_simulated_leak_is_told_from_flight_to_flight(sound_flights, tmp_path, volume_factor, words):
+    """A strut that lost gas rests on a shorter column; one that lost oil and was filled with gas, on a longer one.
+
+    The weight sees to it that the pressure at rest stays the same.
+    """
+    results = [*sound_flights, flight_of_strut(0.08 * volume_factor, 2)]
+    before, after = (result.interfaces[0].gas for result in results[1:])
+    assert after.pressure_pa.value == pytest.approx(before.pressure_pa.value, rel=0.04)
+    assert after.volume_m3.value == pytest.approx(volume_factor * before.volume_m3.value, rel=0.04)
+    for number, result in enumerate(results):
+        (tmp_path / f"flight{number}").mkdir()
+        (tmp_path / f"flight{number}" / "result.json").write_text(json.dumps(result.to_dict()), encoding="utf-8")
+    changes = compare(read_flights([tmp_path])).changes
+    if words is None:
+        assert changes == ()
+        return
+    (change,) = (each for each in changes if each.quantity.name == "gas")
+    assert words in change.statement
+    assert "flight2" in change.statement
+    assert change.share.holds(volume_factor - 1)
 
 
 def rubbing_strut(mass_kg, *, length_m=0.12, exponent=1.3):
