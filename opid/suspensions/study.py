@@ -488,7 +488,7 @@ def repeatability_faults(repeatability: object) -> Iterator[str]:
 
 
 def area_faults(area_m2: float | None, of: str = "") -> Iterator[str]:
-    """Yield what is wrong with the stated area of a piston, `of` which interface in words."""
+    """Yield what is wrong with the stated `area_m2` of a piston, `of` which interface in words."""
     if area_m2 is not None and not (_is_within(area_m2, 0.0, LARGEST_PISTON_M2) and area_m2):
         is_small_unit = _is_within(area_m2, LARGEST_PISTON_M2, 1e6 * LARGEST_PISTON_M2)
         usual = (

@@ -22,20 +22,30 @@ def index_of_gas(law: Law) -> int | None:
 def amounts_of_gas(force_n: float, length_m: float, piston_area_m2: float | None) -> FloatArray:
     """Return pressure times volume, gauge pressure and volume of a column of gas, (3,) in N m, Pa and m^3.
 
-    The law's force at its origin is p A with the absolute pressure p and the area A of the piston, and the length of
-    the column V/A. The gauge pressure is p less that of the air. Without an area only the first is one of the gas.
+    The gauge pressure is the absolute pressure p less that of the air.
+
+    Args:
+        force_n: of the law at its origin, p A.
+        length_m: of the column, V/A.
+        piston_area_m2: A; None where it is not stated, and only the first of the three is one of the gas.
     """
     area = piston_area_m2 or 1.0
     return np.array([force_n * length_m, force_n / area - ATMOSPHERE_PA, area * length_m])
 
 
 def as_gas_column(amounts: Sequence[Estimate], piston_area_m2: float | None) -> GasColumn:
-    """Return what is told of the amounts: pressure and volume only where the area of the piston is stated."""
+    """Return what is told of the amounts: pressure and volume only where the `piston_area_m2` is stated."""
     return GasColumn(amounts[0]) if piston_area_m2 is None else GasColumn(*amounts)
 
 
 def doubts_of_area(gas: GasColumn | None, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:
-    """Yield that the stated area of a piston contradicts the static pressure, in one sentence."""
+    """Yield that the stated area of a piston contradicts the static pressure, in one sentence.
+
+    Args:
+        gas: that was found, or None.
+        piston_area_m2: as stated.
+        settings: with what pressures struts are serviced.
+    """
     pressure, (low, high) = None if gas is None else gas.pressure_pa.value, settings.pressures_pa
     if pressure is not None and not low <= pressure <= high:
         yield (
