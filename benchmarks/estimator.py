@@ -83,7 +83,7 @@ def printed_mass_kg(found: GearIdentification) -> float:
 
 def stiffness_per_mass(found: GearIdentification) -> tuple[float, float]:
     """Return K2/M2 of the first two runs, each by complex least squares on its own lines, 1/s^2."""
-    first, second = (run.complex_fit.value[0] for run in _chain(found).runs)
+    first, second, *_ = (run.complex_fit.value[0] for run in _chain(found).runs)
     return first, second
 
 

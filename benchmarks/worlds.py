@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from estimator import AnyStudy, gear_study
@@ -54,6 +54,22 @@ class World:
     study: Callable[[int], tuple[AnyStudy, float | None]]
 
 
+class Rolled(NamedTuple):
+    """What two sensors recorded of a run, and what the strut did meanwhile.
+
+    Args:
+        recording: of the sensors below and above the strut.
+        travel: (n,) of the strut at every step of the integration, m.
+        velocity: (n,) likewise, m/s.
+        force: (n,) of spring, damper and memory likewise, N.
+    """
+
+    recording: Recording
+    travel: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+
+
 # Forces with memory: (state h, travel z, its rate z', parameters) -> (h', force)
 
 
@@ -87,6 +103,12 @@ def lugre(h: float, z: float, v: float, p: Any) -> Any:
     return rate, stiffness * h + damping * rate
 
 
+@njit
+def bump_stop(h: float, z: float, v: float, p: Any) -> Any:
+    """A stop that is met when the strut is compressed by more than the gap; it remembers nothing."""
+    return 0.0, -p[0] * max(-z - p[1], 0.0)
+
+
 # seals and bearings of a strut that carries 1.85 t: they slip at 400 N, as the nominal gear's friction does
 FRICTION = (400.0, 0.02)
 # stuck, they give by 0.5 mm
@@ -95,6 +117,8 @@ DAHL = (8e5, 400.0)
 BOUC_WEN = (3e5, 2e-3, 2.0, 0.5)
 # 0.3 mm until they slip, half as much again to break loose, Stribeck velocity 20 mm/s
 LUGRE = (2e6, 1e3, 400.0, 600.0, 0.02)
+# three times as stiff as the spring, met at half as much again as the rms travel
+STOP = (1.2e6, 6e-3)
 
 
 @njit
@@ -103,23 +127,24 @@ def _rates(x: Any, memory: Any, p: Any, gear: Any, under: float, aside: float) -
     z, v = x[2] - x[0], x[3] - x[1]
     h_rate, force = memory(x[4], z, v, p)
     force += k2 * z + c2 * v
-    return np.array([x[1], (force - k1 * x[0] - c1 * x[1] + under) / m1, x[3], (aside - force) / m2, h_rate])
+    rates = np.array([x[1], (force - k1 * x[0] - c1 * x[1] + under) / m1, x[3], (aside - force) / m2, h_rate])
+    return rates, force
 
 
 @njit
 def _integrated(memory: Any, p: Any, gear: Any, under: FloatArray, aside: FloatArray, step_s: float) -> FloatArray:
-    """Accelerations of both masses at every step, forces given at half steps."""
+    """Accelerations of both masses, travel, its rate and the strut's force at every step; forces at half steps."""
     n = (under.size + 1) // 2
-    x, out = np.zeros(5), np.empty((n, 2))
+    x, out = np.zeros(5), np.empty((n, 5))
     for k in range(n):
-        one = _rates(x, memory, p, gear, under[2 * k], aside[2 * k])
-        out[k, 0], out[k, 1] = one[1], one[3]
+        one, force = _rates(x, memory, p, gear, under[2 * k], aside[2 * k])
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = one[1], one[3], x[2] - x[0], x[3] - x[1], force
         if k == n - 1:
             break
         half, last = 2 * k + 1, 2 * k + 2
-        two = _rates(x + 0.5 * step_s * one, memory, p, gear, under[half], aside[half])
-        three = _rates(x + 0.5 * step_s * two, memory, p, gear, under[half], aside[half])
-        four = _rates(x + step_s * three, memory, p, gear, under[last], aside[last])
+        two = _rates(x + 0.5 * step_s * one, memory, p, gear, under[half], aside[half])[0]
+        three = _rates(x + 0.5 * step_s * two, memory, p, gear, under[half], aside[half])[0]
+        four = _rates(x + step_s * three, memory, p, gear, under[last], aside[last])[0]
         x = x + step_s / 6.0 * (one + 2.0 * two + 2.0 * three + four)
     return out
 
@@ -134,7 +159,7 @@ def rolled(
     following: float = 0.0,
     sensor: Sensor = Sensor(),  # noqa: B008
     steps: int = STEPS,
-) -> Recording:
+) -> Rolled:
     """Return one braked run of a gear whose strut has a force with memory in place of its law.
 
     Args:
@@ -169,23 +194,45 @@ def rolled(
     record = slice(round(LEAD_IN_S * FS), round((LEAD_IN_S + DURATION_S) * FS))
     columns = [
         measure(column, fs=FS, sensor=sensor, rng=noise)[record]
-        for column, noise in zip(decimate(motion, steps).T, noise_rngs, strict=True)
+        for column, noise in zip(decimate(motion[:, :2], steps).T, noise_rngs, strict=True)
     ]
-    return recording_from_arrays(columns, ["lower_z", "upper_z"], fs=FS)
+    recording = recording_from_arrays(columns, ["lower_z", "upper_z"], fs=FS)
+    return Rolled(recording, *motion[record.start * steps : record.stop * steps, 2:].T)
+
+
+def two_rolled(
+    memory: Callable,
+    parameters: tuple[float, ...],
+    seed: int,
+    *,
+    lighter: tuple[float, ...] | None = None,
+    **settings: Any,
+) -> tuple[Rolled, Rolled]:
+    """Return the run of the nominal gear and that of the lighter one.
+
+    Args:
+        memory: as of `rolled`.
+        parameters: of it.
+        seed: of both roads.
+        lighter: parameters in the second run; the same where left out.
+        settings: further ones of `rolled`.
+    """
+    light = replace(GEAR, sprung_mass_kg=GEAR.sprung_mass_kg - REMOVED_KG)
+    first, second = np.random.default_rng(seed).spawn(2)
+    heavy = rolled(GEAR, memory, parameters, rng=first, **settings)
+    return heavy, rolled(light, memory, parameters if lighter is None else lighter, rng=second, **settings)
+
+
+def study_of_rolled(title: str, runs: tuple[Rolled, Rolled]) -> AnyStudy:
+    """Return the study of the two runs of `two_rolled`."""
+    recordings = (each.recording for each in runs)
+    return gear_study(title, zip(("heavy", "light"), recordings, (0.0, -REMOVED_KG), strict=True))
 
 
 def _two_runs(
     title: str, memory: Callable, parameters: tuple[float, ...], seed: int, **settings: Any
 ) -> tuple[AnyStudy, float]:
-    light = replace(GEAR, sprung_mass_kg=GEAR.sprung_mass_kg - REMOVED_KG)
-    streams = np.random.default_rng(seed).spawn(2)
-    runs = [
-        (name, rolled(gear, memory, parameters, rng=rng, **settings), change_kg)
-        for name, gear, change_kg, rng in zip(
-            ("heavy", "light"), (GEAR, light), (0.0, -REMOVED_KG), streams, strict=True
-        )
-    ]
-    return gear_study(title, runs), GEAR.sprung_mass_kg
+    return study_of_rolled(title, two_rolled(memory, parameters, seed, **settings)), GEAR.sprung_mass_kg
 
 
 def with_memory(title: str, memory: Callable, parameters: tuple[float, ...]) -> Callable[[int], Any]:

@@ -77,7 +77,23 @@ def test_the_integrator_of_the_worlds_agrees_with_the_time_response(worlds):
     theirs = time_response(
         airframe_structure(gear.airframe), np.stack([aside, under], axis=1), fs=4096.0, duration_s=n / 4096.0
     )
-    np.testing.assert_allclose(own, theirs.acceleration[:, ::-1], rtol=1e-9, atol=1e-9 * np.abs(own).max())
+    accelerations = own[:, :2]
+    np.testing.assert_allclose(
+        accelerations, theirs.acceleration[:, ::-1], rtol=1e-9, atol=1e-9 * np.abs(accelerations).max()
+    )
+    # the airframe is the first degree of freedom of theirs
+    for column, moved in ((2, theirs.displacement), (3, theirs.velocity)):
+        travel = moved[:, 0] - moved[:, 1]
+        np.testing.assert_allclose(own[:, column], travel, rtol=1e-9, atol=1e-9 * np.abs(travel).max())
+    # what the strut does to the airframe and what pushes it accelerate it
+    np.testing.assert_allclose(aside[::2] - own[:, 4], 1850.0 * own[:, 1], rtol=1e-9, atol=1e-6)
+
+
+def test_a_bump_stop_of_the_worlds_pushes_beyond_its_gap_alone(worlds):
+    stiffness, gap = worlds.STOP
+    force, travel = force_along(worlds.bump_stop, worlds.STOP, np.repeat([-0.02, 0.02], 50000))
+    np.testing.assert_allclose(force, -stiffness * np.maximum(-travel - gap, 0.0), atol=1e-9 * stiffness)
+    assert force.min() < -0.5 * stiffness * gap
 
 
 def test_a_push_of_three_per_cent_moves_the_airframe_by_about_that(worlds):

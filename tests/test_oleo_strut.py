@@ -75,7 +75,10 @@ def test_the_integrator_of_the_benchmark_agrees_with_the_time_response(struts):
     values = (WEIGHT_N, 0.08, 1.27, 5e4, 1.25e5, 300.0, 5e-4)
     own = importlib.import_module("worlds")._integrated(struts.oleo, values, numbers, *forces.T.copy(), 1.0 / 32768.0)
     theirs = time_response(airframe_structure(gear.airframe), forces[:, ::-1], fs=32768.0, duration_s=n / 32768.0)
-    np.testing.assert_allclose(own, theirs.acceleration[:, ::-1], rtol=1e-6, atol=1e-6 * np.abs(own).max())
+    accelerations = own[:, :2]
+    np.testing.assert_allclose(
+        accelerations, theirs.acceleration[:, ::-1], rtol=1e-6, atol=1e-6 * np.abs(accelerations).max()
+    )
 
 
 def test_a_lighter_strut_of_the_benchmark_rests_where_its_gas_does(struts):
