@@ -239,7 +239,8 @@ def print_table(outcomes: list[Outcome]) -> None:
         print(f"| {name} | {ASKED[column]} | {given.size} | {told} | {sum(held)} of {len(held)} |")
     for name, words in (("mended", "the paper's chain mended"), ("printed", "its printed formula")):
         n_told, quantiles = chain_quantiles([getattr(each.chain, name) for each in outcomes])
-        print(f"| mass by {words}, % | - | {n_told} | {' | '.join(f'{each:.2g}' for each in quantiles)} | - | - |")
+        told = " | ".join(f"{each:.2g}" if n_told else "-" for each in quantiles)
+        print(f"| mass by {words}, % | - | {n_told} | {told} | - | - |")
     print(f"\nprocessor time, median: {np.median([each.seconds for each in outcomes]):.1f} s")
 
 

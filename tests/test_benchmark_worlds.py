@@ -7,6 +7,7 @@ from scripts import script
 import opid
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.response import time_response
+from opid.signals.recording import recording_from_arrays
 from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 
 
@@ -105,6 +106,41 @@ def test_a_push_of_three_per_cent_moves_the_airframe_by_about_that(worlds):
         plain.runs[0].recording.channel("upper_z"),
     ))  # fmt: skip
     assert 0.01 < moved / road < 0.1
+
+
+def test_the_straight_suspension_of_friction_is_its_describing_function():
+    """Coulomb friction A under a sine of amplitude a: 4 A/(pi a omega) of damping and no stiffness."""
+    equivalents = script("benchmarks/equivalents.py")
+    friction, amplitude, omega, mass = 400.0, 0.01, 2 * np.pi * 2.0, 1850.0
+    phase = omega * (np.arange(100000) + 0.5) / 10000.0
+    travel, velocity = amplitude * np.sin(phase), amplitude * omega * np.cos(phase)
+    force = 3.9e5 * travel + 6e3 * velocity + friction * np.sign(velocity)
+    recording = recording_from_arrays([np.zeros(5120)] * 2, ["lower_z", "upper_z"], fs=512.0)
+    rolled = equivalents.Rolled(recording, travel, velocity, force)
+    stiffness, damping = 3.9e5, 6e3 + 4 * friction / (np.pi * amplitude * omega)
+    expected = [
+        stiffness / mass,
+        damping / mass,
+        np.sqrt(stiffness / mass) / (2 * np.pi),
+        damping / (2 * np.sqrt(stiffness * mass)),
+    ]
+    np.testing.assert_allclose(equivalents.straight(rolled, mass), expected, rtol=1e-6)
+    # harmonics of the friction lie outside this band, in which nothing else is
+    np.testing.assert_allclose(equivalents.straight(rolled, mass, (1.0, 3.0)), expected, rtol=1e-4)
+
+
+def test_the_chain_beside_a_benchmark_counts_what_is_not_told():
+    chain = script("benchmarks/paper_chain.py")
+    errors = [chain.ChainErrors(-0.5, np.nan), chain.ChainErrors(0.1, np.nan), chain.ChainErrors(np.nan, np.nan)]
+    assert chain.chain_cells(errors) == "0.30 / 0.50 (2 of 3 answered) | - (0 of 3 answered)"
+
+
+def test_the_chain_beside_a_benchmark_finds_the_mass_of_a_gear_and_refuses_one_that_remembers(worlds):
+    chain = script("benchmarks/paper_chain.py")
+    nominal, _ = worlds.nominal(0)
+    assert abs(chain.chain_errors(worlds.GEAR, nominal).mended) < 1.0
+    remembers, _ = worlds.WORLDS["Bouc-Wen"].study(0)
+    assert np.isnan(chain.chain_errors(worlds.GEAR, remembers).mended)
 
 
 def test_every_kind_that_is_searched_by_its_scales_is_drawn(drawn_laws):
