@@ -303,6 +303,21 @@ def test_where_the_model_is_the_limit_the_free_motion_of_the_answer_leaves_less(
         assert abs(frequency.value - before.natural_frequency_hz.value) < 1.96 * frequency.std
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_each_run_has_an_interval_of_its_own_that_holds_where_only_one_hits_the_stop(seed):
+    """A stop is a spring: over a motion it takes nothing, so the damping nearest to the strut is that of the damper.
+
+    The lighter run rests 5.5 mm farther from the stop and hardly meets it.
+    """
+    gear = replace(GEAR, law=law("bump_stop", stiffness_n_per_m=1.2e6, gap_m=3e-3))
+    result = identify(taxi(seed, gear), law="linear")
+    assert result.limited_by == "model"
+    heavy, light = (each.damping_per_mass for each in result.equivalents)
+    for found, mass_kg in ((heavy, MASS_KG), (light, MASS_KG + CHANGE_KG)):
+        assert found.holds(GEAR.suspension_damping_n_s_per_m / mass_kg)
+    assert light.std / light.value < 0.5 * heavy.std / heavy.value
+
+
 def one_run(study):
     """The study with its first run alone."""
     return study_of_gear("one", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1])

@@ -326,12 +326,15 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
 def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...]:
     """Of one gear in each run."""
     (part,), found = parts, []
+    lacking = part.error.of_equivalents.tolist() if part.error is not None and part.error.limit == "model" else None
+    # what the model lacks moves the equivalents of each run by fractions of their own, beside what its noise does
+    known = part.known if lacking is None else replace(part, error=None).known
     for index, run in enumerate(study.runs):
-        estimates = part.known.equivalent(index)
-        if part.error is not None and part.error.limit == "model":
+        estimates = known.equivalent(index)
+        if lacking is not None:
             estimates = [
-                each if each.value is None else _within(each.value, std_fraction)
-                for each, std_fraction in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
+                each if each.value is None else _widened(each, std_fraction)
+                for each, std_fraction in zip(estimates, lacking[index], strict=True)
             ]
         if is_bent(part):
             estimates = [each.without_interval() for each in estimates]
@@ -339,9 +342,12 @@ def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...
     return tuple(found)
 
 
-def _within(value: float, std_fraction: float) -> Estimate:
-    """A value with a relative standard deviation; without an interval where that is not known."""
-    return Estimate.normal(value, std_fraction * abs(value)) if np.isfinite(std_fraction) else Estimate(value)
+def _widened(estimate: Estimate, std_fraction: float) -> Estimate:
+    """An estimate with a relative standard deviation beside its own; without an interval where that is not known."""
+    value = estimate.value or 0.0
+    if estimate.std is None or not np.isfinite(std_fraction):
+        return Estimate(estimate.value)
+    return Estimate.normal(value, float(np.hypot(estimate.std, std_fraction * value)))
 
 
 def _members(study: Study, part: Fitted) -> dict[str, list[str]]:

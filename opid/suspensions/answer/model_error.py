@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.errors import InputError
+from opid.mechanics.laws.law import LINEAR
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.answer.intervals import std_over_white
@@ -33,6 +34,7 @@ from opid.suspensions.fitting.fit import (
     unexplained,
     with_mass_held,
 )
+from opid.suspensions.fitting.start import start_values
 from opid.suspensions.model.driven_model import Model, ProcessNoise, straight_equivalent
 from opid.suspensions.model.run import DrivenRun, band_indices
 
@@ -63,9 +65,10 @@ class ModelError:
         departure: the largest difference of stiffness, damping or mass between both fits, in standard deviations.
         spread: (n_unknowns, n_unknowns) what it adds to the covariance of the vector.
         left_out: of each run, as the others predict it; none of a single run, or where they do not follow it.
-        of_equivalents: (4,) relative standard deviation of stiffness, damping, frequency and damping ratio of the
-            straight suspension nearest to it: how they differ from one fit to the other, and from pieces of a run to
-            all of it; zero where the model is not the limit.
+        of_equivalents: (n_runs, 4) relative standard deviation of stiffness, damping, frequency and damping ratio of
+            the straight suspension nearest to it in each run: how they differ from one fit to the other, from pieces of
+            that run to all of it, and from what its readings make of the equation of motion; zero where the model is
+            not the limit.
     """
 
     limit: Limit
@@ -108,7 +111,7 @@ def measure_model_error(
                 break
     except NO_FIT:
         pass
-    spread, of_equivalents = np.outer(moved, moved), np.zeros(4)
+    spread, of_equivalents = np.outer(moved, moved), np.zeros((len(fit.model.runs), 4))
     limit: Limit = "noise" if is_noise else "unmeasured forces"
     is_alone = fit.model.body.n_interfaces == 1
     if is_wrong or departure > (known.same_std if is_alone else known.same_std_of_body):
@@ -117,6 +120,7 @@ def measure_model_error(
         of_pieces, by_piece = _over_pieces(fit)
         spread += of_pieces
         of_equivalents = np.hypot(by_piece, _moved_equivalents(fit, moved))
+        of_equivalents = np.hypot(of_equivalents, _off_the_equation(fit))
     return ModelError(limit, departure, spread, left_out(fit), of_equivalents)
 
 
@@ -156,7 +160,9 @@ def follow_freely(fit: Fit, error: ModelError) -> tuple[Fit, ModelError]:
         error,
         spread=error.spread + np.outer(moved, moved),
         left_out=left_out(free),
-        of_equivalents=np.hypot(error.of_equivalents, _moved_equivalents(found, moved)),
+        of_equivalents=np.hypot(
+            np.hypot(error.of_equivalents, _moved_equivalents(found, moved)), _off_the_equation(found)
+        ),
     )
 
 
@@ -241,16 +247,17 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     """Mean square of what a fit to each piece of the runs alone moves the shared entries by; and the equivalents.
 
     Under a model that is wrong a parameter depends on the motion. What it does from piece to piece of these runs it may
-    do in the next one. A single run has two pieces at least. Where no piece can be fitted, nothing is known of what the
-    entries do: they may move by all of their value, and the equivalents by anything.
+    do in the next one. The equivalents of a run are those of its own motion, so its own pieces tell how far they move:
+    one run may hit a stop that another never meets. A single run has two pieces at least. Where no piece can be fitted,
+    nothing is known of what the entries do: they may move by all of their value, and the equivalents by anything.
     """
     model, known = fit.model.coarse, fit.model.settings.process
-    found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.zeros(4)
+    found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.full((len(model.runs), 4), np.inf)
     held, kept = with_mass_held(fit)
     count = 0
     for index, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
         whole = straight_equivalent(fit.model, index, motion)(fit.theta)
-        run = run.coarse
+        run, moved_of_run = run.coarse, []
         least = 2 if len(model.runs) == 1 else 1
         for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
             alone = replace(held, runs=(piece,), repeatability=0.0)
@@ -265,12 +272,36 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
             moved[kept] = now.theta[: len(kept)] - fit.theta[kept]
             found += np.outer(moved, moved)
             equivalent = straight_equivalent(alone, 0, now.errors.predictions[0])(now.theta)
-            of_equivalents += (equivalent / whole - 1) ** 2
+            moved_of_run.append(equivalent / whole - 1)
             count += 1
+        if moved_of_run:
+            of_equivalents[index] = np.sqrt(np.mean(np.square(moved_of_run), axis=0))
     if count == 0:
         unknown = unknown_error(fit)
         return unknown.spread, unknown.of_equivalents
-    return found / count, np.sqrt(of_equivalents / count)
+    return found / count, of_equivalents
+
+
+def _off_the_equation(fit: Fit) -> FloatArray:
+    """How far the equivalents of each run are from its equation of motion on integrated readings, relative.
+
+    The readings on the body are the force over the mass, and twice integrated they are the motion: the straight
+    suspension nearest to both needs no law. A motion that a wrong law predicts is another one, and its damping has to
+    make up for that. Noise biases the equation by some per cent, so that it widens the intervals and is not the answer.
+    """
+    model, found = fit.model, []
+    straight = tuple(replace(group, law=LINEAR, ground=False) for group in model.groups)
+    for index, (run, motion) in enumerate(zip(model.runs, fit.errors.predictions, strict=True)):
+        told = straight_equivalent(model, index, motion)(fit.theta)
+        below, above = model.corrected(fit.theta, index)
+        read = replace(run, unsprung=below.value[::2], sprung=above.value, recorded_fs=run.fs, stride=1)
+        start = start_values((read,), model.body, straight, mass_free=False, settings=model.settings.start)
+        stiffness = float((start.stiffness_beside_ground if model.groups[0].ground else start.stiffness)[0])
+        damping = float(start.damping[0])
+        omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
+        found.append(np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)]) / told - 1)
+    # what does not spring back has no frequency that could be near another
+    return np.nan_to_num(np.abs(found), nan=np.inf)
 
 
 def _pieces(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
@@ -282,13 +313,13 @@ def _pieces(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
 
 
 def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
-    """How a change of the vector changes the equivalents of all runs, relative, rms."""
+    """How far a change of the vector moves the equivalents of each run, relative."""
     found = []
     for index, motion in enumerate(fit.errors.predictions):
         equivalent = straight_equivalent(fit.model, index, motion)
         before, after = equivalent(fit.theta), equivalent(fit.theta + moved)
         found.append(after / before - 1)
-    return np.sqrt(np.mean(np.square(found), axis=0))
+    return np.abs(found)
 
 
 def unknown_error(fit: Fit) -> ModelError:
@@ -297,7 +328,7 @@ def unknown_error(fit: Fit) -> ModelError:
     Args:
         fit: of any laws.
     """
-    return ModelError("model", np.inf, np.diag(fit.theta**2), (), np.full(4, np.inf))
+    return ModelError("model", np.inf, np.diag(fit.theta**2), (), np.full((len(fit.model.runs), 4), np.inf))
 
 
 def left_out(fit: Fit) -> tuple[LeftOut, ...]:
