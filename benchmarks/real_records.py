@@ -35,11 +35,7 @@ CASES = {
 # what is asked of a set, and what is aimed at, in the columns of the table; nothing of the others
 ASKED = {
     "isolated_building": "| asked (aim) | | not refused | | | | | 0.22 (0.15) | 90 | |",
-    "shake_table_frame": "| asked | the same for all records, or linear | | records agree within 0.5 % | | "
-    "records agree within 0.2 | | | | |",
 }
-
-
 # of repeated trials: between the highest and the lowest frequency over their mean, and between the lags, s
 AIMED_FREQUENCY, AIMED_LAG_S = 0.005, 0.2e-3
 
