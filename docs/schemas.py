@@ -30,6 +30,7 @@ from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
 from opid.signals.health.result import SCHEMA as HEALTH, ChannelHealth, Health
+from opid.suspensions.answer.model_error import LeftOutSpectrum
 from opid.suspensions.bench.law import SCHEMA as BENCH, BenchLaw
 from opid.suspensions.bench.memory import Memory
 from opid.suspensions.bench.simulation import Simulation
@@ -179,6 +180,8 @@ def _identification() -> Json:
     interface |= _spring() | {"x_m": NUMBER, "y_m": NUMBER, "ground_stiffness": UNITED, "per_mass": FLAG}
     run = fields_of(RunResidual, "name", "mass_change_kg", "loading", "unexplained")
     run |= {"unexplained_left_out": NUMBER, "inside_left_out": NUMBER}
+    told = "of each sensor on the body, as the other runs predict it; empty where that was not asked"
+    run |= {"spectra_left_out": array(of_type(LeftOutSpectrum)) | {"description": told}}
     law = {"name": or_null(TEXT), "latex": or_null(TEXT), "per_mass": FLAG, "parameters": LAW}
     force = fields_of(VisitedForce) | {"units": table(TEXT)}
     absolute = "absolute values; of a body also inertias and centre of gravity"

@@ -252,8 +252,24 @@ def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed
     assert error.departure < 2
     for left in (*result.runs, *error.left_out):
         assert share / 2 < left.unexplained < 3 * share
-    for found in error.left_out:
+    assert result.left_out == error.left_out
+    for found, run in zip(error.left_out, result.study.runs, strict=True):
         assert 0.8 < found.inside <= 1.0
+        (spectrum,) = found.spectra
+        n_lines = np.rint(np.diff(spectrum.edges_hz) * DURATION_S)
+        assert np.average(spectrum.inside, weights=n_lines) == pytest.approx(found.inside)
+        assert found.unexplained == pytest.approx(
+            np.linalg.norm(spectrum.error_m_per_s2) / np.linalg.norm(spectrum.measured_m_per_s2)
+        )
+        # what was read, from the log itself; what cannot be foretold is the push, which is white
+        power = 2 * np.abs(np.fft.rfft(run.recording.channel("upper_z"))) ** 2 / run.recording.n_samples**2
+        of_bands, _ = np.histogram(np.fft.rfftfreq(run.recording.n_samples, 1 / FS), spectrum.edges_hz, weights=power)
+        np.testing.assert_allclose(spectrum.measured_m_per_s2, np.sqrt(of_bands), rtol=0.01)
+        pushed = 2.0 * share * np.sqrt(np.diff(spectrum.edges_hz) / (FS / 2))
+        stiff = (spectrum.edges_hz[:-1] > 10) & (n_lines > 60)
+        assert stiff.sum() > 3
+        np.testing.assert_allclose(spectrum.error_m_per_s2[stiff], pushed[stiff], rtol=0.3)
+        assert np.all(spectrum.stated_m_per_s2[stiff] > spectrum.error_m_per_s2[stiff])
     pairs = (result.parameters.sprung_mass_kg, MASS_KG), (result.parameters.suspension_stiffness_n_per_m, 3.9e5)
     for estimate, true in pairs:
         assert abs(estimate.value - true) < 4 * estimate.std

@@ -1,6 +1,7 @@
 """Figures of a body on several suspensions: every one draws what it is given, with labels and units."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from made_body import LOADING, body_without_mass, short_test, small_body
 
 from opid import plots
+from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import law
 from opid.plots.body import sensor_names
 from opid.plots.style import GREEN, VERMILION
+from opid.report.suspensions.figures import figures_of
+from opid.suspensions.answer.model_error import LeftOut, LeftOutSpectrum, ModelError
 from opid.suspensions.result import BodyParameters, BodyRatios
 from opid.virtual.taxi_tests.study import taxi_truth
 
@@ -55,6 +59,40 @@ def test_figures_without_the_mass_are_per_kg(name):
     axes = axes_of(DRAWN[name](body_without_mass()))
     told = " ".join(ax.get_ylabel() + ax.get_title(loc="left") for ax in axes)
     assert "kN" not in told
+
+
+@pytest.fixture(scope="module")
+def predicted(result):
+    """Both runs as the other one predicts them, each of the four sensors twice as loud as the one before."""
+    edges, read = np.array([0.5, 1.0, 2.0, 4.0]), np.array([0.2, 0.8, 0.1])
+    spectra = tuple(
+        LeftOutSpectrum(edges, 2.0**k * read, 2.0**k * 0.9 * read, 2.0**k * 0.3 * read, 2.0**k * 0.4 * read, np.ones(3))
+        for k in range(4)
+    )
+    error = ModelError("unmeasured forces", 0.5, np.zeros((1, 1)), (), np.zeros(4))
+    error = replace(error, left_out=tuple(LeftOut(run, 0.3, 1.0, spectra) for run in (0, 1)))
+    return replace(result, evidence=(SimpleNamespace(error=error),))
+
+
+def test_a_run_that_others_predict_is_drawn_sensor_by_sensor_with_its_band(predicted):
+    axes = axes_of(plots.left_out_spectra(predicted))
+    titles = [ax.get_title(loc="left") for ax in axes]
+    assert titles[:2] == ["run 'reference', above nose", "run 'reference', above left"]
+    assert titles[-1] == "run 'loaded', tail"
+    for k, ax in enumerate(axes):
+        drawn = {patch.get_label(): patch.get_data() for patch in ax.patches}
+        np.testing.assert_allclose(drawn["measured"].values, 2.0 ** (k % 4) * np.array([0.2, 0.8, 0.1]))
+        band = drawn["predicted ± band for 95 % of the lines"]
+        np.testing.assert_allclose(band.values / drawn["predicted"].values, 1.3 / 0.9)
+        np.testing.assert_allclose(band.baseline / drawn["predicted"].values, 0.5 / 0.9)
+    assert plots.png(plots.figure_of(axes[0]), dpi=30)[1:4] == b"PNG"
+    assert "left_out_spectra" in [figure.name for figure in figures_of(predicted)]
+
+
+def test_a_body_without_predictions_has_no_figure_of_them(result):
+    assert "left_out_spectra" not in [figure.name for figure in figures_of(result)]
+    with pytest.raises(NotDeterminedError, match="no run is predicted by the others"):
+        plots.left_out_spectra(result)
 
 
 def test_axes_that_are_given_are_drawn_on(result):

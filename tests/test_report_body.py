@@ -135,7 +135,7 @@ def test_result_json_keeps_the_schema_of_one_suspension():
     assert set(nose["law"]["arctan_velocity"]) == {"amplitude_n", "scale_m_per_s"}
     assert [set(each) for each in found["candidates"]] == [{field.name for field in fields(Candidate)}] * 5
     assert found["candidates"][0]["residual_over_noise"] is None  # no fit
-    told = {"unexplained": 0.01, "unexplained_left_out": None, "inside_left_out": None}
+    told = {"unexplained": 0.01, "unexplained_left_out": None, "inside_left_out": None, "spectra_left_out": []}
     assert found["runs"][1] == {"name": "loaded", "mass_change_kg": 500.0, "loading": [[500.0, -1.0, 0.2]]} | told
 
 

@@ -8,6 +8,7 @@ from .bench import (
 )
 from .body import (
     body_residuals as body_residuals,
+    left_out_spectra as left_out_spectra,
     plan_view as plan_view,
     predicted_accelerations as predicted_accelerations,
     structure_candidates as structure_candidates,

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth
@@ -40,6 +41,7 @@ from opid.plots.style import (
     smooth_lines,
     thicken,
 )
+from opid.suspensions.answer.model_error import LeftOutSpectrum
 from opid.suspensions.result import BodyRatios, Candidate, Identification, InterfaceEstimate, RunResidual
 
 # a structure that leaves a larger residual over noise is drawn here; its number is written beside it
@@ -253,6 +255,61 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
         handles, labels = grid[0, 0].get_legend_handles_labels()
         thicken(figure_of(grid).legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5)))
     return grid
+
+
+def left_out_spectra(result: Identification, axes: Any = None) -> np.ndarray:
+    """Draw the spectrum of each run as measured and as the other runs predict it, with the stated band and the error.
+
+    Args:
+        result: the identification.
+        axes: one Axes a run and sensor (one more if they are an odd number), or None for a new figure.
+
+    Returns:
+        (n_rows, 2) Axes, run by run, those that are not needed switched off.
+
+    Raises:
+        NotDeterminedError: the fit was refused, or no run is predicted by others.
+    """
+    require_answer(result)
+    if not result.left_out:
+        raise NotDeterminedError(
+            "no run is predicted by the others: that is asked of two runs or more that leave more than noise"
+        )
+    shown = [(left, index) for left in result.left_out for index in range(len(left.spectra))]
+    names = sensor_names(result, len(shown))
+    with house_style():
+        rows = -(-len(shown) // 2)
+        grid = panels_in_rows(axes, len(shown), 2, height_in=0.9 + 2.4 * rows, sharex=True, sharey=True)
+        for ax, (left, index) in zip(grid.ravel(), shown, strict=False):
+            sensor, spectrum = "" if result.study.is_one_gear else f", {names[index]}", left.spectra[index]
+            _left_out_spectrum(ax, spectrum)
+            ax.set_title(f"run {result.runs[left.run].name!r}{sensor}")
+            inside = float(np.average(spectrum.inside, weights=np.diff(spectrum.edges_hz)))
+            text = f"{100 * inside:.0f} % of the lines inside"
+            note(ax, text, (0.97, 0.94), (0, 0), xycoords="axes fraction", ha="right", va="top", bbox=BEHIND)
+        grid[0, 0].set_xscale("log")
+        grid[0, 0].set_yscale("log")
+        for row in grid:
+            row[0].set_ylabel("rms of a band [m/s²]")
+        plain_numbers(grid[0, 0].xaxis)
+        for ax in grid[-1]:
+            ax.set_xlabel("frequency [Hz]")
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        thicken(figure_of(grid).legend(handles, labels, loc="outside lower center", ncols=len(labels)))
+    return grid
+
+
+def _left_out_spectrum(ax: Axes, spectrum: LeftOutSpectrum) -> None:
+    """Draw one sensor in one run, band by band."""
+    edges, predicted, stated = spectrum.edges_hz, spectrum.predicted_m_per_s2, spectrum.stated_m_per_s2
+    lowest = 0.3 * float(min(spectrum.error_m_per_s2.min(), spectrum.measured_m_per_s2.min()))
+    band: dict[str, Any] = {"color": SKY, "alpha": 0.35, "label": "predicted ± band for 95 % of the lines"}
+    ax.stairs(predicted + stated, edges, baseline=np.maximum(predicted - stated, lowest), fill=True, **band)
+    look: dict[str, Any] = {"baseline": None}
+    ax.stairs(spectrum.measured_m_per_s2, edges, color=INK, linewidth=2.2, label="measured", **look)
+    ax.stairs(predicted, edges, color=BLUE, linewidth=1.2, label="predicted", **look)
+    ax.stairs(spectrum.error_m_per_s2, edges, color=VERMILION, linewidth=1.0, label="error", **look)
+    ax.set_xlim(edges[0], edges[-1])
 
 
 def further_sensors(result: Identification) -> dict[str, tuple[float, float]]:

@@ -26,7 +26,7 @@ from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
 
 if TYPE_CHECKING:
-    from opid.suspensions.answer.model_error import Limit, ModelError
+    from opid.suspensions.answer.model_error import LeftOut, Limit, ModelError
     from opid.suspensions.paper.chain import PaperChain
 
 FrequencyOf = Literal["linear part", "tangent at rest", "all but what the law remembers"]
@@ -408,6 +408,11 @@ class Identification(Result):
             return errors[0].limit
         is_noise = self.study.is_one_gear or self.residual_over_noise <= self.settings.verdicts.explained
         return "noise" if is_noise else "model"
+
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Each run as the others predict it; none where the answer leaves noise alone, or where they cannot follow."""
+        return tuple(left for each in self.evidence if each.error is not None for left in each.error.left_out)
 
     @property
     def method(self) -> str:

@@ -114,6 +114,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             "line the model explains all that the sensors can show; a hump names the band in which it does not.",
             lambda: plots.equation_residual(result),
         )
+    yield from _of_left_out(result)
     # the paper's chain takes its law from the joint fit, and takes none beside a refused driven model
     if chain is not None and (isinstance(result, Identification) or not result.is_refused):
         yield Figure(
@@ -170,3 +171,18 @@ def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure
         "noise alone; a hump in one sensor names a place and a band that the structure does not know.",
         lambda: plots.body_residuals(result),
     )
+    yield from _of_left_out(result)
+
+
+def _of_left_out(result: AnyIdentification) -> Iterator[Figure]:
+    """The runs as the others predict them, where more than noise is left."""
+    if isinstance(result, Identification) and result.left_out and not result.is_refused:
+        yield Figure(
+            "left_out_spectra",
+            "Runs that the others predict",
+            "Each run was left out of a fit of the others, which then predicts it from the motion below the suspension "
+            "alone, no reading on the body among it. The shaded band is as wide as what holds 95 % of the errors of "
+            "another run, a third of an octave at a time. Where the error comes up to the measured line, the model "
+            "says nothing of the motion there.",
+            lambda: plots.left_out_spectra(result),
+        )

@@ -427,7 +427,7 @@ def _limits_of_gear(result: Identification) -> str:
     left_out = (
         f"The other runs predict {result.runs[each.run].name!r} to {100 * each.unexplained:.2g} % of its rms "
         f"acceleration, with {100 * each.inside:.0f} % of its lines inside the band that is to hold 95 %."
-        for each in (evidence.error.left_out if evidence.error else ())
+        for each in result.left_out
     )
     sentences = (
         f"{predicted} The intervals allow for {'such noise' if white else 'errors so coloured'}{check}{unlike}.",

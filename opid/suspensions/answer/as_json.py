@@ -176,8 +176,8 @@ def _structures(result: Identification) -> Json:
 
 def _run_of_body(result: Identification, index: int) -> Json:
     """A run, and what its free motion leaves in a fit of all and, where that is more than noise, of the others."""
-    run, errors = result.runs[index], [each.error for each in result.evidence if each.error is not None]
-    left_out = {each.run: each for error in errors for each in error.left_out}.get(index)
+    run = result.runs[index]
+    left_out = next((each for each in result.left_out if each.run == index), None)
     return {
         "name": run.name,
         "mass_change_kg": run.mass_change_kg,
@@ -185,6 +185,7 @@ def _run_of_body(result: Identification, index: int) -> Json:
         "unexplained": run.unexplained,
         "unexplained_left_out": None if left_out is None else left_out.unexplained,
         "inside_left_out": None if left_out is None else left_out.inside,
+        "spectra_left_out": [] if left_out is None else [asdict(each) for each in left_out.spectra],
     }
 
 

@@ -41,7 +41,28 @@ from opid.suspensions.model.run import DrivenRun, band_indices
 Limit = Literal["noise", "unmeasured forces", "model"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class LeftOutSpectrum:
+    """What one sensor on the body read in a run, and what the other runs predict, a third of an octave at a time.
+
+    Args:
+        edges_hz: (n_bands + 1,) of the bands, Hz.
+        measured_m_per_s2: (n_bands,) rms of the readings in each band.
+        predicted_m_per_s2: likewise, of the free motion.
+        error_m_per_s2: likewise, of their difference.
+        stated_m_per_s2: rms of the errors if every line of the band erred by as much as is to hold 95 % of them.
+        inside: fraction of the lines of each band that err by no more.
+    """
+
+    edges_hz: FloatArray
+    measured_m_per_s2: FloatArray
+    predicted_m_per_s2: FloatArray
+    error_m_per_s2: FloatArray
+    stated_m_per_s2: FloatArray
+    inside: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class LeftOut:
     """How well the other runs predict a run that was left out, without any of its readings on the body.
 
@@ -49,11 +70,13 @@ class LeftOut:
         run: its index.
         unexplained: rms of the error over that of the readings, in the band.
         inside: fraction of the lines whose error lies inside the stated band, which holds 95 % of them.
+        spectra: of each sensor on the body.
     """
 
     run: int
     unexplained: float
     inside: float
+    spectra: tuple[LeftOutSpectrum, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,10 +379,29 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
         others = [
             (lines[k], np.abs(each) / np.maximum(sizes[k], 1e-300)) for k, (each, _) in enumerate(own) if k != index
         ]
-        width = _widths(others, lines[index], bands[index])
-        inside = float(np.mean(np.abs(error) <= width * sizes[index]))
-        found.append(LeftOut(index, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
+        stated = _widths(others, lines[index], bands[index]) * sizes[index]
+        run = fits[index].model.runs[0]
+        spectra = tuple(_spectrum(run, bands[index], *sensor) for sensor in zip(error, read, stated, strict=True))
+        inside = float(np.mean(np.abs(error) <= stated))
+        found.append(LeftOut(index, float(np.linalg.norm(error) / np.linalg.norm(read)), inside, spectra))
     return tuple(found)
+
+
+def _spectrum(
+    run: DrivenRun, bands: NDArray[np.int64], error: ComplexArray, read: ComplexArray, stated: FloatArray
+) -> LeftOutSpectrum:
+    """What is told of one sensor; `stated` holds 95 % of the magnitudes of the lines of `error`."""
+
+    def rms(lines: ComplexArray | FloatArray) -> FloatArray:
+        return np.sqrt(np.bincount(bands, np.abs(lines) ** 2) / run.n_samples)
+
+    # a line speaks for half of the way to its neighbours
+    half_hz = run.fs / run.n_samples / 2
+    edges_hz = np.r_[
+        run.omega[0] / (2 * np.pi) - half_hz, run.omega[np.diff(bands, append=-1) != 0] / (2 * np.pi) + half_hz
+    ]
+    inside = np.bincount(bands, np.abs(error) <= stated) / np.bincount(bands)
+    return LeftOutSpectrum(edges_hz, rms(read), rms(read - error), rms(error), rms(stated), inside)
 
 
 def _widths(others: Sequence[tuple[FloatArray, FloatArray]], omega: FloatArray, bands: NDArray[np.int64]) -> FloatArray:
