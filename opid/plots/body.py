@@ -277,17 +277,19 @@ def left_out_spectra(result: Identification, axes: Any = None) -> np.ndarray:
         )
     shown = [(left, index) for left in result.left_out for index in range(len(left.spectra))]
     names = sensor_names(result, len(shown))
+    # the band may reach down to nothing
+    lowest = 0.5 * min(float(each.min()) for left, index in shown for each in _lines_of(left.spectra[index]))
     with house_style():
         rows = -(-len(shown) // 2)
         grid = panels_in_rows(axes, len(shown), 2, height_in=0.9 + 2.4 * rows, sharex=True, sharey=True)
         for ax, (left, index) in zip(grid.ravel(), shown, strict=False):
             sensor, spectrum = "" if result.study.is_one_gear else f", {names[index]}", left.spectra[index]
-            _left_out_spectrum(ax, spectrum)
+            _left_out_spectrum(ax, spectrum, lowest)
             ax.set_title(f"run {result.runs[left.run].name!r}{sensor}")
             inside = float(np.average(spectrum.inside, weights=np.diff(spectrum.edges_hz)))
-            text = f"{100 * inside:.0f} % of the lines inside"
-            note(ax, text, (0.97, 0.94), (0, 0), xycoords="axes fraction", ha="right", va="top", bbox=BEHIND)
+            ax.set_title(f"{100 * inside:.0f} % inside", loc="right", fontweight="normal", fontsize=8.5)
         grid[0, 0].set_xscale("log")
+        grid[0, 0].set_ylim(lowest)
         grid[0, 0].set_yscale("log")
         for row in grid:
             row[0].set_ylabel("rms of a band [m/s²]")
@@ -299,16 +301,20 @@ def left_out_spectra(result: Identification, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def _left_out_spectrum(ax: Axes, spectrum: LeftOutSpectrum) -> None:
+def _lines_of(spectrum: LeftOutSpectrum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return spectrum.measured_m_per_s2, spectrum.predicted_m_per_s2, spectrum.error_m_per_s2
+
+
+def _left_out_spectrum(ax: Axes, spectrum: LeftOutSpectrum, lowest: float) -> None:
     """Draw one sensor in one run, band by band."""
     edges, predicted, stated = spectrum.edges_hz, spectrum.predicted_m_per_s2, spectrum.stated_m_per_s2
-    lowest = 0.3 * float(min(spectrum.error_m_per_s2.min(), spectrum.measured_m_per_s2.min()))
     band: dict[str, Any] = {"color": SKY, "alpha": 0.35, "label": "predicted ± band for 95 % of the lines"}
     ax.stairs(predicted + stated, edges, baseline=np.maximum(predicted - stated, lowest), fill=True, **band)
-    look: dict[str, Any] = {"baseline": None}
-    ax.stairs(spectrum.measured_m_per_s2, edges, color=INK, linewidth=2.2, label="measured", **look)
-    ax.stairs(predicted, edges, color=BLUE, linewidth=1.2, label="predicted", **look)
-    ax.stairs(spectrum.error_m_per_s2, edges, color=VERMILION, linewidth=1.0, label="error", **look)
+    looks = ((INK, 2.2), (BLUE, 1.2), (VERMILION, 1.0))
+    for label, values, (color, width) in zip(
+        ("measured", "predicted", "error"), _lines_of(spectrum), looks, strict=True
+    ):
+        ax.stairs(values, edges, baseline=None, label=label, color=color, linewidth=width)
     ax.set_xlim(edges[0], edges[-1])
 
 
