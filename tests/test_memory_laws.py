@@ -7,14 +7,17 @@ import pytest
 from law_runs import gear_study
 from scipy.integrate import solve_ivp
 
-from opid import identify
+from opid import identify, text
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.mechanics.driven import Interface, Noise, driven_response, predict
 from opid.mechanics.laws.kinds import BUILT_IN, Kind, Parameter
 from opid.mechanics.laws.law import LINEAR, Law, Term, TermSet, WithCandidates, default_law, law
 from opid.mechanics.laws.own_kinds import register_kind
+from opid.mechanics.memory import Loop, loop_area, sine_like
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Sliders, Structure
+from opid.mechanics.truth import GearNumbers, GearTruth
 from opid.report.estimates import formula
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
@@ -247,6 +250,43 @@ def test_own_kinds_have_no_memory():
         register_kind(own)
 
 
+def _area(truth, loop):
+    """The energy of the fourth cycle of a sine, by solve_ivp."""
+    amplitude, *inner = truth.vector.tolist()
+    lag = inner[3] if truth.name == "lugre_friction" else 0.0
+    omega = 2 * np.pi * loop.frequency_hz
+
+    def rates(t, state):
+        v = loop.travel_amplitude_m * omega * np.cos(omega * t)
+        rate = _rate(truth.name, state[0], v, inner)
+        return [rate, amplitude * (state[0] + lag * rate) * v]
+
+    ends = 3 / loop.frequency_hz, 4 / loop.frequency_hz
+    found = solve_ivp(rates, (0, ends[1]), [0, 0], rtol=1e-9, atol=1e-11, max_step=ends[1] / 800, t_eval=ends)
+    return found.y[1, 1] - found.y[1, 0]
+
+
+@pytest.mark.parametrize("scale", [1.0, 20.0])
+@pytest.mark.parametrize("name", ["dahl_friction", "bouc_wen", "lugre_friction", "maxwell_arm"])
+def test_the_energy_of_a_cycle_is_that_of_solve_ivp(name, scale):
+    """Where friction slides, and where it hardly does."""
+    usual = default_law(name)
+    subject = usual.with_vector([usual.vector[0], scale * usual.vector[1], *usual.vector[2:]])
+    loop = Loop(0.012, 1.7, Estimate())
+    size, pace = loop.travel_amplitude_m / np.sqrt(2), 2 * np.pi * loop.frequency_hz
+    assert loop_area(subject + default_law("cubic_stiffness"), *sine_like(size, size * pace)) == pytest.approx(
+        _area(subject, loop), rel=1e-4
+    )
+
+
+def _holds_loops(result, truth):
+    """Whether the energy per cycle of each run is held, and how wide the widest interval is, over the truth."""
+    loops = [each.loop for each in result.interfaces[0].at_rest]
+    true = [_area(truth, each) for each in loops]
+    widths = [np.ptp(each.area_j.interval95) / area for each, area in zip(loops, true, strict=True)]
+    return [each.area_j.holds(area) for each, area in zip(loops, true, strict=True)], max(widths)
+
+
 def _study_of(gear, seed=0):
     test = taxi_test(gear, rng=np.random.default_rng(seed), duration_s=20, fs=256, lowest_step_rate_hz=16384.0)
     return gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
@@ -261,6 +301,19 @@ def test_a_law_that_remembers_is_found(name):
     assert abs(mass.value / gear.sprung_mass_kg - 1) < 0.006
     assert mass.holds(gear.sprung_mass_kg)
     np.testing.assert_allclose(found.law.vector[:2], gear.law.vector[:2], rtol=0.03)
+    held, width = _holds_loops(found, gear.law)
+    assert held == [True, True]
+    assert width < 0.03
+    for run, motion in zip(found.interfaces[0].at_rest, found.evidence[0].fit.errors.predictions, strict=True):
+        assert run.loop.travel_amplitude_m == pytest.approx(np.sqrt(2) * motion.travel.std())
+        assert run.loop.frequency_hz == pytest.approx(motion.velocity.std() / motion.travel.std() / (2 * np.pi))
+    (told,) = found.to_dict()["interfaces"]
+    assert told["at_rest"][1]["loop"]["area_j"]["value"] == run.loop.area_j.value
+    numbers = GearNumbers(
+        gear.sprung_mass_kg, gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m, 0.0
+    )
+    rows = [line for line in text(found, GearTruth(numbers, gear.law)).splitlines() if "energy per cycle" in line]
+    assert [row.split()[-1] for row in rows] == ["yes", "yes"]
 
 
 def test_presliding_within_a_sample_is_not_told_from_damping():
@@ -277,6 +330,7 @@ def test_presliding_within_a_sample_is_not_told_from_damping():
     found = identify(gear_study(*runs), law="dahl_friction")
     assert any("dahl_friction turns over faster than the runs were sampled" in each for each in found.warnings)
     assert found.parameters.suspension_damping_n_s_per_m.interval95 is None
+    assert all(each.loop.area_j.interval95 is None for each in found.interfaces[0].at_rest)
     assert found.parameters.sprung_mass_kg.holds(1850.0)
 
 
@@ -287,6 +341,7 @@ def test_two_memories_at_once_are_no_damping():
     assert found.residual_over_noise > 2.0
     assert any("the force that remembers is another one in part" in each for each in found.warnings)
     assert found.parameters.suspension_damping_n_s_per_m.interval95 is None
+    assert all(each.loop.area_j.interval95 is None for each in found.interfaces[0].at_rest)
     mass = found.parameters.sprung_mass_kg
     assert mass.interval95 is None or mass.holds(1850.0)
 
@@ -311,5 +366,19 @@ def test_friction_that_never_slides_is_no_stiffness_and_the_mass_is_told_all_the
     assert result.residual_over_noise < 1.1
     assert result.parameters.sprung_mass_kg.holds(MASS_KG)
     assert result.parameters.suspension_stiffness_n_per_m.interval95 is None
+    assert all(each.stiffness.interval95 is None for each in result.interfaces[0].at_rest)
+    # what it takes is known, however little of it slides
+    held, width = _holds_loops(result, gear.law)
+    assert held == [True, True]
+    assert width < 0.2
     assert all(each.interval95 is None for each in result.law_estimates["dahl_friction"].values())
     assert any("dahl_friction slides after" in each and "from end to end" in each for each in result.warnings)
+
+
+def test_an_energy_near_nothing_is_not_told():
+    """A yielding spring that never yields takes a ten-thousandth of what the whole strut takes."""
+    usual = default_law("bouc_wen")
+    stiff = usual.with_vector([usual.vector[0], 80 * usual.vector[1], *usual.vector[2:]])
+    found = identify(_study_of(replace(LandingGear(), law=stiff), 1), law="bouc_wen")
+    assert [each.loop.area_j for each in found.interfaces[0].at_rest] == [Estimate(), Estimate()]
+    assert "these runs do not tell" in " ".join(text(found).split())

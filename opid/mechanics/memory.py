@@ -1,4 +1,4 @@
-"""The force of a law along a recorded motion; what it remembers is followed from the first sample on."""
+"""The force of a law along a motion, with what it remembers on the way, and the energy that it takes in a cycle."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidates
 
 # number of evaluations that a recorded motion keeps; a fit of three or four inner parameters asks for so many again
@@ -207,6 +208,80 @@ def gradient_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> Flo
     if remembers.any():
         gradient[:, remembers] = _follow_memory(law.terms, v, fs)[:, remembers]
     return gradient
+
+
+@dataclass(frozen=True)
+class Loop(Estimates):
+    """The loop that a force draws over travel, under a sine of the size and pace of a record.
+
+    Args:
+        travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
+        frequency_hz: of the sine, its rms velocity over its rms travel that of the record; None where time means
+            nothing.
+        area_j: what the loop encloses, the energy that is taken per cycle (per kg where forces are); empty where its
+            interval reaches farther than the energy that a dry friction as strong as the rms force takes, for then it
+            says nothing.
+    """
+
+    travel_amplitude_m: float
+    frequency_hz: float | None
+    area_j: Estimate
+
+    @property
+    def friction_n(self) -> Estimate:
+        """Dry friction that takes the same energy in the cycle, N."""
+        path_m, area = 4.0 * self.travel_amplitude_m, self.area_j
+        value, std = (None if each is None else each / path_m for each in (area.value, area.std))
+        ends = None if area.interval95 is None else (area.interval95[0] / path_m, area.interval95[1] / path_m)
+        return Estimate(value, std, ends)
+
+    def within(self, force_rms: float) -> Loop:
+        """Return it as it is told beside the rms of the whole force, N, or per kg."""
+        ends = self.area_j.interval95
+        if ends is None or ends[1] - ends[0] <= 8.0 * self.travel_amplitude_m * force_rms:
+            return self
+        return Loop(self.travel_amplitude_m, self.frequency_hz, Estimate())
+
+
+# in the fourth cycle what a memory held at the start is forgotten
+_N_CYCLES, _CYCLE_SAMPLES = 4, 2000
+
+
+def sine_like(travel_rms: float, velocity_rms: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return travel (m), velocity (m/s) and rate (Hz) of some cycles of a sine of the size and pace of a motion.
+
+    >>> z, v, fs = sine_like(0.01, 0.01 * np.pi)
+    >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / 2000)]
+    [0.0141, 0.0444, 0.5]
+    """
+    phase = 2 * np.pi * np.arange(_N_CYCLES * _CYCLE_SAMPLES) / _CYCLE_SAMPLES
+    fs = _CYCLE_SAMPLES * velocity_rms / travel_rms / (2 * np.pi)
+    return np.sqrt(2) * travel_rms * np.sin(phase), np.sqrt(2) * velocity_rms * np.cos(phase), fs
+
+
+def taken_per_cycle(force: FloatArray, v: FloatArray, fs: float) -> FloatArray:
+    """Return the energy that forces take in the last cycle of a motion as `sine_like` makes it.
+
+    Args:
+        force: (n,) or (n, n_forces) along it, N.
+        v: (n,) velocity, m/s.
+        fs: samples a second, Hz.
+    """
+    n = len(v) // _N_CYCLES
+    return np.asarray(force[-n:].T @ v[-n:] / fs)
+
+
+def loop_area(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> float:
+    """Return the energy that the terms of a law that remember take in the last cycle of a motion, J.
+
+    >>> from opid.mechanics.laws.law import default_law
+    >>> motion = sine_like(0.01 / np.sqrt(2), 0.1)
+    >>> friction = default_law("dahl_friction")
+    >>> amplitude_n, bending_m = friction.vector
+    >>> round(loop_area(friction, *motion) / (4 * amplitude_n * (0.01 - bending_m)), 3)
+    1.0
+    """
+    return float(taken_per_cycle(force_along(law.remembering, z, v, fs), v, fs))
 
 
 def _follow_memory(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:

@@ -79,7 +79,7 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     bench, shown, scale, unit = _choose_samples(result)
     found = result.parameters
     slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
-    memory = Law(tuple(term for term in result.law.terms if term.kind.memory is not None))
+    memory = result.law.remembering
     remembered, cycle = force_along(memory, bench.travel, bench.velocity, bench.fs), _cycle(memory, bench)
     raws = (bench.velocity, bench.travel)
     curves = list(zip(raws, _motions(result), slopes, ("velocity", "travel"), strict=True))[bench.is_quasi_static :]

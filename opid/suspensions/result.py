@@ -12,6 +12,7 @@ import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, Law, law_rows
+from opid.mechanics.memory import Loop
 from opid.mechanics.weight import slopes_at_rest
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
@@ -136,12 +137,15 @@ class AtRest(Estimates):
             the mass is not determined.
         stiffness: tangent of the whole spring force there, as the stiffness of the suspension.
         damping: what would dissipate as much over the motion of this run, likewise.
+        loop: of what the law remembers, for a sine of the size and pace of the travel in this run; None where it
+            remembers nothing.
     """
 
     run: str
     travel_m: Estimate
     stiffness: Estimate
     damping: Estimate
+    loop: Loop | None = None
 
 
 @dataclass(frozen=True, eq=False)

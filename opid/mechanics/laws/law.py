@@ -157,6 +157,11 @@ class TermSet:
         return any(term.kind.memory is not None for term in self.terms)
 
     @property
+    def remembering(self) -> Law:
+        """The terms that remember."""
+        return Law(tuple(term for term in self.terms if term.kind.memory is not None))
+
+    @property
     def n_faint(self) -> int:
         """How many of the last terms are too weak to move anything, so that their memories only follow the motion."""
         return 0

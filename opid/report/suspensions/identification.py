@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.law import Law
+from opid.mechanics.memory import loop_area, sine_like
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import depends_on_travel
 from opid.report.document import (
@@ -239,6 +240,7 @@ def _law_of_gear(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator
     yield from _law(result, "", result.law, result.law_estimates, true, _true_scale(result, truth))
     if isinstance(result, Identification):
         yield from _rest_rows(result, result.interfaces[0])
+        yield from _loop_rows(result, result.interfaces[0], true, _true_scale(result, truth))
 
 
 def _suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterator[Row]:
@@ -254,6 +256,7 @@ def _suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterato
             springs = _spring_rows(result, interface, true, scale)
             yield from _law(result, interface.name, interface.law, interface.law_estimates, true, scale, springs)
             yield from _rest_rows(result, interface)
+            yield from _loop_rows(result, interface, true, scale)
         shown.add(interface.name)
 
 
@@ -315,6 +318,27 @@ def _rest_rows(result: Identification, interface: InterfaceEstimate) -> Iterator
     yield ("At rest, run by run: static travel from the reference run, tangent stiffness, equivalent damping",)
     yield from (estimate_row(*row) for row in rows)
     yield from gas_rows(interface.gas, "Gas at rest in the reference run")
+
+
+def _loop_rows(
+    result: Identification, interface: InterfaceEstimate, true: GearTruth | SuspensionTruth | None, scale: float
+) -> Iterator[Row]:
+    """The energy that what a suspension remembers takes per cycle, in a motion as large and as fast as each run."""
+    if interface.stiffness.value is None:
+        return
+    for each in interface.at_rest:
+        if each.loop is None or each.loop.frequency_hz is None:
+            continue
+        size_m, frequency_hz = each.loop.travel_amplitude_m, each.loop.frequency_hz
+        known = None
+        if true is not None:
+            pace = 2 * math.pi * frequency_hz
+            known = scale * loop_area(true.law, *sine_like(size_m / math.sqrt(2), size_m * pace / math.sqrt(2)))
+        yield (
+            f"What remembers, in a sine of {1e3 * size_m:.3g} mm at {frequency_hz:.3g} Hz like run {each.run!r}"
+            f"{': these runs do not tell' * (each.loop.area_j.value is None)}",
+        )
+        yield estimate_row("energy per cycle", "J/kg" if result.per_mass else "J", each.loop.area_j, known)
 
 
 # ---- structures, sensors and runs ------------------------------------------------------------------

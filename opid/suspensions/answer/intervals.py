@@ -11,8 +11,8 @@ from scipy import fft
 
 from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws.law import LAWS, Law
-from opid.mechanics.memory import force_along
+from opid.mechanics.laws.law import LAWS, Law, TermSet
+from opid.mechanics.memory import Loop, force_along, loop_area, sine_like
 from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.fit import Fit
@@ -256,6 +256,38 @@ class Parameters:
         if model.body.fall is None or not (model.mass_free or not model.runs[run].loading.any()):
             travel = Estimate()
         return travel, stiffness, damping
+
+    def loop(self, slot: int, run: int, *, per_mass: bool = False) -> Loop | None:
+        """Return the energy per cycle that what a suspension remembers takes, in a motion like that of a run.
+
+        None where it remembers nothing; without an area where its interval reaches zero, for nothing that remembers
+        feeds energy in, and near there the area is no straight function of the parameters.
+        """
+        model, prediction = self.fit.model, self.fit.errors.predictions[run]
+        here = model.resting_interfaces(self.fit.theta, run)[slot]
+        if not here.law.has_memory:
+            return None
+        z, v = prediction.travel[:, slot], prediction.velocity[:, slot]
+        sine, has_mass = sine_like(float(z.std()), float(v.std())), model.mass_free and not per_mass
+
+        @cache
+        def area_of(law: TermSet) -> float:
+            return loop_area(law, *sine)
+
+        def read(theta: FloatArray) -> FloatArray:
+            scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
+            return np.array([scale * area_of(model.resting_interfaces(theta, run)[slot].law)])
+
+        try:
+            (area,) = self.of_function(read)
+        except UnboundedResponseError:
+            area = Estimate()
+        if area.interval95 is not None and area.interval95[0] <= 0.0:
+            area = Estimate()
+        force = here.stiffness * z + here.damping * v + force_along(here.law, z, v, model.runs[run].fs)
+        scale = 1.0 / model.inverse_mass(self.fit.theta) if has_mass else 1.0
+        pace = float(v.std() / z.std()) / (2 * np.pi)
+        return Loop(float(sine[0].max()), pace, area).within(abs(scale) * float(force.std()))
 
     def equivalent(self, run: int) -> list[Estimate]:
         """Return stiffness and damping over mass, frequency and damping ratio of the straight suspension nearest to it.

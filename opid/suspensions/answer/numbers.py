@@ -72,7 +72,11 @@ class Numbers(Estimates):
                 if each.name in names[term.group]:
                     laws = term.without_interval(each.law_estimates)
                     bare = each.with_estimates(Estimate.without_interval, only=term.confounded_with)
-                    interfaces[k] = replace(bare, law_estimates=laws)
+                    at_rest = tuple(
+                        run.with_estimates(Estimate.without_interval, only=term.confounded_at_rest)
+                        for run in each.at_rest
+                    )
+                    interfaces[k] = replace(bare, law_estimates=laws, at_rest=at_rest)
         return replace(self, parameters=parameters, ratios=ratios, interfaces=tuple(interfaces))
 
 
@@ -155,7 +159,11 @@ def _interfaces(
 def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
     """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
     return tuple(
-        AtRest(name, *part.known.at_rest(slot, index, per_mass=per_mass))
+        AtRest(
+            name,
+            *part.known.at_rest(slot, index, per_mass=per_mass),
+            part.known.loop(slot, index, per_mass=per_mass),
+        )
         for index, name in enumerate(part.task.run_names)
     )
 

@@ -346,6 +346,15 @@ class ConfoundedTerm:
             "stiffness",
         )
 
+    @property
+    def confounded_at_rest(self) -> tuple[str, ...]:
+        """Names of the estimates of a run that have no interval beside the term.
+
+        The energy that a friction takes in a cycle is known beside a stiffness, however far the two trade with each
+        other, and what it takes together with a damper is known beside that.
+        """
+        return {None: (), "stiffness": ("stiffness",), "damping": ("loop",)}[self.partner]
+
     def without_interval(self, laws: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Mapping[str, Estimate]]:
         """Return the estimates of laws, the term's without intervals, a stop's that was not reached without values."""
         mine = laws.get(self.kind, {})

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.estimate import Estimate, Estimates
+from opid.estimate import Estimate
 from opid.mechanics.laws.law import FloatArray, Law, Term
-from opid.mechanics.memory import gradient_along
+from opid.mechanics.memory import Loop, gradient_along, sine_like, taken_per_cycle
 from opid.suspensions.answer.gas import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench
@@ -201,31 +201,6 @@ def gas_of_bench(
     return as_gas_column(amounts, piston_area_m2)
 
 
-@dataclass(frozen=True)
-class Loop(Estimates):
-    """The loop that a force draws over travel, under a sine of the size and pace of the record.
-
-    Args:
-        travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
-        frequency_hz: of the sine, its rms velocity over its rms travel that of the record; None where time means
-            nothing.
-        area_j: what the loop encloses, the energy that is taken per cycle; empty where its interval reaches farther
-            than the energy that a dry friction as strong as the rms force takes, for then it says nothing.
-    """
-
-    travel_amplitude_m: float
-    frequency_hz: float | None
-    area_j: Estimate
-
-    @property
-    def friction_n(self) -> Estimate:
-        """Dry friction that takes the same energy in the cycle, N."""
-        path_m, area = 4.0 * self.travel_amplitude_m, self.area_j
-        value, std = (None if each is None else each / path_m for each in (area.value, area.std))
-        ends = None if area.interval95 is None else (area.interval95[0] / path_m, area.interval95[1] / path_m)
-        return Estimate(value, std, ends)
-
-
 def loop_of(law: Law, covariance: FloatArray, bench: Bench, student: float) -> Loop | None:
     """Return the loop of the terms of a law that remember; None where there is none.
 
@@ -234,26 +209,24 @@ def loop_of(law: Law, covariance: FloatArray, bench: Bench, student: float) -> L
     remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
     if not remembers.any():
         return None
-    part = Law(tuple(term for term in law.terms if term.kind.memory is not None))
-    return cycle_of(part, 0.0, np.pad(covariance[np.ix_(remembers, remembers)], (1, 0)), bench, student=student)
+    return cycle_of(
+        law.remembering, 0.0, np.pad(covariance[np.ix_(remembers, remembers)], (1, 0)), bench, student=student
+    )
 
 
 def cycle_of(law: Law, damping: float, covariance: FloatArray, bench: Bench, *, student: float) -> Loop:
     """Return the loop of a law beside a damping, N s/m, by the covariance of the damping and the vector of the law."""
     z, v, fs = sine_of(bench)
-    # in the fourth cycle what the memories held at the start is forgotten
-    n = z.size // 4
-    slopes = np.column_stack([v, gradient_along(law, z, v, fs)])[-n:].T @ v[-n:] / fs
+    slopes = taken_per_cycle(np.column_stack([v, gradient_along(law, z, v, fs)]), v, fs)
     # every term is proportional to its amplitude, so these columns alone add up to the force
     linear = np.array([True, *(parameter.role == "amplitude" for parameter in law.parameter_list)])
     area = float(slopes[linear] @ np.append(damping, law.vector)[linear])
     std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
-    frequency_hz = None if bench.is_quasi_static else fs / n
-    amplitude_m, wide = float(z.max()), student * std
-    if wide > 4.0 * amplitude_m * float(bench.force[bench.samples].std()):
-        return Loop(amplitude_m, frequency_hz, Estimate())
-    estimate = Estimate(area, std, (area - wide, area + wide)) if np.isfinite(std) else Estimate(area)
-    return Loop(amplitude_m, frequency_hz, estimate)
+    wide = student * std
+    estimate = Estimate(area) if np.isnan(std) else Estimate(area, std, (area - wide, area + wide))
+    pace = float(bench.velocity.std() / bench.travel.std()) / (2 * np.pi)
+    loop = Loop(float(z.max()), None if bench.is_quasi_static else pace, estimate)
+    return loop.within(float(bench.force[bench.samples].std()))
 
 
 def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
@@ -268,13 +241,11 @@ def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
     >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / (z.size / 4))]
     [0.01, 0.0314, 0.5]
     """
-    travel, velocity = float(bench.travel.std()), float(bench.velocity.std())
-    n = 2000
-    phase = 2 * np.pi * np.arange(4 * n) / n
-    if bench.is_quasi_static:
-        quarter = (phase + 0.5 * np.pi / n) * 2 / np.pi % 4
-        saw = np.where(quarter < 1, quarter, np.where(quarter < 3, 2 - quarter, quarter - 4))
-        rising = np.where((quarter < 1) | (quarter > 3), 1.0, -1.0)
-        return np.sqrt(2) * travel * saw, rising, n / (4 * np.sqrt(2) * travel)
-    fs = n * velocity / travel / (2 * np.pi)
-    return np.sqrt(2) * travel * np.sin(phase), np.sqrt(2) * velocity * np.cos(phase), fs
+    z, v, fs = sine_like(float(bench.travel.std()), float(bench.velocity.std()))
+    if not bench.is_quasi_static:
+        return z, v, fs
+    n, amplitude = z.size // 4, float(z.max())
+    quarter = (np.arange(z.size) + 0.25) * 4 / n % 4
+    saw = np.where(quarter < 1, quarter, np.where(quarter < 3, 2 - quarter, quarter - 4))
+    rising = np.where((quarter < 1) | (quarter > 3), 1.0, -1.0)
+    return amplitude * saw, rising, n / (4 * amplitude)

@@ -18,12 +18,12 @@ from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
 from opid.json_values import plain
 from opid.mechanics.laws.law import LAWS, Law, default_law, law_rows
+from opid.mechanics.memory import Loop
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.gas import doubts_of_area
 from opid.suspensions.bench.intervals import (
-    Loop,
     cycle_of,
     estimate_parameters,
     fades_linearly,

@@ -478,8 +478,7 @@ def straight_equivalent(model: Model, run: int, motion: Prediction) -> Callable[
 
 def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
     """Stiffness and damping that come nearest to what the terms with memory do along a motion."""
-    remembering = Law(tuple(term for term in law.terms if term.kind.memory is not None))
-    columns, force = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1), force_along(remembering, z, v, fs)
+    columns, force = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1), force_along(law.remembering, z, v, fs)
     # a memory that turns over too fast to be followed is none that holds
     found = np.linalg.lstsq(columns, np.where(np.isfinite(force), force, 0.0), rcond=None)[0]
     return float(found[0]), float(found[1])
