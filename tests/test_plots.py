@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from opid import plots
+from opid.errors import NotDeterminedError
 from opid.mechanics.laws.law import Law
 from opid.plots.runs import _noise_lines
 from opid.plots.style import every, panels, pretty
@@ -134,6 +135,11 @@ def test_the_identified_law_is_drawn_on_the_true_one(identified):
     drawn = {line.get_label(): line.get_ydata() for line in over_velocity.lines}
     assert np.allclose(drawn["nonlinear force f"], drawn["f, truth"], atol=10)
     assert np.abs(drawn["f, truth"]).max() == pytest.approx(400, rel=0.1)
+
+
+def test_straight_springs_have_no_figure_of_where_runs_rest(identified):
+    with pytest.raises(NotDeterminedError, match="the springs are straight"):
+        plots.static_curves(identified.result)
 
 
 def test_a_linear_law_is_called_so(identified):

@@ -20,8 +20,8 @@ from opid import plots
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate, rounded
 from opid.json_values import json_text, plain
-from opid.mechanics.laws.law import law_from_parameters
-from opid.mechanics.truth import GearTruth
+from opid.mechanics.laws.law import default_law, law_from_parameters
+from opid.mechanics.truth import BodyNumbers, BodyTruth, GearNumbers, GearTruth, SuspensionTruth
 from opid.report.as_text import wrapped
 from opid.report.estimates import estimate_row
 from opid.report.suspensions import identification as report_module
@@ -39,7 +39,7 @@ from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
-from opid.virtual.truth_file import read_truth
+from opid.virtual.truth_file import read_truth, truth_table
 
 OLD_KEYS = {
     "schema",
@@ -590,6 +590,25 @@ def test_truth_has_the_names_of_the_result(field_test):
     }
     assert truth.law.name == "arctan_velocity"
     assert truth.mass_change_kg == -220.0
+
+
+@pytest.mark.parametrize("record", [GearTruth, BodyTruth])
+def test_a_truth_keeps_where_its_laws_rest(record, tmp_path):
+    """Files of before have no such place: their laws rest at their origins."""
+    cubic = default_law("cubic_stiffness").resting_at(-0.03)
+    if record is GearTruth:
+        truth = GearTruth(GearNumbers(1850.0, 3.9e5, 6e3, 0.0), cubic)
+    else:
+        truth = BodyTruth(BodyNumbers(5400.0, 1e4, 2e4, 0.5, 0.0), {"nose": SuspensionTruth(5.0, 0.0, 1e5, 3e3, cubic)})
+    table = truth_table(truth)
+    (tmp_path / "truth.json").write_text(json.dumps(table))
+    assert read_truth(tmp_path / "truth.json", record) == truth
+    for each in (table, *table.get("interfaces", {}).values()):
+        each.get("law", {}).pop("rest_m", None)
+    (tmp_path / "truth.json").write_text(json.dumps(table))
+    before = read_truth(tmp_path / "truth.json", record)
+    law = before.law if record is GearTruth else before.interfaces["nose"].law
+    assert law == cubic.resting_at(0.0)
 
 
 @pytest.mark.parametrize(

@@ -1,20 +1,25 @@
 """Where runs rest under the weight that they carry: balance, derivatives, and what it does to an estimate."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from opid import identify
+import opid
+from opid import identify, plots
 from opid.mechanics.driven import Interface, UnboundedResponseError
 from opid.mechanics.laws.law import LINEAR, default_law, law
+from opid.mechanics.truth import GearTruth
 from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, find_rest, laws_at_rest, resting
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 from opid.virtual.taxi_tests.aircraft import default_aircraft
 from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.virtual.taxi_tests.study import taxi_truth
 from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.truth_file import read_truth, write_field_test
 
 CHANNELS = ("upper_z", "lower_z")
 LAWS = ("cubic_stiffness", "gas_column", "arctan_displacement", "arctan_velocity+dead_zone_stiffness")
@@ -147,14 +152,15 @@ def test_an_aircraft_on_struts_that_harden_rests_where_its_loading_puts_it():
         assert abs(estimate.value - truth) < 3 * estimate.std, name
 
 
-def test_a_spring_about_its_unloaded_length_is_found_with_its_origin():
+def test_a_spring_about_its_unloaded_length_is_found_with_its_origin(tmp_path):
     """The strut carries its body on K d + k d^3 about the unloaded length, 30 mm from where it rests."""
     cubic = law("cubic_stiffness", stiffness_n_per_m3=2.5e8)
     stiffness = (1850.0 * GRAVITY_M_PER_S2 - 2.5e8 * 0.03**3) / 0.03
     gear = LandingGear(suspension_stiffness_n_per_m=stiffness, law=cubic.resting_at(-0.03))
     test = taxi_test(gear, rng=np.random.default_rng(2), duration_s=30, fs=256)
     runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
-    found = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0))
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0)
+    found = identify(study)
     (strut,) = found.interfaces
     assert found.law.name == "cubic_stiffness"
     for estimate, truth in (
@@ -172,6 +178,35 @@ def test_a_spring_about_its_unloaded_length_is_found_with_its_origin():
     assert light.travel_m.value == pytest.approx(travel, abs=3.5 * light.travel_m.std)
     tangent = stiffness + 3 * 2.5e8 * (travel - 0.03) ** 2
     assert light.stiffness.value == pytest.approx(tangent, abs=3.5 * light.stiffness.std)
+    for each, motion in zip(strut.at_rest, found.evidence[0].fit.errors.predictions, strict=True):
+        assert np.ptp(each.travelled_m) == pytest.approx(np.ptp(motion.travel))
+        assert each.travelled_m[0] < each.travel_m.value < each.travelled_m[1]
+    # with the truth that was written beside the runs
+    write_field_test(study, taxi_truth(test), tmp_path)
+    known = read_truth(tmp_path / "truth.json", GearTruth)
+    told = " ".join(opid.text(found, known).split())
+    assert re.search(r"rest on the law -0\.030\d* -0\.0\d* \.\. -0\.0\d* m -0\.03 ([+-]\S+ )?yes", told)
+    frequency_hz = np.sqrt((stiffness + 3 * 2.5e8 * 0.03**2) / 1850.0) / (2 * np.pi)
+    assert f"Hz {frequency_hz:.6g} " in told
+    _shows_where_it_rests(plots.static_curves(found, truth=known)[0, 0], found)
+
+
+def _shows_where_it_rests(ax, found):
+    """The curve carries nothing at its origin, and in a run what weighs less than in the reference run."""
+    mass_kg = found.parameters.sprung_mass_kg.value
+    drawn = {line.get_label(): line.get_xydata() for line in ax.lines}
+    np.testing.assert_allclose(drawn["run 'heavy' at rest, its travel shaded"][0], [-30, 0], atol=0.3)
+    travel_mm, lifted_kn = drawn["run 'light' at rest, its travel shaded"][0]
+    assert travel_mm == pytest.approx(-27.9, abs=0.3)
+    assert lifted_kn == pytest.approx(0.22 * GRAVITY_M_PER_S2, rel=1e-4)
+    far = next(xy for xy in drawn.values() if xy[-1, 0] == pytest.approx(0.0, abs=1e-9))
+    assert far[-1, 1] == pytest.approx(1e-3 * mass_kg * GRAVITY_M_PER_S2, rel=0.01)
+    near, true = drawn["springs, standing still"], drawn["truth"]
+    np.testing.assert_allclose(np.interp(near[:, 0], *true.T), near[:, 1], atol=0.4)
+    shaded = sorted(patch.get_x() for patch in ax.patches)
+    assert shaded == pytest.approx(
+        sorted(-30 + 1e3 * each.travelled_m[0] for each in found.interfaces[0].at_rest), abs=0.3
+    )
 
 
 def test_a_straight_strut_gives_way_by_the_weight_over_its_stiffness():

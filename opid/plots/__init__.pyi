@@ -21,6 +21,7 @@ from .force import (
     restoring_force_map as restoring_force_map,
     restoring_force_surface as restoring_force_surface,
     slices as slices,
+    static_curves as static_curves,
 )
 from .health import health_picture as health_picture
 from .laws import (

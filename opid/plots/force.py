@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from opid.errors import NotDeterminedError
 from opid.mechanics.laws.law import Law
-from opid.mechanics.truth import GearTruth
+from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
+from opid.mechanics.weight import depends_on_travel
 from opid.plots.style import (
     COUNT_MAP,
     GREEN,
@@ -22,17 +25,19 @@ from opid.plots.style import (
     SURFACE_MAP,
     TRAVEL,
     VELOCITY,
+    WIDTH_IN,
     every,
     house_style,
     panels,
     require_answer,
+    run_colors,
     run_title,
     thicken,
 )
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.restoring_force import LawFit, SliceCurve
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
-from opid.suspensions.result import Identification
+from opid.suspensions.result import Identification, InterfaceEstimate
 
 _FORCE = "force per mass −x₂″ [m/s²]"
 
@@ -192,6 +197,80 @@ def law_curves(result: AnyIdentification, axes: Any = None, *, truth: GearTruth 
         _law(grid[0, 1], travelled, 1e3, stiffness, result.law, true_law, "travel")
         grid[0, 0].set_ylabel("force per sprung mass [m/s²]" if visited.per_mass else "force [N]")
     return grid
+
+
+def rested_springs(result: Identification) -> list[InterfaceEstimate]:
+    """Return the suspensions whose law depends on travel, so that it matters where they rest; one of those alike."""
+    found: list[InterfaceEstimate] = []
+    for each in result.interfaces:
+        is_shown = any(other.name in each.shared_with for other in found)
+        if each.stiffness.value is not None and each.at_rest and depends_on_travel(each.law) and not is_shown:
+            found.append(each)
+    return found
+
+
+def static_curves(result: Identification, axes: Any = None, *, truth: TaxiTruth | None = None) -> np.ndarray:
+    """Draw the force of each spring over the travel from the origin of its law, and where each run rests on it.
+
+    Args:
+        result: the identification.
+        axes: one Axes for each of `rested_springs`, or None for a new figure.
+        truth: of a simulated run: its springs are drawn too.
+
+    Returns:
+        (1, n_springs) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused, or no law depends on travel.
+    """
+    require_answer(result)
+    springs = rested_springs(result)
+    if not springs:
+        raise NotDeterminedError("the springs are straight: where a run rests on them changes nothing")
+    unit, scale = ("m/s²", 1.0) if result.per_mass else ("kN", 1e-3)
+    with house_style():
+        grid = panels(axes, 1, len(springs), height_in=3.8, width_in=max(WIDTH_IN, 3.4 * len(springs)))
+        for ax, spring in zip(grid[0], springs, strict=True):
+            true = truth.interfaces.get(spring.name) if isinstance(truth, BodyTruth) else truth
+            _static_curve(ax, spring, scale)
+            if true is not None and truth is not None:
+                _true_curve(ax, true, scale / truth.parameters.sprung_mass_kg if result.per_mass else scale)
+            ax.set_xlabel("travel from the origin of the law [mm]" if spring.rest_m.value else TRAVEL)
+            ax.set_title("Springs over travel" if result.study.is_one_gear else spring.name)
+            ax.legend(loc="best")
+        grid[0, 0].set_ylabel(f"force{' / M' * result.per_mass} beyond that at rest [{unit}]")
+    return grid
+
+
+def _static_curve(ax: Axes, spring: InterfaceEstimate, scale: float) -> None:
+    """Draw a spring, dashed where no run went, with the travel of each run and the place where it rests."""
+    rest_m, runs = spring.rest_m.value or 0.0, spring.at_rest
+    slope = (spring.stiffness.value or 0.0) + (spring.ground_stiffness.value or 0.0)
+    low, high = min(each.travelled_m[0] for each in runs), max(each.travelled_m[1] for each in runs)
+    far, near = np.linspace(min(low, -rest_m), max(high, -rest_m), 401), np.linspace(low, high, 401)
+
+    def draw(line: np.ndarray, **look: Any) -> None:
+        ax.plot(1e3 * (rest_m + line), scale * (slope * line + spring.law.static_force(line)[0]), **look)
+
+    draw(far, color=GREY, linestyle="--", linewidth=1.1)
+    draw(near, color=INK, linewidth=2.0, label="springs, standing still")
+    for each, color, marker in zip(runs, run_colors(len(runs)), cycle("osD^v"), strict=False):
+        ax.axvspan(*(1e3 * (rest_m + end) for end in each.travelled_m), color=color, alpha=0.12, linewidth=0, zorder=0)
+        mark: dict[str, Any] = {"marker": marker, "markersize": 7, "markeredgecolor": "white", "linestyle": "none"}
+        label = f"run {each.run!r} at rest, its travel shaded"
+        draw(np.array([each.travel_m.value or 0.0]), color=color, label=label, zorder=3, **mark)
+
+
+def _true_curve(ax: Axes, true: GearTruth | SuspensionTruth, scale: float) -> None:
+    """Draw the true spring over what is drawn of the found one."""
+    line = 1e-3 * np.linspace(*ax.get_xlim(), 401) - true.law.rest_m
+    if isinstance(true, GearTruth):
+        stiffness = true.parameters.suspension_stiffness_n_per_m + true.parameters.ground_stiffness_n_per_m
+    else:
+        stiffness = true.stiffness_n_per_m
+    force = stiffness * line + true.law.static_force(line)[0]
+    look: dict[str, Any] = {"color": GREEN, "linewidth": 4, "alpha": 0.45, "zorder": 1.5}
+    ax.plot(1e3 * (true.law.rest_m + line), scale * force, label="truth", **look)
 
 
 def _slopes(result: AnyIdentification) -> tuple[float | None, float | None]:

@@ -137,6 +137,7 @@ class AtRest(Estimates):
             the mass is not determined.
         stiffness: tangent of the whole spring force there, as the stiffness of the suspension.
         damping: what would dissipate as much over the motion of this run, likewise.
+        travelled_m: lowest and highest travel of the run, from where it rests in the reference run.
         loop: of what the law remembers, for a sine of the size and pace of the travel in this run; None where it
             remembers nothing.
     """
@@ -145,6 +146,7 @@ class AtRest(Estimates):
     travel_m: Estimate
     stiffness: Estimate
     damping: Estimate
+    travelled_m: tuple[float, float]
     loop: Loop | None = None
 
 

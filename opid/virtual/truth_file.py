@@ -103,11 +103,12 @@ def _numbers(record: Any, table: Mapping[str, Any], **others: Any) -> Any:
 
 
 def _law(table: Mapping[str, Any]) -> Law:
-    return law_from_parameters(table["name"], table["parameters"])
+    # files before the origin of a law was kept have none
+    return law_from_parameters(table["name"], table["parameters"]).resting_at(float(table.get("rest_m", 0.0)))
 
 
 def _law_table(law: Law) -> dict[str, Any]:
-    return {"name": law.name, "parameters": law.parameters}
+    return {"name": law.name, "parameters": law.parameters, "rest_m": law.rest_m}
 
 
 def _read_gear(table: Mapping[str, Any]) -> GearTruth:

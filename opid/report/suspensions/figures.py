@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from opid import plots
 from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
+from opid.plots.force import rested_springs
 from opid.report.document import Figure
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.paper.result import AnyIdentification
@@ -96,6 +97,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             "the law is an extrapolation. A law that remembers is drawn as in a slow motion in one direction.",
             lambda: plots.law_curves(result, truth=truth),
         )
+    yield from _of_rest(result, truth)
     if chain is not None:
         yield Figure(
             "transmissibility",
@@ -158,6 +160,7 @@ def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure
         "part. Outside the shaded range, the rms of the motion, few samples speak.",
         lambda: plots.suspension_forces(result, truth=truth),
     )
+    yield from _of_rest(result, truth)
     yield Figure(
         "predicted_accelerations",
         "Measured and predicted",
@@ -185,4 +188,17 @@ def _of_left_out(result: AnyIdentification) -> Iterator[Figure]:
             "another run, a third of an octave at a time. Where the error comes up to the measured line, the model "
             "says nothing of the motion there.",
             lambda: plots.left_out_spectra(result),
+        )
+
+
+def _of_rest(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Figure]:
+    """Where each run rests, if a law depends on travel."""
+    if isinstance(result, Identification) and not result.is_refused and rested_springs(result):
+        yield Figure(
+            "static_curves",
+            "Where each run rests",
+            "The force of the springs standing still, beyond that at rest in the reference run, over the travel from "
+            "the origin of the law (extension positive). A run that carries another mass rests elsewhere on it (marks) "
+            "and is as stiff as the curve is steep there. Dashed, no run went.",
+            lambda: plots.static_curves(result, truth=truth),
         )

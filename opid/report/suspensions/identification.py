@@ -239,7 +239,7 @@ def _law_of_gear(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator
     true = truth if isinstance(truth, GearTruth) else None
     yield from _law(result, "", result.law, result.law_estimates, true, _true_scale(result, truth))
     if isinstance(result, Identification):
-        yield from _rest_rows(result, result.interfaces[0])
+        yield from _rest_rows(result, result.interfaces[0], true)
         yield from _loop_rows(result, result.interfaces[0], true, _true_scale(result, truth))
 
 
@@ -255,7 +255,7 @@ def _suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterato
             true = truth.interfaces.get(interface.name) if isinstance(truth, BodyTruth) else None
             springs = _spring_rows(result, interface, true, scale)
             yield from _law(result, interface.name, interface.law, interface.law_estimates, true, scale, springs)
-            yield from _rest_rows(result, interface)
+            yield from _rest_rows(result, interface, true)
             yield from _loop_rows(result, interface, true, scale)
         shown.add(interface.name)
 
@@ -302,20 +302,24 @@ def _residual_row(interface: InterfaceEstimate) -> Row:
     return ("residual/noise", over_noise(interface.residual_over_noise), "-", "-", "1", "-", "-", "-")
 
 
-def _rest_rows(result: Identification, interface: InterfaceEstimate) -> Iterator[Row]:
+def _rest_rows(
+    result: Identification, interface: InterfaceEstimate, true: GearTruth | SuspensionTruth | None
+) -> Iterator[Row]:
     """The rest of a suspension in each run, and its stiffness there, if its law depends on travel."""
     if interface.stiffness.value is None or not depends_on_travel(interface.law):
         return
     stiffness, damping = result.units
     rows: list[tuple[str, str, Estimate]] = []
-    if interface.rest_m.value:
-        rows.append(("rest on the law", "m", interface.rest_m))
+    true_rest_m = 0.0 if true is None else true.law.rest_m
+    is_elsewhere = bool(interface.rest_m.value or true_rest_m)
     for each in interface.at_rest:
         if each.travel_m.std:
             rows.append((f"{each.run}: travel", "m", each.travel_m))
         rows.append((f"{each.run}: stiffness", stiffness, each.stiffness))
         rows.append((f"{each.run}: damping", damping, each.damping))
     yield ("At rest, run by run: static travel from the reference run, tangent stiffness, equivalent damping",)
+    if is_elsewhere:
+        yield estimate_row("rest on the law", "m", interface.rest_m, None if true is None else true_rest_m)
     yield from (estimate_row(*row) for row in rows)
     yield from gas_rows(interface.gas, "Gas at rest in the reference run")
 

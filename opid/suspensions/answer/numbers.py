@@ -59,7 +59,7 @@ class Numbers(Estimates):
     def without_values(self) -> Numbers:
         """Return nothing but the laws by name: every number would be a guess."""
         empty = self.with_estimates(_nothing)
-        interfaces = tuple(replace(each, law_estimates={}) for each in empty.interfaces)
+        interfaces = tuple(replace(each, law_estimates={}, at_rest=()) for each in empty.interfaces)
         return replace(empty, interfaces=interfaces, corrections={})
 
     def without_intervals_of(self, terms: Sequence[ConfoundedTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
@@ -158,14 +158,13 @@ def _interfaces(
 
 def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
     """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
-    return tuple(
-        AtRest(
-            name,
-            *part.known.at_rest(slot, index, per_mass=per_mass),
-            part.known.loop(slot, index, per_mass=per_mass),
-        )
-        for index, name in enumerate(part.task.run_names)
-    )
+    found = []
+    for index, name in enumerate(part.task.run_names):
+        travel_m, stiffness, damping = part.known.at_rest(slot, index, per_mass=per_mass)
+        travel = part.fit.errors.predictions[index].travel[:, slot] + (travel_m.value or 0.0)
+        travelled_m, loop = (float(travel.min()), float(travel.max())), part.known.loop(slot, index, per_mass=per_mass)
+        found.append(AtRest(name, travel_m, stiffness, damping, travelled_m, loop))
+    return tuple(found)
 
 
 def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:
