@@ -250,6 +250,10 @@ _N_CYCLES, _CYCLE_SAMPLES = 4, 2000
 def sine_like(travel_rms: float, velocity_rms: float) -> tuple[FloatArray, FloatArray, float]:
     """Return travel (m), velocity (m/s) and rate (Hz) of some cycles of a sine of the size and pace of a motion.
 
+    Args:
+        travel_rms: of the motion, m.
+        velocity_rms: likewise, m/s.
+
     >>> z, v, fs = sine_like(0.01, 0.01 * np.pi)
     >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / 2000)]
     [0.0141, 0.0444, 0.5]
@@ -273,6 +277,12 @@ def taken_per_cycle(force: FloatArray, v: FloatArray, fs: float) -> FloatArray:
 
 def loop_area(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> float:
     """Return the energy that the terms of a law that remember take in the last cycle of a motion, J.
+
+    Args:
+        law: any law.
+        z: (n,) travel, m, as `sine_like` makes it.
+        v: (n,) its rate, m/s.
+        fs: samples a second, Hz.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> motion = sine_like(0.01 / np.sqrt(2), 0.1)
