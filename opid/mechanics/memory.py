@@ -288,7 +288,7 @@ def loop_area(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> float:
     >>> motion = sine_like(0.01 / np.sqrt(2), 0.1)
     >>> friction = default_law("dahl_friction")
     >>> amplitude_n, bending_m = friction.vector
-    >>> round(loop_area(friction, *motion) / (4 * amplitude_n * (0.01 - bending_m)), 3)
+    >>> float(round(loop_area(friction, *motion) / (4 * amplitude_n * (0.01 - bending_m)), 3))
     1.0
     """
     return float(taken_per_cycle(force_along(law.remembering, z, v, fs), v, fs))
