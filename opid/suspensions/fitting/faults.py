@@ -328,14 +328,16 @@ def without_ground(model: Model) -> Model:
 def may_hold_a_needless_ground(fit: Fit) -> bool:
     """Return whether springs to the ground may have been asked for at the start in vain.
 
-    What else was wrong there, a sensor or a law, asked for them. They then hold the fit in a worse minimum, where they
-    are small.
+    What else was wrong there, a sensor or a law, asked for them. They can then hold the fit in a worse minimum, where
+    they are small.
     """
-    if not fit.model.ground:
-        return False
+    return fit.model.ground and (bool(fit.model.faults) or not _has_sure_ground(fit))
+
+
+def _has_sure_ground(fit: Fit) -> bool:
+    """Whether a spring to the ground is far from none."""
     springs = [fit.model.names.index(group.called(GROUND)) for group in fit.model.groups if group.ground]
-    is_sure = bool(np.any(np.abs(fit.theta[springs]) > fit.model.settings.faults.sure_ground_std * fit.std[springs]))
-    return bool(fit.model.faults) or not is_sure
+    return bool(np.any(np.abs(fit.theta[springs]) > fit.model.settings.faults.sure_ground_std * fit.std[springs]))
 
 
 def _without_ground(fit: Fit) -> Fit:
@@ -354,19 +356,27 @@ def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, 
 def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing:
     """Take out again what something else made useless, the ground springs first."""
     fit, demands = standing.fit, standing.demands
-    hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
+    demanded = hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
     if may_hold_a_needless_ground(fit):
-        hypotheses |= {Hypothesis("springs to the ground", ground=True): None}
+        hypotheses = hypotheses | {Hypothesis("springs to the ground", ground=True): None}
     for hypothesis in sorted(hypotheses, key=lambda each: not each.ground):
         smaller = hypothesis.taken_from(fit.model)
         try:
             without = fit_model(smaller, carried_over(fit, smaller))
         except NO_FIT:
             continue
-        if not _is_better(fit, without, known):
+        # no sensor asked for a spring to the ground that was there from the start
+        is_held = hypothesis.ground and hypothesis not in demanded and not fit.model.faults
+        if _is_less_likely(fit, without, known) if is_held else not _is_better(fit, without, known):
             gone = hypothesis.names(fit.model)
             fit, demands = without, tuple(demand for demand in demands if demand.name not in gone)
     return _Standing(fit, demands)
+
+
+def _is_less_likely(fit: Fit, than: Fit, known: FaultSettings) -> bool:
+    """Whether a fit explains the runs clearly less well than one with fewer parameters: its minimum is a worse one."""
+    n_more = fit.model.n_shared - than.model.n_shared
+    return fit.bic - than.bic > known.alike_bic + n_more * float(np.log(fit.n_data))
 
 
 def _without_the_implausible(standing: _Standing) -> _Standing:
