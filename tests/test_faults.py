@@ -137,7 +137,7 @@ def test_an_ac_coupling_is_let_in_where_a_spring_to_the_ground_stood_in_its_plac
 
 
 def test_a_ground_spring_that_holds_a_fit_in_a_worse_minimum_is_taken_out():
-    """A fit may begin with one, for the start values take a law that is missing for it. Where it harms nothing it stays."""
+    """A fit may begin with one, for start values take a law that is missing for it. Where it harms nothing it stays."""
     ground = Hypothesis("a spring to the ground", ground=True)
     before, start = first_fit()
     sprung = ground.added_to(before.model)
