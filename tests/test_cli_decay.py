@@ -114,18 +114,6 @@ def test_messages_speak_of_the_options(log, tmp_path):
     refused(short, "name another mode with --near", status=1)
 
 
-def test_a_time_column_without_a_unit_is_told_by_an_option(log, tmp_path):
-    path = tmp_path / "hit.csv"
-    path.write_text(log.read_text(encoding="utf-8").replace("time [s]", "time"), encoding="utf-8")
-    refused(opid("decay", path, "--channel", "az"), "'time' has no unit", "--time-unit")
-    refused(opid("decay", path, "--channel", "az", "--time-unit", "kg"), "--time-unit is 'kg'")
-    done = opid("decay", path, "--channel", "az", "--time-unit", "s", *ORDERS)
-    assert done.exit_code == 0
-    assert done.stdout.replace(path.name, "") == opid("decay", log, "--channel", "az", *ORDERS).stdout.replace(
-        log.name, ""
-    )
-
-
 def test_the_half_interval_stands_in_the_head_of_its_columns(log):
     done = opid("decay", log, "--channel", "az", *ORDERS)
     (head,) = (line for line in done.stdout.splitlines() if "±" in line)

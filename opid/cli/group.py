@@ -48,6 +48,40 @@ class Number(click.ParamType):
             self.fail(f"{value!r} is no number: give {self.needed}", param, ctx)
 
 
+class Unit(click.ParamType):
+    """A unit that opid knows, of time where it `is_of_time`; behind the name of a channel where it `is_named`."""
+
+    def __init__(self, *, is_of_time: bool = False, is_named: bool = False) -> None:
+        self.is_of_time, self.is_named = is_of_time, is_named
+        self.name = "CHANNEL=UNIT" if is_named else "UNIT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the unit, with a channel before it where it is named."""
+        from opid.signals.units import to_si
+
+        channel, _, unit = str(value).rpartition("=")
+        if bool(channel) != self.is_named:
+            self.fail(f"{value!r} is no {self.name}: give one, like {'load=kN' if self.is_named else 'g'}", param, ctx)
+        try:
+            is_time = to_si(unit)[1] == "s"
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+        if self.is_of_time and not is_time:
+            self.fail(f"{unit!r} is no unit of time: give one, like s or ms", param, ctx)
+        return (channel, unit) if self.is_named else unit
+
+
+time_unit_option = click.option(
+    "--time-unit",
+    type=Unit(is_of_time=True),
+    metavar="UNIT",
+    help="Of the time column (s, ms, ...), whatever the log says.",
+)
+unit_option = click.option(
+    "--unit", type=Unit(), metavar="UNIT", help="Of every channel for which the log states none (g, m/s^2, mm/s, ...)."
+)
+
+
 class BadInput(click.ClickException):
     """The input cannot be used."""
 

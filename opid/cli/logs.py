@@ -9,11 +9,23 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import PATH, BadInput, example, free_directory, main, out_option, progress, with_force
+from opid.cli.group import (
+    PATH,
+    BadInput,
+    example,
+    free_directory,
+    main,
+    out_option,
+    progress,
+    time_unit_option,
+    unit_option,
+    with_force,
+)
 from opid.errors import InputError
 
 if TYPE_CHECKING:
     from opid.signals.health.result import Health
+    from opid.signals.log import LogSettings
     from opid.studies.suspension_study import LogReading
 
 
@@ -25,10 +37,20 @@ if TYPE_CHECKING:
     metavar="STUDY.toml",
     help="Read the logs, and the channels that its runs take from them, as this study file says.",
 )
+@unit_option
+@time_unit_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @out_option("Leave pictures of each log there.")
 @with_force
-def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path | None, overwrite: bool) -> None:
+def inspect(
+    logs: tuple[Path, ...],
+    study: Path | None,
+    unit: str | None,
+    time_unit: str | None,
+    as_json: bool,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
     """Say what is in a log, and what is wrong with it.
 
     A log that cannot be read gets a sentence, and the others are inspected even so; the status is then 2.
@@ -38,6 +60,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     from opid.report import text
     from opid.report.health import channels_left_out
     from opid.signals.health.result import health_json
+    from opid.signals.log import AS_WRITTEN, LogSettings
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
     if studies:
@@ -45,7 +68,10 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
             f"{studies[0]} is a study, no log: name the logs and say how to read them, "
             f"opid inspect LOG... --study {studies[0]}"
         )
-    readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study)]
+    units = LogSettings(unit=unit, time_unit=time_unit)
+    if study is not None and units != AS_WRITTEN:
+        raise click.UsageError(f"--study {study} says how its logs are read: leave --unit and --time-unit out")
+    readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study, units)]
     if out is not None:
         names = [log.stem for log, _ in readings]
         names = list(dict.fromkeys(names + _distinct(names)))
@@ -79,12 +105,11 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
         raise BadInput(failures[-1])
 
 
-def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
+def _readings(log: Path, study: Path | None, units: LogSettings) -> tuple[LogReading, ...]:
     """How the log is to be read, and which of its channels."""
-    from opid.signals.log import AS_WRITTEN
     from opid.studies.suspension_study import LogReading, log_readings
 
-    return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)
+    return (LogReading(units),) if study is None else log_readings(study, log)
 
 
 def _health(log: Path, reading: LogReading, study: Path | None) -> Health:

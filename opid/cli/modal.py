@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import PATH, Output, example, main, out_option, result_name, truth_option, with_output
+from opid.cli.group import (
+    PATH,
+    Output,
+    Unit,
+    example,
+    main,
+    out_option,
+    result_name,
+    time_unit_option,
+    truth_option,
+    with_output,
+)
 from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
@@ -27,7 +38,6 @@ OPTIONS = tuple(
         (r"\bstop_s\b", "--stop"),
         (r"\bstiffness_order\b", "--stiffness-order"),
         (r"\bdamping_order\b", "--damping-order"),
-        (r"`?\btime_unit\b`?( in \[log\])?", "--time-unit"),
     )
 )
 """Settings as the messages of the library name them, and the options of `opid decay` for them."""
@@ -88,8 +98,8 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
 @main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))
 @click.argument("log", type=PATH, metavar="LOG")
 @click.option("--channel", required=True, metavar="NAME", help="Acceleration, velocity or displacement, by its unit.")
-@click.option("--unit", metavar="UNIT", help="Of the channel (g, m/s^2, mm/s, ...), whatever the log says.")
-@click.option("--time-unit", metavar="UNIT", help="Of the time column (s, ms, ...), whatever the log says.")
+@click.option("--unit", type=Unit(), metavar="UNIT", help="Of the channel (g, mm/s, ...), whatever the log says.")
+@time_unit_option
 @click.option("--near", type=float, metavar="HZ", help="Frequency of the mode.  [default: the highest peak]")
 @click.option("--start", type=float, metavar="S", help="Start of the decay, s from the first sample.  [default: found]")
 @click.option("--stop", type=float, metavar="S", help="Its end, s from the first sample.  [default: found]")

@@ -9,7 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import PATH, Number, Output, example, main, out_option, result_name, truth_option, with_output
+from opid.cli.group import (
+    PATH,
+    Number,
+    Output,
+    Unit,
+    example,
+    main,
+    out_option,
+    result_name,
+    time_unit_option,
+    truth_option,
+    unit_option,
+    with_output,
+)
 from opid.errors import InputError
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
 
@@ -82,6 +95,8 @@ CHANGED = 3
     help="Without a study: by how much springs, damping and friction differ from run to run; 0 for not at all.  "
     "[default: 0.01]",
 )
+@unit_option
+@time_unit_option
 @with_output
 def identify(
     paths: tuple[Path, ...],
@@ -98,6 +113,8 @@ def identify(
     axis: str | None,
     piston_area: float | None,
     repeatability: float | None,
+    unit: str | None,
+    time_unit: str | None,
     output: Output,
 ) -> None:
     """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
@@ -116,6 +133,8 @@ def identify(
         "--axis": axis,
         "--piston-area": piston_area,
         "--repeatability": repeatability,
+        "--unit": unit,
+        "--time-unit": time_unit,
     }
     if not is_one_gear:
         options = {"--method": None if method == "model" else method, "--high-pass": high_pass, **of_logs}
@@ -170,6 +189,7 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
 
 def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
     from opid.signals.files import nearest_beside
+    from opid.signals.log import LogSettings
     from opid.studies.study_file import read_study
     from opid.studies.suspension_study import study_from_logs
     from opid.suspensions.study import Study
@@ -204,6 +224,7 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
         axis=of_logs["--axis"] or "up",
         piston_area_m2=of_logs["--piston-area"],
         repeatability=of_logs["--repeatability"],
+        settings=LogSettings(unit=of_logs["--unit"], time_unit=of_logs["--time-unit"]),
         progress=say,
     )
 
@@ -228,10 +249,19 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
     metavar="M2",
     help="What the gas of an oleo strut pushes on; its pressure and volume are then given.",
 )
+@click.option(
+    "--unit",
+    "units",
+    type=Unit(is_named=True),
+    multiple=True,
+    metavar="COL=UNIT",
+    help="Without a study: unit of a column, like load=kN, whatever the log says; once for each column.",
+)
+@time_unit_option
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @out_option("For result.json, report and figures.")
 @partial(with_output, option="--overwrite")  # --force names a column here
-def law(bench: Path, output: Output, **of_log: Any) -> None:
+def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, output: Output, **of_log: Any) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
     F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
@@ -241,6 +271,7 @@ def law(bench: Path, output: Output, **of_log: Any) -> None:
 
     A study file with a table [bench] says all of this itself.
     """
+    from opid.report.suspensions.bench import command_of
     from opid.studies.bench_study import bench_study_from_log
     from opid.studies.study_file import read_study
     from opid.suspensions.bench.law import law_of_bench
@@ -248,8 +279,11 @@ def law(bench: Path, output: Output, **of_log: Any) -> None:
 
     given = {name: value for name, value in of_log.items() if value is not None and value is not False}
     options = [f"--{name.removesuffix('_kg').removesuffix('_m2').replace('_', '-')}" for name in given]
+    of_units = [word for channel, unit in units for word in ("--unit", f"{channel}={unit}")]
+    of_units += [] if time_unit is None else ["--time-unit", time_unit]
+    options += dict.fromkeys(word for word in of_units if word.startswith("--"))
     is_study = bench.suffix.lower() == ".toml"
-    if is_study and given:
+    if is_study and options:
         raise click.UsageError(f"{bench} is a study, which says that itself: leave out {' and '.join(options)}")
     if not is_study and not {"force", "travel"} <= given.keys():
         raise click.UsageError(
@@ -261,10 +295,10 @@ def law(bench: Path, output: Output, **of_log: Any) -> None:
         study = (
             read_study(bench, kind=BenchStudy, progress=say)
             if is_study
-            else bench_study_from_log(bench, progress=say, **given)
+            else bench_study_from_log(bench, units=dict(units), time_unit=time_unit, progress=say, **given)
         )
         result = law_of_bench(study, progress=say)
-        notes = output.write(result, progress=say)
+        notes = output.write(result, command=[*command_of(result), *of_units], progress=say)
     output.show(result, notes=notes)
 
 

@@ -113,5 +113,8 @@ def seconds_per_unit(unit: str | None, *, where: str) -> float:
     if not unit:
         return 1.0
     if si_unit(unit) != "s":
-        raise InputError(f"{where}: the time is in {unit!r}, which is no unit of time: give time_unit in [log]")
+        raise InputError(
+            f"{where}: the time is in {unit!r}, which is no unit of time: give time_unit in [log] of a study "
+            "(--time-unit without one)"
+        )
     return to_si(unit)[0]

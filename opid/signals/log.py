@@ -386,7 +386,7 @@ class ChannelSettings:
         if unit is None:
             raise InputError(
                 f"channel {self.channel!r} states no unit: write it in the log's header, like `{self.channel} [g]`, or "
-                "give `unit` in its table of [channels] in a study file, or in [log] for all"
+                "give `unit` in its table of [channels] in a study file, or in [log] for all (--unit without a study)"
             )
         factor, name = to_si(unit)
         if (self.scale, self.offset, self.sign) == (1.0, 0.0, 1):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
@@ -58,26 +59,46 @@ def bench_tables(document: Document) -> tuple[_Study, list[str]]:
     """Return the content of a study file of a test bench, and its faults."""
     study, faults = read_tables(_Study, document)
     if study.bench:
-        faults += [
-            f"[bench] takes no channel {name!r}, which stands in [channels] ({nearest(name, study.bench.channels)})"
-            for name in study.channels
-            if name not in study.bench.channels
-        ]
+        faults += _unused_channels(study, "[channels]")
     return study, faults
 
 
-def bench_study_from_log(log: Path, *, progress: Say, **bench: Any) -> BenchStudy:
+def _unused_channels(study: _Study, where: str) -> list[str]:
+    """The faults of channels of which something is said in a place and that the bench does not take."""
+    return [
+        f"[bench] takes no channel {name!r}, which stands in {where} ({nearest(name, study.bench.channels)})"
+        for name in study.channels
+        if name not in study.bench.channels
+    ]
+
+
+def bench_study_from_log(
+    log: Path,
+    *,
+    progress: Say,
+    units: Mapping[str, str] = MappingProxyType({}),
+    time_unit: str | None = None,
+    **bench: Any,
+) -> BenchStudy:
     """Return the study of a log without a study file.
 
     Args:
         log: the log.
         progress: called with the name of the log as it is read.
+        units: of channels, by name, whatever the log states.
+        time_unit: likewise of its time.
         bench: the fields of `BenchStudy` that are known.
 
     Raises:
         InputError: the log is at fault, or as `BenchStudy`.
     """
-    return _read(_Study(bench=_Bench(log=str(log), **bench)), Path(), progress, title=log.name, log=log, source=None)
+    study = _Study(
+        bench=_Bench(log=str(log), **bench),
+        log=LogSettings(time_unit=time_unit),
+        channels={name: ChannelTable(unit=unit) for name, unit in units.items()},
+    )
+    refuse(_unused_channels(study, "--unit"), log)
+    return _read(study, Path(), progress, title=log.name, log=log, source=None)
 
 
 def write_files(study: BenchStudy, directory: Path) -> str:

@@ -405,6 +405,7 @@ def study_from_logs(
     axis: Axis = "up",
     piston_area_m2: float | None = None,
     repeatability: float | None = None,
+    settings: LogSettings = AS_WRITTEN,
     progress: Say | None = None,
 ) -> Study:
     """Return the study of some logs of one gear; the first log is the reference.
@@ -419,6 +420,7 @@ def study_from_logs(
         piston_area_m2: what the gas of the strut pushes on; None where it is not known, or no gas carries the gear.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
             where they are known to be the same, None for what is usual.
+        settings: how the logs are to be read, like their units where they state none.
         progress: called with the name of each log as it is read.
 
     Raises:
@@ -446,10 +448,11 @@ def study_from_logs(
     runs = []
     for name, path, change in zip(names, paths, (0.0, *mass_changes_kg), strict=True):
         sources = {
-            channel: Source(Path(path), ChannelSettings(channel)) for channel in dict.fromkeys((unsprung, sprung))
+            channel: Source(Path(path), ChannelSettings(channel), settings)
+            for channel in dict.fromkeys((unsprung, sprung))
         }
         run = run_from_files(RunFiles(name, sources, float(change)), progress=progress)
-        runs.append(replace(run, log=Path(path)))
+        runs.append(replace(run, log=Path(path), log_settings=settings))
     return study_of_gear(
         title,
         sprung=sprung,

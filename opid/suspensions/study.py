@@ -17,6 +17,7 @@ from opid.errors import nearest, refuse
 from opid.provenance import ReadFile
 from opid.result import MOST_ROWS
 from opid.signals.health.result import Finding
+from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
@@ -141,6 +142,7 @@ class Run:
             negative if mass was removed.
         findings: what is to be said of the logs that it was taken from; of the recording itself that is found later.
         log: the file that it was read from without a study file; None where it came otherwise.
+        log_settings: how that file was read.
     """
 
     name: str
@@ -148,6 +150,7 @@ class Run:
     loading: tuple[PointMass, ...] | float = ()
     findings: tuple[Finding, ...] = ()
     log: Path | None = None
+    log_settings: LogSettings = AS_WRITTEN
 
     def __post_init__(self) -> None:
         if isinstance(self.loading, (int, float)):

@@ -6,12 +6,16 @@ import json
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
+from opid.signals.log import AS_WRITTEN
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
 
 Choice = tuple[tuple[str, ...], str]
 """A choice of the user as words of the command, of which there are none if no option says it, and as an argument."""
+
+OPTIONS_OF_LOGS = {"unit": "--unit", "time_unit": "--time-unit"}
+"""Settings of logs that options say."""
 
 
 def command_of(result: AnyIdentification) -> list[str] | None:
@@ -26,7 +30,10 @@ def command_of(result: AnyIdentification) -> list[str] | None:
     if not logs:
         return None
     changes = [word for change in _list_mass_changes(study) for word in ("--mass-change", _number(change))]
-    about_logs = [word for words, _ in _choices_about_logs(study) for word in words]
+    told = [words for words, _ in _choices_about_logs(study)]
+    if not all(told):
+        return None
+    about_logs = [word for words in told for word in words]
     channels = ["--sprung", study.sprung, "--unsprung", study.unsprung]
     return ["opid", "identify", *logs, *channels, *changes, *about_logs, *options]
 
@@ -97,6 +104,14 @@ def _choices_about_logs(study: Study) -> Iterator[Choice]:
     ):
         if value is not None:
             yield (option, _number(value)), f"{name}={_quote(value)}"
+    how = study.runs[0].log_settings
+    if how != AS_WRITTEN:
+        known = [(each.name, getattr(how, each.name)) for each in fields(how)]
+        stated = {name: value for name, value in known if value != getattr(AS_WRITTEN, name)}
+        has_options = stated.keys() <= OPTIONS_OF_LOGS.keys()
+        words = [word for name, value in stated.items() if has_options for word in (OPTIONS_OF_LOGS[name], value)]
+        arguments = ", ".join(f"{name}={value!r}" for name, value in stated.items())
+        yield tuple(words), f"settings=opid.signals.LogSettings({arguments})"
 
 
 def _find_logs(study: Study) -> list[str]:

@@ -37,7 +37,7 @@ def document_of(result: BenchLaw) -> Document:
             *(() if is_warned else (Paragraph(sentence(memory.statement)),)),
         ),
         lambda: _figures(result),
-        _command(result),
+        command_of(result),
         source="record",
     )
 
@@ -140,7 +140,8 @@ def _simulation_words(result: BenchLaw) -> str:
     )
 
 
-def _command(result: BenchLaw) -> list[str]:
+def command_of(result: BenchLaw) -> list[str]:
+    """Return the words of the command that gives a result, but for units that its log does not state."""
     bench = result.bench
     if bench.source is not None:
         return ["opid", "law", str(bench.source)]

@@ -19,7 +19,11 @@ def clock_sentences(check: ClockCheck, health: ClockHealth) -> Sentences:
     """Yield what is wrong with a clock."""
     of_track = f" of {health.track!r}" if health.track else ""
     if not HEALTH.least_fs_hz <= health.fs <= HEALTH.most_fs_hz:
-        cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"
+        cause = (
+            "check the stated rate (fs_hz in [log])"
+            if health.stated
+            else "check their unit (time_unit in [log], --time-unit)"
+        )
         source = "is stated" if health.stated else "follows from the time stamps"
         yield "warning", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}"
     if check.unreadable:

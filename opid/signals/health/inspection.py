@@ -190,7 +190,7 @@ def _find_unit_faults(wanted: Mapping[str, _Wanted]) -> Iterator[Finding]:
             "warning",
             "",
             f"{len(silent)} channels state no unit ({names}), they are inspected as written: give `unit` in their "
-            "tables of [channels], or in [log] for all",
+            "tables of [channels] of a study, or in [log] for all (--unit without a study)",
         )
     for name, own in without.items():
         if len(silent) < 2 or own.states_unit:

@@ -195,7 +195,8 @@ def _find_time_unit(
     unit = settings.time_unit or column.unit
     if unit is None:
         raise InputError(
-            f"{where} has no unit: write it in brackets, like `{column.name} [s]`, or give `time_unit` in [log]"
+            f"{where} has no unit: write it in brackets, like `{column.name} [s]`, or give `time_unit` in [log] of a "
+            "study (--time-unit without one)"
         )
     return seconds_per_unit(unit, where=where)
 
