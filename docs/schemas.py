@@ -246,7 +246,8 @@ def _comparison() -> Json:
 
 def _health() -> Json:
     define(ChannelHealth, fields_of(ChannelHealth, *_names(ChannelHealth, "overview")))
-    return {"logs": array(keys(fields_of(Health, *_names(Health, "rms_history", "files"))))}
+    log = keys(fields_of(Health, *_names(Health, "rms_history", "files")))
+    return {"logs": array(log), "settings": {"type": "object"}}
 
 
 def _powers() -> Json:

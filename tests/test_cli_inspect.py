@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from opid import plots
 from opid.report import health
+from opid.signals.health.settings import HEALTH
 from opid.signals.logs import read_log, write_log
 from opid.signals.recording import Channel, Recording
 
@@ -26,10 +27,18 @@ def test_inspect_tells_and_draws(field_test, tmp_path):
     done = opid("inspect", *logs, "--out", tmp_path / "pictures")
     assert (done.exit_code, done.stderr) == (0, "")
     assert done.output.count("256 Hz") == 2
-    assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == ["heavy.png", "light.png"]
+    assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == [
+        "heavy.png",
+        "light.png",
+        "report.html",
+        "result.json",
+    ]
+    page = (tmp_path / "pictures" / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == page.count("lower_z&#39; looks like the unsprung channel") == 2
     assert (tmp_path / "pictures" / "heavy.png").read_bytes().startswith(b"\x89PNG")
     document = json.loads(opid("inspect", logs[0], "--json").stdout)
     assert document["schema"] == "opid.health/1"
+    assert document["settings"]["clip_run"] == HEALTH.clip_run
     assert document["logs"][0]["looks_unsprung"] == "lower_z"
 
 
@@ -40,7 +49,12 @@ def test_inspect_names_the_pictures_of_two_logs_of_one_name_apart(field_test, tm
     other.write_bytes(log.read_bytes())
     done = opid("inspect", log, other, log, "--out", tmp_path / "pictures")
     assert done.exit_code == 0
-    assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == ["heavy_1.png", "heavy_2.png"]
+    assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == [
+        "heavy_1.png",
+        "heavy_2.png",
+        "report.html",
+        "result.json",
+    ]
 
 
 def test_inspect_draws_accelerations_first_where_there_are_too_many_channels(tmp_path, monkeypatch):
@@ -58,7 +72,8 @@ def test_inspect_draws_accelerations_first_where_there_are_too_many_channels(tmp
     samples = np.random.default_rng(0).standard_normal((400, 8))
     write_log(Recording(samples, fs=100.0, channels=channels), tmp_path / "many.csv")
     done = opid("inspect", tmp_path / "many.csv", "--out", tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["many_part1.png", "many_part2.png"]
+    pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
+    assert pictures == ["many_part1.png", "many_part2.png"]
     assert drawn == [["c3", "c4"], ["c5", "c6"]]
     assert "4 of the 8 channels of" in done.output
 
@@ -152,7 +167,12 @@ def test_inspect_reads_a_file_in_each_way_that_the_study_does(two_recorders):
     logs = json.loads(done.stdout)["logs"]
     assert [each["log"] for each in logs] == [f"{two_recorders / 'heavy.csv'} ({name})" for name in ("below", "sprung")]
     assert [each["channels"][0]["number"] for each in logs] == [2, 1]
-    assert sorted(path.name for path in (two_recorders / "out").iterdir()) == ["heavy_1.png", "heavy_2.png"]
+    assert sorted(path.name for path in (two_recorders / "out").iterdir()) == [
+        "heavy_1.png",
+        "heavy_2.png",
+        "report.html",
+        "result.json",
+    ]
 
 
 def test_inspect_numbers_the_channels_as_a_study_may_name_them(field_test):
@@ -173,7 +193,7 @@ def test_inspect_tells_of_damaged_logs_and_inspects_the_others(field_test, tmp_p
     refused(done, "damaged.csv")
     assert "heavy.csv (what is in the log" in " ".join(done.stdout.split())
     assert "20 s from 0 s on" in done.stdout
-    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["heavy.png"]
+    assert [path.name for path in (tmp_path / "pictures").glob("*.png")] == ["heavy.png"]
     done = opid("inspect", damaged, empty, field_test / "heavy.csv", "--json")
     assert done.exit_code == 2
     assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["Error", "Error"]
@@ -189,6 +209,22 @@ def test_inspect_takes_a_log_whose_name_is_no_utf_8(field_test, tmp_path):
     # a long name of the directory breaks the line behind it
     assert r"\udcff.csv (what is" in done.stdout.replace("\n", " ")
     assert json.loads(opid("inspect", log, "--json").stdout)["logs"][0]["log"] == str(log)
+
+
+@pytest.mark.usefixtures("empty_pictures")
+def test_inspect_writes_what_it_prints(field_test, tmp_path):
+    logs = (field_test / "heavy.csv", field_test / "light.csv")
+    done = opid("inspect", *logs, "--json", "--no-figures", "--out", tmp_path / "out")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout == (tmp_path / "out" / "result.json").read_text(encoding="utf-8")
+    assert [each["name"] for each in json.loads(done.stdout)["provenance"]["files"]] == list(map(str, logs))
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "result.json"}
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for log in logs:
+        assert f"<h2>{log}</h2>" in page
+    assert f"<pre>opid inspect {logs[0]} {logs[1]}</pre>" in page
+    assert opid("inspect", *logs, "--quiet").output == ""
+    assert f"opened {logs[0]}: CSV with 2 channels" in opid("inspect", *logs, "--verbose").stderr
 
 
 def test_inspect_refuses(field_test, tmp_path):

@@ -11,7 +11,7 @@ from cli_runs import CHANNELS, commands, opid, refused
 from opid.cli.group import progress
 
 WRITING = {words: each for words, each in commands() if any(option.name == "out" for option in each.params)}
-REPORTING = {words: each for words, each in WRITING.items() if words[1] not in ("simulate", "inspect")}
+REPORTING = {words: each for words, each in WRITING.items() if words[1] != "simulate"}
 GIVEN = {
     "compare": ("flight_1", "flight_2", "--out"),
     "decay": ("log.csv", "--channel", "az", "--out"),
@@ -34,6 +34,7 @@ def test_every_command_that_writes_has_the_options():
     assert {words[1] for words in WRITING} == set(GIVEN)
     for words, each in WRITING.items():
         assert ("--overwrite" if words[1] == "law" else "--force") in options_of(each)
+        assert "--quiet" in options_of(each)
     for each in REPORTING.values():
         assert {"--json", "--quiet", "--verbose", "--no-figures"} <= options_of(each)
 
@@ -60,8 +61,8 @@ def test_other_files_in_the_folder_are_no_older_result_and_stay(tmp_path):
     before = (tmp_path / "heavy.csv").read_bytes()
     refused(opid("simulate", "taxi", tmp_path, "--duration", 2, "--fs", 256, "--seed", 2), "heavy.csv, light.csv, ")
     assert (tmp_path / "heavy.csv").read_bytes() == before
-    again = opid("simulate", "taxi", tmp_path, "--duration", 2, "--fs", 256, "--seed", 2, "--force")
-    assert again.exit_code == 0, again.output
+    again = opid("simulate", "taxi", tmp_path, "--duration", 2, "--fs", 256, "--seed", 2, "--force", "--quiet")
+    assert (again.exit_code, again.output) == (0, "")
     assert (tmp_path / "heavy.csv").read_bytes() != before
     assert (tmp_path / "notes.txt").read_text(encoding="utf-8") == "mine"
 

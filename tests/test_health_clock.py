@@ -143,7 +143,10 @@ def test_stamps_that_cannot_be_times_are_no_numbers():
 
 
 def test_absurd_rates_are_told():
-    assert "follows from the time stamps: check their unit (time_unit in [log], --time-unit)" in messages(health_of(1000 * TRUE))[0]
+    assert (
+        "follows from the time stamps: check their unit (time_unit in [log], --time-unit)"
+        in messages(health_of(1000 * TRUE))[0]
+    )
     assert "is stated: check the stated rate" in messages(health_of(TRUE, LogSettings(fs_hz=5e6)))[0]
 
 

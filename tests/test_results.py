@@ -26,6 +26,7 @@ from opid.mechanics.truth import UpdatingTruth
 from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
+from opid.signals.health.result import Inspection
 from opid.studies.study_file import read_study
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
@@ -104,7 +105,11 @@ def updating(request, folder):
     return small_updating()
 
 
-MAKERS = (gear, body, by_paper, structure, bench, flights, health, decay, modal, updating)
+def inspection(request, folder):
+    return Inspection((health(request, folder), replace(sound_health(), log="light.csv")), ("heavy taxi", "light"))
+
+
+MAKERS = (gear, body, by_paper, structure, bench, flights, health, inspection, decay, modal, updating)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)

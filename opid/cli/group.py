@@ -162,6 +162,8 @@ def overwrite_option(name: str) -> Callable[[Callable[..., None]], Callable[...,
 
 with_force = overwrite_option("--force")
 
+quiet_option = click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell.")
+
 
 def out_option(help_text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return the option that names the folder for a report."""
@@ -206,6 +208,11 @@ class Output:
         path = self.out or Path(default)
         return replace(self, out=free_directory(path, names, overwrite=self.overwrite, option=self.option))
 
+    @property
+    def has_text(self) -> bool:
+        """Whether a text is printed."""
+        return not self.as_json and not self.quiet
+
     def progress(self) -> AbstractContextManager[Callable[[str], None]]:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
@@ -237,15 +244,21 @@ class Output:
         from opid.report import text
 
         if self.as_json:
-            click.echo(json_text(traced(result.to_dict(), result.files)), nl=False)
-        elif not self.quiet:
+            click.echo(printable(json_text(traced(result.to_dict(), result.files))), nl=False)
+        elif self.has_text:
             click.echo(text(result, truth))
             for note in notes:
                 click.echo(note)
         reason = getattr(result, "not_determined", None)
         if reason:
-            is_silent = self.as_json or self.quiet
-            raise NotDetermined(f"not determined: {reason}" if is_silent else "not determined, for the reason above")
+            raise NotDetermined(
+                "not determined, for the reason above" if self.has_text else f"not determined: {reason}"
+            )
+
+
+def printable(text: str) -> str:
+    """Return a text as any terminal can show it: the name of a file may be no UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def with_output(command: Callable[..., None], *, option: str = "--force") -> Callable[..., None]:
@@ -265,7 +278,7 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
             "--no-figures", "figures", flag_value=False, default=True, help="Write the report without figures."
         ),
         click.option("--verbose", is_flag=True, help="Print every step of the work on stderr, and what opid logs."),
-        click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell."),
+        quiet_option,
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
         overwrite_option(option),
     ):
@@ -273,10 +286,12 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
     return decorated
 
 
-def show_next(command: str, study: Path) -> None:
-    """Print the command line that identifies a virtual test from its study and compares the result with the truth."""
-    words = ["opid", command, str(study), "--truth", str(study.with_name("truth.json"))]
-    click.echo(f"Next: {shlex.join(words)}")
+def show_made(words: str, command: str, study: Path, *, quiet: bool) -> None:
+    """Print what was simulated, and the command line that identifies it and compares the result with the truth."""
+    if quiet:
+        return
+    again = ["opid", command, str(study), "--truth", str(study.with_name("truth.json"))]
+    click.echo(f"{words}\nNext: {shlex.join(again)}")
 
 
 class _LogAsSteps(logging.Handler):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,15 +11,16 @@ import click
 
 from opid.cli.group import (
     PATH,
+    REPORT,
     BadInput,
+    Output,
     example,
-    free_directory,
     main,
     out_option,
-    progress,
+    printable,
     time_unit_option,
     unit_option,
-    with_force,
+    with_output,
 )
 from opid.errors import InputError
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from opid.studies.suspension_study import LogReading
 
 
-@main.command(epilog=example("opid inspect heavy.csv light.csv --out pictures"))
+@main.command(epilog=example("opid inspect heavy.csv light.csv --out inspected"))
 @click.argument("logs", nargs=-1, required=True, type=PATH, metavar="LOG...")
 @click.option(
     "--study",
@@ -39,27 +40,18 @@ if TYPE_CHECKING:
 )
 @unit_option
 @time_unit_option
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@out_option("Leave pictures of each log there.")
-@with_force
+@out_option("For result.json, report and a picture of each log.")
+@with_output
 def inspect(
-    logs: tuple[Path, ...],
-    study: Path | None,
-    unit: str | None,
-    time_unit: str | None,
-    as_json: bool,
-    out: Path | None,
-    overwrite: bool,
+    logs: tuple[Path, ...], study: Path | None, unit: str | None, time_unit: str | None, output: Output
 ) -> None:
     """Say what is in a log, and what is wrong with it.
 
     A log that cannot be read gets a sentence, and the others are inspected even so; the status is then 2.
     """
-    from opid.json_values import json_text
-    from opid.provenance import traced
     from opid.report import text
     from opid.report.health import channels_left_out
-    from opid.signals.health.result import health_json
+    from opid.signals.health.result import Inspection
     from opid.signals.log import AS_WRITTEN, LogSettings
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
@@ -72,10 +64,9 @@ def inspect(
     if study is not None and units != AS_WRITTEN:
         raise click.UsageError(f"--study {study} says how its logs are read: leave --unit and --time-unit out")
     readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study, units)]
-    if out is not None:
-        names = [log.stem for log, _ in readings]
-        names = list(dict.fromkeys(names + _distinct(names)))
-        free_directory(out, tuple(f"{n}{end}.png" for n in names for end in ("", "_part1")), overwrite=overwrite)
+    names = [log.stem for log, _ in readings]
+    pictures = [f"{n}{end}.png" for n in dict.fromkeys(names + _distinct(names)) for end in ("", "_part1")]
+    output = output.reserve((*REPORT, *pictures))
     found: list[Health] = []
     stems: list[str] = []
     failures = []
@@ -83,22 +74,26 @@ def inspect(
         several = [each for each, _ in readings].count(log) > 1
         title = f"{log} ({', '.join(reading.channels)})" if several and reading.channels else str(log)
         try:
-            found.append(replace(_health(log, reading, study), log=title))
+            with output.progress() as say:
+                found.append(replace(_health(log, reading, study, say), log=title))
             stems.append(log.stem)
         except InputError as error:
             failures.append(str(error))
             continue
-        if not as_json:
+        if output.has_text:
             click.echo("\n" * (len(found) > 1) + text(found[-1]), nl=False)
-    if as_json and found:
-        document = traced(health_json(found), (file for each in found for file in each.files))
-        click.echo(_printable(json_text(document)), nl=False)
-    if out is not None and found:
-        pictures = _write_pictures(found, stems, out)
-        if not as_json:
-            click.echo(_printable("\nPictures: " + ", ".join(str(out / name) for name in pictures)))
-            for words in filter(None, map(channels_left_out, found)):
-                click.echo(_printable(words))
+    if found:
+        result = Inspection(tuple(found), tuple(_distinct(stems)))
+        options = {"--study": study, "--unit": unit, "--time-unit": time_unit}
+        told = [word for name, value in options.items() if value is not None for word in (name, str(value))]
+        words = ["opid", "inspect", *map(str, dict.fromkeys(logs)), *told]
+        with output.progress() as say:
+            notes = output.write(result, command=words, progress=say)
+        left_out = map(channels_left_out, found) if output.figures and notes else ()
+        if output.as_json:
+            output.show(result)
+        elif output.has_text and notes:
+            click.echo(printable("\n" + "\n".join((*notes, *filter(None, left_out)))))
     for failure in failures[:-1]:
         click.echo(f"Error: {failure}", err=True)
     if failures:
@@ -112,21 +107,19 @@ def _readings(log: Path, study: Path | None, units: LogSettings) -> tuple[LogRea
     return (LogReading(units),) if study is None else log_readings(study, log)
 
 
-def _health(log: Path, reading: LogReading, study: Path | None) -> Health:
+def _health(log: Path, reading: LogReading, study: Path | None, say: Callable[[str], None]) -> Health:
     from opid.provenance import read_file
     from opid.signals.health.inspection import inspect as inspect_log
     from opid.signals.health.result import Finding
     from opid.signals.logs import open_log
 
-    with progress() as say:
-        say(log.name)
-        opened = open_log(log, reading.settings)
-        health = inspect_log(
-            opened,
-            reading.settings,
-            channels=reading.channels,
-            progress=lambda part: say(f"{log.name}, {part:.0%} read"),
-        )
+    say(log.name)
+    health = inspect_log(
+        open_log(log, reading.settings),
+        reading.settings,
+        channels=reading.channels,
+        progress=lambda part: say(f"{log.name}, {part:.0%} read"),
+    )
     if study is None:
         return health
     health = replace(health, files=(read_file(study), *health.files))
@@ -140,27 +133,6 @@ def _choice(runs: tuple[str, ...]) -> str:
         return "no run of the study takes a channel from this log: all are shown, read as [log] says"
     others = ", ".join(map(repr, runs[1:]))
     return f"read as run {runs[0]!r} says; {others} use{'s' * (len(runs) == 2)} this log, too" if others else ""
-
-
-def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> list[str]:
-    """Draw the channels of each log on one or more pictures, and return the names of the files."""
-    from opid.report.health import health_figures
-    from opid.report.writing import draw_pictures
-    from opid.signals.files import write_together
-
-    images: dict[str, bytes] = {}
-    for stem, health in zip(_distinct(stems), found, strict=True):
-        with progress() as say:
-            say(stem)
-            pictures = draw_pictures(health_figures(health))
-        images |= {f"{stem}{name.removeprefix('health')}.png": image for name, image in pictures.items()}
-    write_together(out, images)
-    return list(images)
-
-
-def _printable(text: str) -> str:
-    """The text as any terminal can show it: the name of a file may be no UTF-8."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _distinct(names: list[str]) -> list[str]:

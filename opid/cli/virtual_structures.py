@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import PATH, example, free_directory, progress, show_next, with_force
+from opid.cli.group import PATH, example, free_directory, progress, quiet_option, show_made, with_force
 from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 if TYPE_CHECKING:
@@ -44,9 +44,17 @@ FEWEST_CONTROLLED = 10
 )
 @click.option("--frequency-error", default=0.0, show_default=True, metavar="%", help="Of the frequencies in modes.npz.")
 @click.option("--damping-error", default=0.0, show_default=True, metavar="%", help="Of the damping in modes.npz.")
+@quiet_option
 @with_force
 def sine_beats(
-    out: Path, case: str, seed: int, noise: float, shaker: bool | None, overwrite: bool, **errors_percent: float
+    out: Path,
+    case: str,
+    seed: int,
+    noise: float,
+    shaker: bool | None,
+    overwrite: bool,
+    quiet: bool,
+    **errors_percent: float,
 ) -> None:
     """Write a series of modal tests of a bolted structure into the directory OUT.
 
@@ -61,7 +69,7 @@ def sine_beats(
     free_directory(out, ("modes.npz", *STUDY_FILES), overwrite=overwrite)
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}
     settings |= {f"{name}_percent": value for name, value in errors_percent.items()}
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         say("the highest levels")
         series = virtual_series(case, shaker=shaker)
         fractions = {name: value / 100 for name, value in errors_percent.items()}
@@ -70,8 +78,7 @@ def sine_beats(
         study = virtual_study(series, rng=rng, noise_share=noise, given=stated, progress=say)
         say("the files")
         path = write_field_test(study, modal_truth(series, settings=settings), out)
-    click.echo(f"{len(study.tests)} tests: {series.case.text}")
-    show_next("modal", path)
+    show_made(f"{len(study.tests)} tests: {series.case.text}", "modal", path, quiet=quiet)
 
 
 @simulate.command("backbones", epilog=example("opid simulate backbones wing --true-class 2 --points 20"))
@@ -109,6 +116,7 @@ def sine_beats(
     show_default=True,
     help="Files of the matrices: numpy's, MATLAB's, or one of Matrix Market for each.",
 )
+@quiet_option
 @with_force
 def backbones(
     out: Path,
@@ -120,6 +128,7 @@ def backbones(
     linear_error: float,
     matrices: Literal["npz", "mat", "mtx"],
     overwrite: bool,
+    quiet: bool,
 ) -> None:
     """Write backbones of the wing-engine structure, with known truth, into the directory OUT.
 
@@ -149,7 +158,7 @@ def backbones(
     settings |= {"linear_error_percent": linear_error} if by == "synthetic" else {"damping_ratio": DAMPING_RATIO}
     true = PAPER_CLASSES[true_class - 1]
     theta = PAPER_THETA[true.name]
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         say("the structure")
         structure = wing_engine_structure()
         system = reduce(structure, UPDATED)
@@ -170,8 +179,7 @@ def backbones(
         path = write_field_test(study, truth, out)
         if matrices != "npz":
             replace_matrices(structure, out, matrices)
-    click.echo(f"{counted(len(measured), 'backbone')}: {description}")
-    show_next("update", path)
+    show_made(f"{counted(len(measured), 'backbone')}: {description}", "update", path, quiet=quiet)
 
 
 def _by_continuation(

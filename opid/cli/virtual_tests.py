@@ -18,7 +18,8 @@ from opid.cli.group import (
     free_directory,
     main,
     progress,
-    show_next,
+    quiet_option,
+    show_made,
     with_force,
     with_output,
 )
@@ -91,6 +92,7 @@ def of_runs(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run."),
         click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise."),
         click.argument("out", type=PATH),
+        quiet_option,
         with_force,
     ):
         command = option(command)
@@ -128,13 +130,13 @@ def of_runs(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--range", "full_scale", type=float, metavar="M/S2", help="Of the converter, +-.  [default: 50 with --bits]"
 )
-def taxi(out: Path, seed: int, overwrite: bool, **settings: Any) -> None:
+def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft at two masses into the directory OUT.
 
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
     free_directory(out, TAXI_FILES, overwrite=overwrite)
-    _simulate(_taxi_test, out, {"seed": seed} | settings, title=f"Two virtual taxi runs, seed {seed}")
+    _simulate(_taxi_test, out, {"seed": seed} | settings, quiet=quiet, title=f"Two virtual taxi runs, seed {seed}")
 
 
 @simulate.command(epilog=example("opid simulate aircraft plane --seed 2 --loading 500 -1 0.2"))
@@ -166,7 +168,7 @@ def taxi(out: Path, seed: int, overwrite: bool, **settings: Any) -> None:
     help="Times FACTOR the stiffness of the strut nose, left or right, as harm would: left 0.95.",
 )
 @click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Of the runs.")
-def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **settings: Any) -> None:
+def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, quiet: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
 
     The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
@@ -178,6 +180,7 @@ def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **sett
         _aircraft_test,
         out,
         {"seed": seed} | settings,
+        quiet=quiet,
         title=f"A virtual aircraft on three gears, seed {seed}",
         day=None if day is None else day.date(),
         position_tolerance_m=POSITION_TOLERANCE_M,
@@ -186,20 +189,22 @@ def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **sett
     )
 
 
-def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], **facts: Any) -> None:
+def _simulate(
+    make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], *, quiet: bool, **facts: Any
+) -> None:
     """Simulate a taxi test, write it with the facts that its owner knows, and print the next command."""
     from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
     from opid.virtual.truth_file import write_field_test
 
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         say("two taxi runs")
         test = make(settings)
         say("the files")
         study = taxi_study(test, **facts)
         path = write_field_test(study, taxi_truth(test, settings=settings), out)
-    for named, run in zip(study.runs, test.runs, strict=True):
-        click.echo(f"{run.airframe.mass_kg:g} kg: {out / named.name}.csv")
-    show_next("identify", path)
+    runs = zip(study.runs, test.runs, strict=True)
+    made = "\n".join(f"{run.airframe.mass_kg:g} kg: {out / named.name}.csv" for named, run in runs)
+    show_made(made, "identify", path, quiet=quiet)
 
 
 def _taxi_test(settings: dict[str, Any]) -> TaxiTest:

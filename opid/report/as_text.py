@@ -43,7 +43,7 @@ def as_text(document: Document) -> str:
 
 def _block_lines(block: Block) -> list[str]:
     if isinstance(block, Paragraph):
-        return wrapped(block.text)
+        return [*wrapped(block.heading), *wrapped(block.text)]
     if isinstance(block, Remarks):
         head = f"{block.label}: " if block.label else ""
         return [line for each in block.sentences for line in wrapped(ended(each), head)]

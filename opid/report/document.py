@@ -16,9 +16,11 @@ class Paragraph:
 
     Args:
         text: one or more sentences.
+        heading: its title, or empty.
     """
 
     text: str
+    heading: str = ""
 
 
 @dataclass(frozen=True)

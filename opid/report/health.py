@@ -7,7 +7,16 @@ import re
 from collections.abc import Iterator, Sequence
 
 from opid.report.document import Block, Document, Figure, Paragraph, Remarks, Table, columns, counted, ended, sentence
-from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
+from opid.signals.health.result import (
+    ChannelHealth,
+    ClockHealth,
+    Finding,
+    Health,
+    Inspection,
+    PairHealth,
+    SpectralLine,
+    count_findings,
+)
 
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
 MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
@@ -26,8 +35,29 @@ LEAST_JITTER = 1e-6
 """Fraction of the period; less is the rounding of numbers, not of stamps."""
 
 
-def document_of(health: Health) -> Document:
-    """Return the report of a log: clocks, channels and pairs, then the findings, the most serious first."""
+def document_of(result: Health | Inspection) -> Document:
+    """Return the report of a log, or of several in their order: each with a heading, as it is alone."""
+    if isinstance(result, Health):
+        return _document_of(result, "health")
+    parts = [_document_of(health, name) for name, health in zip(result.names, result.logs, strict=True)]
+    if len(parts) == 1:
+        return parts[0]
+    findings = [each for health in result.logs for each in health.findings]
+    headings = [Paragraph(part.answer, part.title) for part in parts]
+    return Document(
+        f"{len(parts)} logs",
+        "what is in them, and what is wrong with them",
+        sentence(count_findings(findings)),
+        None,
+        tuple(block for heading, part in zip(headings, parts, strict=True) for block in (heading, *part.blocks)),
+        lambda: [block for part in parts for block in part.details()],
+        ["opid", "inspect", *(health.log for health in result.logs)],
+        source="logs",
+    )
+
+
+def _document_of(health: Health, name: str) -> Document:
+    """The report of a log: clocks, channels and pairs, then the findings, the most serious first."""
     blocks: list[Block] = [*_clocks(health.clocks), *_channels(health.channels)]
     blocks += [*_spectra(_telling(health.channels)), *_pairs(health.pairs)]
     if health.looks_unsprung:
@@ -39,27 +69,29 @@ def document_of(health: Health) -> Document:
         sentence(_answer(health)),
         None,
         tuple(blocks),
-        lambda: _details(health),
+        lambda: _details(health, name),
         ["opid", "inspect", health.log] if health.log else None,
         source="log",
     )
 
 
-def _details(health: Health) -> Iterator[Block]:
+def _details(health: Health, name: str) -> Iterator[Block]:
     left_out = channels_left_out(health)
     if left_out:
         yield Paragraph(ended(left_out))
-    yield from health_figures(health)
+    yield from _figures(health, name)
 
 
-def health_figures(health: Health) -> tuple[Figure, ...]:
-    """Return the figures of a log, several channels on each; of very many channels some are drawn."""
+def _figures(health: Health, name: str) -> Iterator[Figure]:
+    """The figures of a log, several channels on each; of very many channels some are drawn."""
     from opid import plots
 
     def figure(number: int, names: Sequence[str]) -> Figure:
         return Figure(
-            "health" if len(parts) == 1 else f"health_part{number}",
-            "History, spectrum and spectrogram" + f", part {number}" * (len(parts) > 1),
+            name if len(parts) == 1 else f"{name}_part{number}",
+            "History, spectrum and spectrogram"
+            + f" of {_make_printable(health.log)}" * bool(health.log)
+            + f", part {number}" * (len(parts) > 1),
             "Each channel over time, between its least and its largest value; its power spectral density; and how that "
             "moves over time. What is wrong is marked.",
             lambda: plots.health_picture(health, channels=names),
@@ -67,7 +99,7 @@ def health_figures(health: Health) -> tuple[Figure, ...]:
 
     names = _choose_drawn(health)
     parts = [names[i : i + CHANNELS_A_FIGURE] for i in range(0, len(names), CHANNELS_A_FIGURE)]
-    return tuple(figure(number, part) for number, part in enumerate(parts, 1))
+    return (figure(number, part) for number, part in enumerate(parts, 1))
 
 
 def channels_left_out(health: Health) -> str:

@@ -44,6 +44,7 @@ KINDS = (
     KindOfResult("suspensions.bench.law.BenchLaw", "suspensions.bench"),
     KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
     KindOfResult("signals.health.result.Health", "health"),
+    KindOfResult("signals.health.result.Inspection", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "decay"),
     KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
     KindOfResult("updating.result.Updating", "updating", (UpdatingTruth,)),

@@ -11,6 +11,8 @@ import numpy as np
 from opid.json_values import plain
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
+from opid.signals.health.settings import HEALTH
+from opid.signals.health.spikes import SPIKES
 from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.health/1"
@@ -257,22 +259,66 @@ class Health(Result):
         return health_json([self])
 
     def _headline(self) -> str:
-        counts = [(kind, sum(each.severity == kind for each in self.findings)) for kind in ("fault", "warning", "note")]
-        counted = ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts if n) or "nothing is wrong"
-        return f"{self.log or 'a recording'}, {len(self.channels)} channels: {counted}"
+        return f"{self.log or 'a recording'}, {len(self.channels)} channels: {count_findings(self.findings)}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inspection(Result):
+    """What `opid inspect` found in some logs.
+
+    Args:
+        logs: what it found in each.
+        names: by which their figures are called, one for each log and no two alike.
+    """
+
+    logs: tuple[Health, ...]
+    names: tuple[str, ...]
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the numbers of each log, with its name before each."""
+        return tuple(
+            replace(row, name=f"{name}.{row.name}")
+            for name, health in zip(self.names, self.logs, strict=True)
+            for row in health.summary()
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `health_json`."""
+        return health_json(self.logs)
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs and the study that says how they are read, as they were then."""
+        return tuple(file for health in self.logs for file in health.files)
+
+    def _headline(self) -> str:
+        findings = [each for health in self.logs for each in health.findings]
+        return f"{len(self.logs)} logs: {count_findings(findings)}"
+
+
+def count_findings(findings: Sequence[Finding]) -> str:
+    """Return how many findings of each severity there are.
+
+    >>> count_findings([]), count_findings([Finding("note", "", "an offset")])
+    ('nothing is wrong', '1 note')
+    """
+    counts = [(kind, sum(each.severity == kind for each in findings)) for kind in ("fault", "warning", "note")]
+    return ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts if n) or "nothing is wrong"
 
 
 def health_json(logs: Sequence[Health]) -> dict[str, Any]:
     """Return the health of some logs as a value of JSON, without the arrays of pictures.
 
     Returns:
-        `schema` and `logs`; a log has the fields of `Health` except `rms_history` and `files`, and its channels have
-        theirs except `overview`.
+        `schema`, `logs` and `settings`; a log has the fields of `Health` except `rms_history` and `files`, and its
+        channels have theirs except `overview`. The settings are those of `HealthSettings`, and below `spikes` those of
+        `SpikeSettings`.
 
-    >>> health_json([])
-    {'schema': 'opid.health/1', 'logs': []}
+    >>> list(health_json([]))
+    ['schema', 'logs', 'settings']
     """
-    return plain({"schema": SCHEMA, "logs": [_without_arrays(each) for each in logs]})
+    settings = asdict(HEALTH) | {"spikes": asdict(SPIKES)}
+    return plain({"schema": SCHEMA, "logs": [_without_arrays(each) for each in logs], "settings": settings})
 
 
 def _without_arrays(health: Health) -> dict[str, Any]:
