@@ -204,6 +204,29 @@ def test_what_we_show_uses_public_names_alone(page):
     assert sorted({each for each in names_used(shown_code(ROOT / page)) if not is_public(each)}) == []
 
 
+def named(text):
+    """Return the full names of opid that prose holds in backticks; `opid.law/1` is the name of a schema."""
+    return set(re.findall(r"`(opid(?:\.[A-Za-z_]\w*)+)(?![\w/])", text))
+
+
+def is_module(name):
+    return (ROOT.joinpath(*name.split(".")).with_suffix(".py")).exists() or ROOT.joinpath(*name.split(".")).is_dir()
+
+
+@pytest.mark.parametrize("page", [page for page in SHOWN if page.endswith(".md")])
+def test_names_in_prose_are_public_or_modules(page):
+    names = named((ROOT / page).read_text(encoding="utf-8"))
+    assert [each for each in sorted(names) if not is_public(each) and not is_module(each)] == []
+
+
+def test_a_name_in_prose_that_is_gone_is_found():
+    names = named(
+        "`opid.modal_text` and `opid.virtual.files` are gone, `opid.law/1` is no name, `opid.signals.logs` stays"
+    )
+    assert names == {"opid.modal_text", "opid.virtual.files", "opid.signals.logs"}
+    assert {each for each in names if not is_public(each) and not is_module(each)} == names - {"opid.signals.logs"}
+
+
 def test_pages_with_code_are_found():
     assert len([page for page in SHOWN if "opid" in names_used(shown_code(ROOT / page))]) > 15
 
