@@ -1,6 +1,8 @@
 """The two ways in which a call can fail for a reason that belongs to the user, and how that is said."""
 
 import difflib
+import shlex
+import sys
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,9 +32,14 @@ def missing_library(what: str, library: str, extra: str) -> InputError:
         extra: of opid that installs it.
     """
     return InputError(
-        f"{what} needs {library}, which is not installed: run `pip install '.[{extra}]'` in a clone of opid, "
-        f"or `pip install {library}`"
+        f"{what} needs {library}, which is not installed: run `{pip_install(f'.[{extra}]')}` in a clone of opid, "
+        f"or `{pip_install(library)}`"
     )
+
+
+def pip_install(what: str) -> str:
+    """Return the command that installs something for the Python that runs, whatever else is called pip."""
+    return shlex.join([sys.executable, "-m", "pip", "install", what])
 
 
 def require(module: str, what: str, library: str, extra: str) -> None:

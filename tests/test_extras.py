@@ -46,8 +46,9 @@ def test_what_needs_an_extra_says_how_to_install_it(module, tmp_path, monkeypatc
     monkeypatch.setitem(sys.modules, module.split()[0], None)
     with pytest.raises(InputError) as caught:
         use(tmp_path)
-    end = f" needs {library}, which is not installed: run `pip install '.[{extra}]'` in a clone of opid, or "
-    assert str(caught.value).endswith(f"{end}`pip install {library}`")
+    pip = f"{sys.executable} -m pip install"
+    end = f" needs {library}, which is not installed: run `{pip} '.[{extra}]'` in a clone of opid, or `{pip} {library}`"
+    assert str(caught.value).endswith(end)
     assert list(tmp_path.iterdir()) == []
 
 

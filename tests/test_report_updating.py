@@ -279,7 +279,7 @@ def test_without_the_writer_of_arviz_chains_are_refused_in_a_sentence(result, ar
         raise ValueError("no suitable backend")
 
     monkeypatch.setattr(Groups, "to_netcdf", to_netcdf)
-    with pytest.raises(InputError, match=r"no suitable backend\): pip install h5netcdf"):
+    with pytest.raises(InputError, match=r"no suitable backend\): run `\S+ -m pip install h5netcdf`"):
         write_chains(result, tmp_path)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, require
+from opid.errors import InputError, pip_install, require
 from opid.signals.files import make_directory
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Chain, to_inference_data
@@ -44,7 +44,7 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
             to_inference_data(_chain(posterior), parameters).to_netcdf(path)
         except (ImportError, ValueError) as error:
             reason = " ".join(str(error).split())
-            raise InputError(f"ArviZ cannot write {path} ({reason}): pip install h5netcdf") from error
+            raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
         written.append(path)
     return tuple(written)
 
