@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from cli_runs import CHANNELS, not_determined, opid, refused
+from cli_runs import CHANNELS, not_determined, opid, parsed, refused
 
 from opid import cli
 
@@ -49,6 +49,13 @@ def test_what_is_known_of_the_gear_is_said_beside_logs(logs, tmp_path):
     assert done.exit_code == 0
     assert "stated to be the same in all runs (`repeatability = 0`)" in " ".join(done.stdout.split())
     assert " ".join(told) in (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("written", ["sparse-regression", "sparse regression"])
+def test_the_second_method_of_the_law_needs_no_quotes(written):
+    assert (
+        parsed(f"opid identify study.toml --method-of-law '{written}'").params["method_of_law"] == "sparse regression"
+    )
 
 
 @pytest.mark.usefixtures("few_figures")
@@ -159,7 +166,7 @@ def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
         ("--band 1 1.1", "lines"),
         ("--high-pass 0.01", "the model integrates nothing"),
         ("--method classical --high-pass 0.01", "high-pass"),
-        ("--method-of-law guess", "'guess' is not one of 'pursuit', 'sparse regression', 'both'"),
+        ("--method-of-law guess", "'guess' is not one of 'pursuit', 'sparse-regression', 'both'"),
         ("--method paper --method-of-law both", "leave --method-of-law out"),
         ("--sprung upper --unsprung lower_z", "did you mean 'upper_z'"),
         ("--axis sideways", "'sideways' is not one of 'up', 'down', 'horizontal'"),

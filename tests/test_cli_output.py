@@ -5,6 +5,7 @@ import json
 import sys
 import time
 
+import click
 import pytest
 from cli_runs import CHANNELS, commands, opid, refused
 
@@ -33,7 +34,8 @@ def options_of(command):
 def test_every_command_that_writes_has_the_options():
     assert {words[1] for words in WRITING} == set(GIVEN)
     for words, each in WRITING.items():
-        assert ("--overwrite" if words[1] == "law" else "--force") in options_of(each)
+        assert "--overwrite" in options_of(each)
+        assert "--force" in options_of(each)  # of `opid law` it is the column of the force
         assert "--quiet" in options_of(each)
     for each in REPORTING.values():
         assert {"--json", "--quiet", "--verbose", "--no-figures"} <= options_of(each)
@@ -52,6 +54,14 @@ def test_an_older_result_is_not_overwritten(words, tmp_path, monkeypatch):
     assert done.stdout == ""
     assert [path for path in (tmp_path / "older").rglob("*") if path.is_file()] == [older]
     assert older.read_text(encoding="utf-8") == "mine"
+
+
+def test_every_option_has_a_word_for_its_value_and_a_sentence():
+    for words, each in commands():
+        told = opid(*words[1:], "--help").output
+        assert "RANGE" not in told
+        assert [option.opts for option in each.params if isinstance(option, click.Option) and not option.help] == []
+        assert [line for line in told.splitlines() if line.split("  ")[-1].lstrip().startswith("Of ")] == [], words
 
 
 def test_other_files_in_the_folder_are_no_older_result_and_stay(tmp_path):

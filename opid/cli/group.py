@@ -75,11 +75,22 @@ time_unit_option = click.option(
     "--time-unit",
     type=Unit(is_of_time=True),
     metavar="UNIT",
-    help="Of the time column (s, ms, ...), whatever the log says.",
+    help="Unit of the time (s, ms, ...), whatever the log says.",
 )
 unit_option = click.option(
-    "--unit", type=Unit(), metavar="UNIT", help="Of every channel for which the log states none (g, m/s^2, mm/s, ...)."
+    "--unit", type=Unit(), metavar="UNIT", help="Unit of every channel for which the log states none (g, m/s^2, ...)."
 )
+
+
+class OfWords(click.Choice[str]):
+    """Choices of one or more words, joined by hyphens so that none needs quotes; with blanks they are taken, too."""
+
+    def __init__(self, choices: Sequence[str]) -> None:
+        super().__init__([choice.replace(" ", "-") for choice in choices])
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the choice with blanks."""
+        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
 class BadInput(click.ClickException):
@@ -135,14 +146,20 @@ class Commands(click.Group):
 )
 @click.version_option(package_name="opid")
 def main() -> None:
-    """Identify a nonlinear suspension from what two accelerometers recorded in operation.
+    """Identify nonlinear mechanical structures from what sensors recorded in operation.
 
-    Or a body on several suspensions, like a whole aircraft on its gears, from two on each: `opid simulate aircraft`
-    makes an example.
+    Begin with `opid demo`, and with `opid inspect` on a log of your own. Then there are four jobs:
 
-    Begin with `opid demo`, or with `opid inspect` and `opid identify` on logs of your own. For modes of any structure
-    whose stiffness and damping depend on their amplitude: `opid simulate sine-beats` and `opid modal` (sine beats), or
-    `opid decay` (one free decay).
+    \b
+    identify  suspensions, from accelerations below and above each at two
+              known loadings: one gear, a car, a whole aircraft, a building;
+              `compare` tells what changed from flight to flight
+    law       a damper or spring, from force and motion on a test bench
+    modal     modes whose stiffness and damping depend on their amplitude, from
+              sine beats; `decay` from one free decay
+    update    the law of joints, from backbones beside a finite-element model
+
+    `opid simulate` makes a test with known truth for each but `law`.
     """
 
 
@@ -155,14 +172,23 @@ REPORT = ("result.json", "report.html")
 """Files that every report has, so that an older report is recognised by them."""
 
 
-def overwrite_option(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def overwrite_option(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return the option to overwrite older files, which is the argument `overwrite` of a command."""
-    return click.option(name, "overwrite", is_flag=True, help="Overwrite what an earlier run has left in the folder.")
+    return click.option(*names, "overwrite", is_flag=True, help="Overwrite what an earlier run has left in the folder.")
 
 
-with_force = overwrite_option("--force")
+OVERWRITE = ("--force", "--overwrite")
+"""Either allows overwriting; where `--force` is the name of a column the second alone does."""
+
+with_force = overwrite_option(*OVERWRITE)
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell.")
+
+
+def seed_option(of: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option of a seed of what is drawn."""
+    seed = click.IntRange(min=0)
+    return click.option("--seed", type=seed, default=1, show_default=True, metavar="N", help=f"Seed of {of}.")
 
 
 def out_option(help_text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -261,8 +287,8 @@ def printable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def with_output(command: Callable[..., None], *, option: str = "--force") -> Callable[..., None]:
-    """Give a command the options of an `Output`, which becomes its argument `output`; `option` allows overwriting."""
+def with_output(command: Callable[..., None], *, options: Sequence[str] = OVERWRITE) -> Callable[..., None]:
+    """Give a command the options of an `Output`, which becomes its argument `output`; `options` allow overwriting."""
 
     @wraps(command)
     def run(
@@ -270,7 +296,7 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
     ) -> None:
         if quiet and verbose:
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
-        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, option), **given)
+        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, options[0]), **given)
 
     decorated: Callable[..., None] = run
     for each in (
@@ -280,7 +306,7 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
         click.option("--verbose", is_flag=True, help="Print every step of the work on stderr, and what opid logs."),
         quiet_option,
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
-        overwrite_option(option),
+        overwrite_option(*options),
     ):
         decorated = each(decorated)
     return decorated

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 )
 @unit_option
 @time_unit_option
-@out_option("For result.json, report and a picture of each log.")
+@out_option("Folder for result.json, report and a picture of each log.")
 @with_output
 def inspect(
     logs: tuple[Path, ...], study: Path | None, unit: str | None, time_unit: str | None, output: Output

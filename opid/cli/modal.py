@@ -45,9 +45,16 @@ OPTIONS = tuple(
 
 @main.command(epilog=example("opid modal bracket/study.toml --truth bracket/truth.json --out bracket_result"))
 @click.argument("study", type=PATH, metavar="STUDY.toml")
-@out_option("For the report.  [default: STUDY_result]")
-@click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, whatever the study says.")
-@click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, whatever the study says.")
+@out_option("Folder for the report.  [default: STUDY_result]")
+@click.option(
+    "--stiffness-order",
+    type=click.IntRange(1, 5),
+    metavar="N",
+    help="Order of the stiffness, whatever the study says.",
+)
+@click.option(
+    "--damping-order", type=click.IntRange(1, 5), metavar="N", help="Order of the damping, whatever the study says."
+)
 @click.option(
     "--free-linear/--fixed-linear",
     default=None,
@@ -63,7 +70,7 @@ OPTIONS = tuple(
     "--damping-threshold",
     type=FRACTION,
     metavar="X",
-    help="Likewise of its damping ratio.  [default: as the study says, or 0.15]",
+    help="Shift of its damping ratio, likewise.  [default: as the study says, or 0.15]",
 )
 @truth_option
 @with_output
@@ -97,15 +104,30 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
 
 @main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))
 @click.argument("log", type=PATH, metavar="LOG")
-@click.option("--channel", required=True, metavar="NAME", help="Acceleration, velocity or displacement, by its unit.")
-@click.option("--unit", type=Unit(), metavar="UNIT", help="Of the channel (g, mm/s, ...), whatever the log says.")
+@click.option(
+    "--channel",
+    required=True,
+    metavar="NAME",
+    help="An acceleration, a velocity or a displacement.",
+)
+@click.option("--unit", type=Unit(), metavar="UNIT", help="Unit of the channel (g, mm/s, ...), whatever the log says.")
 @time_unit_option
 @click.option("--near", type=float, metavar="HZ", help="Frequency of the mode.  [default: the highest peak]")
 @click.option("--start", type=float, metavar="S", help="Start of the decay, s from the first sample.  [default: found]")
-@click.option("--stop", type=float, metavar="S", help="Its end, s from the first sample.  [default: found]")
-@click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, 1 is linear.  [default: found]")
-@click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, 1 is linear.  [default: found]")
-@out_option("For result.json, report and figure.")
+@click.option("--stop", type=float, metavar="S", help="End of the decay, s from the first sample.  [default: found]")
+@click.option(
+    "--stiffness-order",
+    type=click.IntRange(1, 5),
+    metavar="N",
+    help="Order of the stiffness.  [default: found]",
+)
+@click.option(
+    "--damping-order",
+    type=click.IntRange(1, 5),
+    metavar="N",
+    help="Order of the damping.  [default: found]",
+)
+@out_option("Folder for result.json, report and figure.")
 @with_output
 def decay(log: Path, output: Output, **settings: Any) -> None:
     """Follow a free decay: frequency and damping over amplitude, and the law of the mode.

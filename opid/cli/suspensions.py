@@ -12,6 +12,7 @@ import click
 from opid.cli.group import (
     PATH,
     Number,
+    OfWords,
     Output,
     Unit,
     example,
@@ -39,7 +40,7 @@ CHANGED = 3
     )
 )
 @click.argument("paths", nargs=-1, required=True, type=PATH, metavar="STUDY.toml | DIR | LOG...")
-@out_option("For the report.  [default: NAME_result]")
+@out_option("Folder for the report.  [default: NAME_result]")
 @click.option(
     "--method",
     type=click.Choice(METHODS),
@@ -51,10 +52,10 @@ CHANGED = 3
 @click.option("--law", help="The law to fit, one of `opid laws`; sums joined by +.  [default: searched]")
 @click.option(
     "--method-of-law",
-    type=click.Choice(METHODS_OF_LAW),
+    type=OfWords(METHODS_OF_LAW),
     default=METHODS_OF_LAW[0],
     show_default=True,
-    help='How the law is searched: pursuit, "sparse regression" (pysindy), or both, one after the other.',
+    help="How the law is searched: pursuit, sparse-regression (pysindy), or both, one after the other.",
 )
 @click.option(
     "--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.3 40, classical 0.5 12]"
@@ -240,7 +241,7 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
     "mass_kg",
     type=Number("kg"),
     metavar="KG",
-    help="Of a body that the specimen alone holds: --force is its acceleration.",
+    help="Mass of a body that the specimen alone holds: --force is its acceleration.",
 )
 @click.option(
     "--piston-area",
@@ -259,8 +260,8 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
 )
 @time_unit_option
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
-@out_option("For result.json, report and figures.")
-@partial(with_output, option="--overwrite")  # --force names a column here
+@out_option("Folder for result.json, report and figures.")
+@partial(with_output, options=("--overwrite",))  # --force names a column here
 def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, output: Output, **of_log: Any) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
@@ -304,7 +305,7 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
 
 @main.command(epilog=example("opid compare flight_1 flight_2 flight_3 --out health"))
 @click.argument("results", nargs=-1, required=True, type=PATH, metavar="RESULT...")
-@out_option("For comparison.json, report and figures.")
+@out_option("Folder for comparison.json, report and figures.")
 @click.option(
     "--false-alarm",
     type=float,

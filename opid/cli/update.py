@@ -20,19 +20,21 @@ N_COMPARED = 20
 
 @main.command(epilog=example("opid update wing/study.toml --truth wing/truth.json --out wing_result"))
 @click.argument("study", type=PATH, metavar="STUDY.toml")
-@out_option("For the report.  [default: NAME_result]")
+@out_option("Folder for the report.  [default: NAME_result]")
 @click.option(
     "--form",
     type=click.Choice(("recommended", "paper", "literal", "independent")),
-    help="Of the likelihood, whatever the study says.",
+    help="Form of the likelihood, whatever the study says.",
 )
 @click.option(
     "--sampler",
     type=click.Choice(("adaptive", "metropolis", "transitional", "ensemble")),
-    help="Of the posterior, whatever the study says.",
+    help="Sampler of the posterior, whatever the study says.",
 )
-@click.option("--samples", type=click.IntRange(min=1000), metavar="N", help="Of each class, whatever the study says.")
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of the sampling, whatever the study says.")
+@click.option(
+    "--samples", type=click.IntRange(min=1000), metavar="N", help="Samples of a class, whatever the study says."
+)
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the sampling, whatever the study says.")
 @truth_option
 @click.option("--chains", is_flag=True, help="Write the samples beside the report, too: netCDF files for ArviZ.")
 @with_output

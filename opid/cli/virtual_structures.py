@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import PATH, example, free_directory, progress, quiet_option, show_made, with_force
+from opid.cli.group import PATH, example, free_directory, progress, quiet_option, seed_option, show_made, with_force
 from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 if TYPE_CHECKING:
@@ -35,15 +35,24 @@ FEWEST_CONTROLLED = 10
     show_default=True,
     help="cubic: one mode with a known law; 1: 18 modes, 5 nonlinear; 2: 26 modes, one to 300 g.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the noise.")
-@click.option("--noise", type=click.FloatRange(min=0), default=0.01, show_default=True, help="Of each channel's rms.")
+@seed_option("the noise")
+@click.option(
+    "--noise",
+    type=click.FloatRange(min=0),
+    default=0.01,
+    show_default=True,
+    metavar="X",
+    help="Noise, a fraction of each channel's rms.",
+)
 @click.option(
     "--shaker/--no-shaker",
     default=None,
     help="Force from a shaker, or given as it is.  [default: given in case cubic, else a shaker]",
 )
-@click.option("--frequency-error", default=0.0, show_default=True, metavar="%", help="Of the frequencies in modes.npz.")
-@click.option("--damping-error", default=0.0, show_default=True, metavar="%", help="Of the damping in modes.npz.")
+@click.option(
+    "--frequency-error", default=0.0, show_default=True, metavar="%", help="Error of frequencies in modes.npz."
+)
+@click.option("--damping-error", default=0.0, show_default=True, metavar="%", help="Error of damping in modes.npz.")
 @quiet_option
 @with_force
 def sine_beats(
@@ -90,16 +99,26 @@ def sine_beats(
     show_default=True,
     help="synthetic: harmonic balance and drawn errors; continuation: a controlled shaker test, simulated in time.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the errors.")
-@click.option("--true-class", type=click.IntRange(1, 5), default=2, show_default=True, help="Of the paper's five laws.")
-@click.option("--points", type=click.IntRange(min=3), default=20, show_default=True, help="Of each curve.")
+@seed_option("the errors")
+@click.option(
+    "--true-class",
+    type=click.IntRange(1, 5),
+    default=2,
+    show_default=True,
+    metavar="N",
+    help="Number of the law, 1 to 5 in the paper.",
+)
+@click.option(
+    "--points", type=click.IntRange(min=3), default=20, show_default=True, metavar="N", help="Points of each curve."
+)
 @click.option(
     "--curves",
     type=click.IntRange(min=1),
     nargs=2,
     default=(14, 5),
     show_default=True,
-    help="Of either mode, at most; in a controlled test one for each sensor that reaches quadrature.",
+    metavar="N N",
+    help="Curves of either mode, at most; in a controlled test one for each sensor that reaches quadrature.",
 )
 @click.option(
     "--linear-error",
@@ -107,7 +126,7 @@ def sine_beats(
     default=0.4,
     show_default=True,
     metavar="%",
-    help="Of the linear frequencies of a synthetic set, standard deviation.",
+    help="Standard deviation of the linear frequencies of a synthetic set.",
 )
 @click.option(
     "--matrices",

@@ -19,6 +19,7 @@ from opid.cli.group import (
     main,
     progress,
     quiet_option,
+    seed_option,
     show_made,
     with_force,
     with_output,
@@ -43,9 +44,9 @@ POSITION_TOLERANCE_M = 0.01
     default=Path("demo_taxi"),
     show_default=True,
     metavar="DIR",
-    help="For the runs and the report.",
+    help="Folder for the runs and the report.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
+@seed_option("road and noise")
 @with_output
 def demo(seed: int, output: Output) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
@@ -86,11 +87,13 @@ def simulate() -> None:
 def of_runs(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of taxi runs of any aircraft."""
     for option in (
-        click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="ISO 8608."),
+        click.option(
+            "--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="By ISO 8608."
+        ),
         click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise."),
         click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate."),
         click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run."),
-        click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise."),
+        seed_option("road and noise"),
         click.argument("out", type=PATH),
         quiet_option,
         with_force,
@@ -102,12 +105,14 @@ def of_runs(command: Callable[..., None]) -> Callable[..., None]:
 # the defaults are those of `opid.virtual`, as a test asserts; they stand here so that help needs no heavy import
 @simulate.command(epilog=example("opid simulate taxi runs --law arctan_velocity+cubic_stiffness --noise 0.02"))
 @of_runs
-@click.option("--sprung-mass", default=1850.0, show_default=True, metavar="KG", help="M2 of the heavy run.")
-@click.option("--mass-removed", default=220.0, show_default=True, metavar="KG", help="Before the light run.")
-@click.option("--stiffness", default=3.9e5, show_default=True, metavar="N/M", help="K2 of the suspension.")
-@click.option("--damping", type=float, metavar="NS/M", help="C2 of the suspension.  [default: 6000]")
+@click.option("--sprung-mass", default=1850.0, show_default=True, metavar="KG", help="Sprung mass M2 of the heavy run.")
+@click.option("--mass-removed", default=220.0, show_default=True, metavar="KG", help="Taken off before the light run.")
+@click.option("--stiffness", default=3.9e5, show_default=True, metavar="N/M", help="Stiffness K2 of the suspension.")
+@click.option("--damping", type=float, metavar="NS/M", help="Its damping C2.  [default: 6000]")
 @click.option("--damping-ratio", type=float, metavar="ZETA", help="C2 / (2 sqrt((K2 + K3) M2)), instead of --damping.")
-@click.option("--ground-stiffness", default=0.0, show_default=True, metavar="N/M", help="K3 from the sprung mass.")
+@click.option(
+    "--ground-stiffness", default=0.0, show_default=True, metavar="N/M", help="Ground spring K3 at the sprung mass."
+)
 @click.option(
     "--law",
     default="arctan_velocity",
@@ -120,15 +125,21 @@ def of_runs(command: Callable[..., None]) -> Callable[..., None]:
     metavar="N",
     help="Amplitude of the law's friction term; 0 leaves it out.",
 )
-@click.option("--speed-start", default=18.0, show_default=True, metavar="M/S")
-@click.option("--speed-stop", default=0.5, show_default=True, metavar="M/S")
-@click.option("--corner", default=0.0, show_default=True, metavar="HZ", help="Of the AC coupling; 0 for none.")
+@click.option("--speed-start", default=18.0, show_default=True, metavar="M/S", help="Speed at the beginning of a run.")
+@click.option("--speed-stop", default=0.5, show_default=True, metavar="M/S", help="Speed at its end.")
+@click.option("--corner", default=0.0, show_default=True, metavar="HZ", help="Corner of the AC coupling; 0 for none.")
 @click.option("--corner-mismatch", default=0.0, show_default=True, metavar="%", help="Upper corner above the lower.")
-@click.option("--gain-error", default=0.0, show_default=True, metavar="%", help="Of the upper sensor.")
-@click.option("--cross-axis", default=0.0, show_default=True, metavar="%", help="Of the fore-aft motion leaking in.")
+@click.option("--gain-error", default=0.0, show_default=True, metavar="%", help="Gain error of the upper sensor.")
+@click.option(
+    "--cross-axis", default=0.0, show_default=True, metavar="%", help="Part of the fore-aft motion that leaks in."
+)
 @click.option("--bits", type=int, metavar="N", help="Resolution of the converter.  [default: fine]")
 @click.option(
-    "--range", "full_scale", type=float, metavar="M/S2", help="Of the converter, +-.  [default: 50 with --bits]"
+    "--range",
+    "full_scale",
+    type=float,
+    metavar="M/S2",
+    help="End of its range.  [default: 50 with --bits]",
 )
 def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft at two masses into the directory OUT.
@@ -146,7 +157,7 @@ def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) ->
     type=click.Choice(("independent", "coherent")),
     default="coherent",
     show_default=True,
-    help="Of left and right wheels: coherent as on one isotropic runway.",
+    help="Tracks of left and right wheels: coherent as on one isotropic runway.",
 )
 @click.option("--random", "is_random", is_flag=True, help="Another aircraft for each seed.  [default: one of 5.4 t]")
 @click.option("--bending", type=float, metavar="HZ", help="A fuselage that bends, at HZ.  [default: rigid]")
@@ -167,7 +178,7 @@ def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) ->
     metavar="GEAR FACTOR",
     help="Times FACTOR the stiffness of the strut nose, left or right, as harm would: left 0.95.",
 )
-@click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Of the runs.")
+@click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Date of the runs.")
 def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, quiet: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
 

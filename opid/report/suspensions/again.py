@@ -73,7 +73,7 @@ def _choices(result: AnyIdentification) -> Iterator[Choice]:
     asked = result.options
     yield _band(result.settings.runs.band_hz)
     if asked.method_of_law != "pursuit":
-        yield ("--method-of-law", asked.method_of_law), f"method_of_law={_quote(asked.method_of_law)}"
+        yield ("--method-of-law", asked.method_of_law.replace(" ", "-")), f"method_of_law={_quote(asked.method_of_law)}"
     if asked.seed:
         yield (), f"seed={asked.seed!r}"
     changed, _ = _changed_settings(result.settings)
