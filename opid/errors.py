@@ -38,7 +38,11 @@ def missing_library(what: str, library: str, extra: str) -> InputError:
 
 
 def pip_install(what: str) -> str:
-    """Return the command that installs something for the Python that runs, whatever else is called pip."""
+    """Return the command that installs something for the Python that runs, whatever else is called pip.
+
+    Args:
+        what: the name of a library, or a folder with its extras.
+    """
     return shlex.join([sys.executable, "-m", "pip", "install", what])
 
 

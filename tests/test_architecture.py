@@ -62,6 +62,7 @@ OUTER = [
 ]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OUTER)
 MOST_FILES = 18
+MOST_LINES_TWICE = 5
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
 MAY_IMPORT["laws"] = {"mechanics"}
@@ -489,3 +490,44 @@ def test_no_folder_has_too_many_files():
         folder: sum(path.is_file() for path in (PACKAGE / folder).iterdir()) for folder in (".", *folders_there())
     }
     assert {folder: count for folder, count in counts.items() if count > MOST_FILES} == {}
+
+
+# ---- nothing stands twice --------------------------------------------------------------------------
+
+
+def lines_that_work(path, text):
+    """Yield (place, line) of a file without imports, docstrings, comments and the arguments of functions."""
+    left_out = set()
+    for node in nodes_of(ast.parse(text)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            left_out |= set(range(node.lineno, node.end_lineno + 1))
+        elif isinstance(node, ast.FunctionDef):
+            left_out |= set(range(node.lineno + 1, node.body[0].lineno))
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            left_out |= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    for number, line in enumerate(map(str.strip, text.splitlines()), 1):
+        if line and number not in left_out and not line.startswith("#"):
+            yield f"{path}:{number}", line
+
+
+def stand_twice(files):
+    """Return where more lines than allowed stand in the same order as elsewhere, file by file or in one."""
+    places = {}
+    for path, text in files:
+        lines = list(lines_that_work(path, text))
+        for begin in range(len(lines) - MOST_LINES_TWICE):
+            part = lines[begin : begin + MOST_LINES_TWICE + 1]
+            places.setdefault(tuple(line for _, line in part), []).append(part[0][0])
+    return [each for each in places.values() if len(each) > 1]
+
+
+def test_no_six_lines_stand_twice():
+    files = [(path.relative_to(PACKAGE), path.read_text(encoding="utf-8")) for path in MODULES]
+    assert stand_twice(files) == []
+
+
+def test_lines_that_stand_twice_are_found():
+    body = "".join(f"    x{k} = {k}\n" for k in range(MOST_LINES_TWICE + 1))
+    one, other = f'def f(a):\n    """Return."""\n{body}', f"import x\n\n\ndef g(\n    a,\n):\n{body}    # end\n"
+    assert stand_twice([("a.py", one), ("b.py", other)]) == [["a.py:3", "b.py:7"]]
+    assert stand_twice([("a.py", one), ("b.py", other.replace("    x0 = 0\n", ""))]) == []

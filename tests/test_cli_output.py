@@ -33,7 +33,7 @@ def options_of(command):
 
 def test_every_command_that_writes_has_the_options():
     assert {words[1] for words in WRITING} == set(GIVEN)
-    for words, each in WRITING.items():
+    for each in WRITING.values():
         assert "--overwrite" in options_of(each)
         assert "--force" in options_of(each)  # of `opid law` it is the column of the force
         assert "--quiet" in options_of(each)

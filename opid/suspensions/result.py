@@ -355,8 +355,19 @@ class Options:
     seed: int
 
 
+class ResultOfStudy(Result):
+    """A result that was made from the logs of a study alone."""
+
+    study: Study
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs of the runs, as they were when they were read."""
+        return self.study.files
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(Result):
+class Identification(ResultOfStudy):
     """The result for a body on suspensions that are measured on both sides, a gear alone among them.
 
     Args:
@@ -475,11 +486,6 @@ class Identification(Result):
                 rows += spring_rows(interface, per_mass=self.per_mass)
         shown = {row.name for row in rows}
         return (*rows, *(row for row in estimate_rows(self.ratios) if row.name not in shown))
-
-    @property
-    def files(self) -> tuple[ReadFile, ...]:
-        """The logs of the runs, as they were when they were read."""
-        return self.study.files
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.suspensions.answer.as_json.result_json`."""

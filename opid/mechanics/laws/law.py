@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import groupby
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -463,3 +463,23 @@ def law_rows(
                 estimates[term.name][parameter.name],
                 unit_of_parameter(parameter, per_mass=per_mass),
             )
+
+
+class FitOfOneLaw:
+    """What a search of the law reads of a fit that has one law."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def law(self) -> Law:
+            """The law with its fitted values: a field, or worked out."""
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """The law, as a search takes it."""
+        return {"": self.law}
+
+    @property
+    def law_name(self) -> str:
+        """Name of the law."""
+        return self.law.name

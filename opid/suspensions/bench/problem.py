@@ -14,7 +14,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws.law import LAWS, LINEAR, Law
+from opid.mechanics.laws.law import LAWS, LINEAR, FitOfOneLaw, Law
 from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
@@ -62,7 +62,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class BenchFit:
+class BenchFit(FitOfOneLaw):
     """A law fitted to a bench record, beside stiffness, damping and an offset.
 
     Args:
@@ -81,16 +81,6 @@ class BenchFit:
     def law(self) -> Law:
         """The law with its fitted values."""
         return self.separable.law
-
-    @property
-    def laws(self) -> dict[str, Law]:
-        """The law, as a search takes it."""
-        return {"": self.law}
-
-    @property
-    def law_name(self) -> str:
-        """Name of the law."""
-        return self.law.name
 
     @property
     def n_data(self) -> int:

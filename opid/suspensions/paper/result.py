@@ -12,8 +12,7 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, law_rows
 from opid.mechanics.weight import depends_on_travel
-from opid.provenance import ReadFile
-from opid.result import Result, SummaryRow
+from opid.result import SummaryRow
 from opid.signals.health.inspection import findings_in_words
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.refusals import ConfoundedTerm, straight_term
@@ -23,7 +22,7 @@ from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import RATIOS, FittedRatios, JointFit
-from opid.suspensions.result import GearParameters, GearRatios, Identification, estimate_rows
+from opid.suspensions.result import GearParameters, GearRatios, Identification, ResultOfStudy, estimate_rows
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
 
@@ -32,7 +31,7 @@ METHODS: tuple[PaperMethod, ...] = ("classical", "paper")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PaperIdentification(Result):
+class PaperIdentification(ResultOfStudy):
     """The result of an identification by the paper's chain.
 
     Args:
@@ -76,11 +75,6 @@ class PaperIdentification(Result):
         """Return the parameters, the law, and the ratios that need no known mass."""
         laws = law_rows(self.law, self.law_estimates, "law", per_mass=self.per_mass)
         return (*estimate_rows(self.parameters), *laws, *estimate_rows(self.ratios))
-
-    @property
-    def files(self) -> tuple[ReadFile, ...]:
-        """The logs of the runs, as they were when they were read."""
-        return self.study.files
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.suspensions.answer.as_json.result_json`."""

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from opid.errors import InputError
-from opid.mechanics.laws.law import Law, Term
+from opid.mechanics.laws.law import FitOfOneLaw, Law, Term
 from opid.signals.motion import relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
@@ -79,7 +79,7 @@ class FittedRatios(FittedValues):
 
 
 @dataclass(frozen=True, eq=False)
-class JointFit(FittedRatios):
+class JointFit(FittedRatios, FitOfOneLaw):
     """A fit of one or several runs at once, per unit of the reference sprung mass.
 
     Its values are those of `RATIOS`, "law[i]" for entry i of `law.vector`, and "inverse_mass" (1/kg) where it is free.
@@ -115,16 +115,6 @@ class JointFit(FittedRatios):
     def error_rms(self) -> float:
         """What is left, as a search compares laws, m/s^2."""
         return self.noise_m_per_s2
-
-    @property
-    def laws(self) -> dict[str, Law]:
-        """The law, as a search takes it."""
-        return {"": self.law}
-
-    @property
-    def law_name(self) -> str:
-        """Name of the law."""
-        return self.law.name
 
 
 @dataclass(frozen=True, eq=False)
