@@ -8,7 +8,7 @@ import pytest
 from cli_runs import opid, refused
 from made_flights import body_result, day, gear_result, write_result
 
-from opid.suspensions.flights.settings import FlightSettings
+from opid.suspensions.flights.departures import FlightSettings
 
 
 @pytest.fixture

@@ -9,10 +9,9 @@ from scipy.stats import binom, norm
 
 from opid.estimate import Estimate
 from opid.suspensions.flights.comparison import compare
-from opid.suspensions.flights.departures import chance_of_steps, judged, measured, scatter_between
+from opid.suspensions.flights.departures import FlightSettings, chance_of_steps, judged, measured, scatter_between
 from opid.suspensions.flights.result_file import Flight, Quantity
 from opid.suspensions.flights.results import Flights, in_order
-from opid.suspensions.flights.settings import FlightSettings
 
 MASS = Quantity("", "mass", "kg")
 

@@ -14,7 +14,7 @@ from opid.signals.health.spikes import SpikeSettings
 from opid.signals.segments import SegmentSettings
 from opid.suspensions import settings
 from opid.suspensions.bench.settings import BenchSettings
-from opid.suspensions.flights.settings import FlightSettings
+from opid.suspensions.flights.departures import FlightSettings
 from opid.suspensions.identification import identify
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.settings import RegressionSettings, RunSettings, Settings, Verdicts

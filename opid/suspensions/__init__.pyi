@@ -23,7 +23,7 @@ from .flights.results import (
     Flights as Flights,
     read_flights as read_flights,
 )
-from .flights.settings import FlightSettings as FlightSettings
+from .flights.departures import FlightSettings as FlightSettings
 from .identification import identify as identify
 from .law_search.pursuit import search_laws as search_laws
 from .model.run import driven_run as driven_run

@@ -17,6 +17,8 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.departures import (
+    DEFAULTS,
+    FlightSettings,
     Measured,
     Point,
     Series,
@@ -28,7 +30,6 @@ from opid.suspensions.flights.departures import (
 )
 from opid.suspensions.flights.result_file import Flight, Quantity
 from opid.suspensions.flights.results import Flights, listed
-from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
 
 SCHEMA = "opid.comparison/1"
 
