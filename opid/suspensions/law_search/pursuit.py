@@ -355,7 +355,6 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
         moves += [_Move({group: other}, 0.0, 0, always=True) for other in relatives(law, kinds)]
         dictionary = dictionaries.get(group)
         moves += [] if dictionary is None else [_Move({group: other}, -math.inf, 0) for other in dictionary.further]
-    # the limit of a term may be a friction, which stands beside no other that remembers
     possible = (move for move in moves if all(stand_together(law.parameters) for law in move.laws.values()))
     return sorted(possible, key=lambda move: move.bic)
 
@@ -371,7 +370,9 @@ def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
         about = 0.0 if any(map(depends_on_travel, (Law((each,)) for each in others))) else law.rest_m
         for name, values in term.kind.limits(term.values, about):
             if name in kinds and name not in law.parameters:
-                yield Law((*others, Term(name, values)), law.rest_m - about * LAWS[name].is_about_rest)
+                # what the term took from a friction that remembers was that of its limit
+                alone = tuple(each for each in others if stand_together((each.name, name)))
+                yield Law((*alone, Term(name, values)), law.rest_m - about * LAWS[name].is_about_rest)
 
 
 def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
