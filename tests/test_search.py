@@ -1,6 +1,7 @@
 """The way to a fit: at a coarse rate until laws are found, then with all readings."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.model.unknowns import Group
+from opid.suspensions.settings import Settings
 from opid.suspensions.study import PointMass, Run
 from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
@@ -154,6 +156,28 @@ def test_a_right_structure_is_fitted_to_the_whole_runs(monkeypatch, long_runs):
     seen = lengths_tried(monkeypatch)
     assert found_of(long_runs, Question()).fit.ratio < 1.05
     assert min(seen) > 30
+
+
+@pytest.mark.parametrize("coupling", [None, "AC coupling"])
+def test_pieces_are_too_short_for_a_coupling_that_nobody_stated(monkeypatch, coupling):
+    """Where whole runs of an aircraft ask for one, it is looked for on them."""
+    whole, pieces, seen = SimpleNamespace(body=SimpleNamespace(n_interfaces=3)), object(), []
+    fit = SimpleNamespace(model=whole, ratio=50.0)
+
+    def ways(self, model, theta, first=None):
+        seen.append(model)
+        raise UnboundedResponseError("enough is seen")
+
+    monkeypatch.setattr(search._Search, "first_fit", lambda self, model, theta: fit)
+    monkeypatch.setattr(search._Search, "ways", ways)
+    for name, answer in (("is_hopeless", True), ("runs_contradict_each_other", False), ("is_noise", False)):
+        monkeypatch.setattr(search, name, lambda fit, answer=answer: answer)
+    monkeypatch.setattr(search, "_shares_nothing", lambda fit: False)
+    monkeypatch.setattr(search, "_strongest_pieces", lambda model: pieces)
+    monkeypatch.setattr(search, "promising_coupling", lambda fit: coupling)
+    with pytest.raises(UnboundedResponseError):
+        search._Search(None, Question(), print, Settings()).find(whole, np.zeros(1))
+    assert seen[0] is (pieces if coupling is None else whole)
 
 
 def test_what_pieces_find_from_afar_is_fitted_to_the_whole_runs(monkeypatch, long_runs):

@@ -19,11 +19,11 @@ from .flights.comparison import (
     Comparison as Comparison,
     compare as compare,
 )
+from .flights.departures import FlightSettings as FlightSettings
 from .flights.results import (
     Flights as Flights,
     read_flights as read_flights,
 )
-from .flights.departures import FlightSettings as FlightSettings
 from .identification import identify as identify
 from .law_search.pursuit import search_laws as search_laws
 from .model.run import driven_run as driven_run

@@ -16,6 +16,7 @@ from opid.mechanics.laws.law import LINEAR, Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import (
     Demand,
+    Hypothesis,
     demands_of,
     let_in,
     may_hold_a_needless_ground,
@@ -220,7 +221,8 @@ class _Search:
         if first is None or not is_hopeless(first) or runs_contradict_each_other(first) or _shares_nothing(first):
             return self.ways(model, theta, first)
         pieces = _strongest_pieces(model)
-        if pieces is model:
+        # what an AC coupling takes away is slow: pieces of some seconds hardly show it
+        if pieces is model or self._promising_coupling(first) is not None:
             return self.ways(model, theta, first)
         try:
             on_pieces = self.ways(pieces, theta)
@@ -368,9 +370,7 @@ class _Search:
             return Found(fit, (LawStep(fit, True, "equation"),), is_unlike=True)
         if faults_first:
             return self._searched(*self._let_in(fit))
-        # the laws of one gear hide no coupling: it is let in after them, at less cost
-        is_asked = self.question.faults and hold_coordinates and fit.model.body.n_interfaces > 1 and not is_noise(fit)
-        coupling = promising_coupling(fit) if is_asked else None
+        coupling = self._promising_coupling(fit) if hold_coordinates else None
         if coupling is not None:
             # taken for granted from the start, for what it takes from slow motion and laws are told apart only together
             coupled = coupling.added_to(without_ground(model))
@@ -380,6 +380,11 @@ class _Search:
                 demands = demands_of(found.fit, coupling, fit.noise_m_per_s2)
                 return replace(found, demands=(*demands, *found.demands))
         return self._searched(fit, ())
+
+    def _promising_coupling(self, fit: Fit) -> Hypothesis | None:
+        """An AC coupling that nobody stated and that laws may hide; the laws of one gear hide none."""
+        is_asked = self.question.faults and fit.model.body.n_interfaces > 1 and not is_noise(fit)
+        return promising_coupling(fit) if is_asked else None
 
     def _searched(self, fit: Fit, demands: tuple[Demand, ...]) -> Found:
         """Where a search for laws and faults ends that begins with a fit, and what was let into it."""
