@@ -137,7 +137,7 @@ def test_scales_between_the_simulated_ones_are_right(friction):
 
 
 def test_no_move_leads_to_a_friction_beside_one_that_remembers():
-    """The limits of an arctangent of both are a friction and a spring; the friction takes the place of the other one."""
+    """The limits of an arctangent of both are a friction and a spring; the friction takes the place of the other."""
     both = default_law("arctan_mixed+bouc_wen")
 
     class NoColumns:
