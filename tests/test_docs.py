@@ -44,14 +44,14 @@ def test_the_page_says_when_a_structure_is_refused():
     assert told == [Verdicts().refused]
 
 
-def test_every_file_of_the_estimator_stands_in_the_table_of_the_picture():
-    picture = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+def test_every_file_of_the_estimator_stands_in_the_table_of_the_way_to_an_answer():
+    table = (ROOT / "docs" / "recording_to_answer.md").read_text(encoding="utf-8")
     wing = ROOT / "opid" / "suspensions"
     folders = ("", "model/", "fitting/", "law_search/", "answer/")
     paths = [path for folder in folders for path in wing.glob(f"{folder}[a-z]*.py")]
     files = {".".join(path.relative_to(wing).with_suffix("").parts) for path in paths}
     assert len(files) > 25
-    assert {each for each in files if f"`{each}`" not in picture} == set()
+    assert {each for each in files if f"`{each}`" not in table} == set()
 
 
 @pytest.mark.parametrize(("page", "wing"), [("nonlinear_modal_models", "modal"), ("bayesian_updating", "updating")])
