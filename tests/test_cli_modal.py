@@ -149,7 +149,7 @@ def test_help_says_where_to_begin():
     told = " ".join(opid("modal", "--help").output.split())
     for words in ("docs/nonlinear_modal_models.md", "opid simulate sine-beats", "STUDY_result"):
         assert words in told
-    assert "opid modal" in opid("--help").output
+    assert "modal     modes whose stiffness" in opid("--help").output
 
 
 def test_what_is_not_determined_ends_with_status_1(study, monkeypatch, tmp_path):
