@@ -57,7 +57,7 @@ def test_the_rigid_body_is_recommended_on_an_aircraft(compared):
     for each in compared.candidates[:4]:
         assert not each.explains
         assert each.residual_over_noise > 5
-        assert "these gears do not move like that" in each.why
+        assert "this structure does not fit these gears" in each.why
     rigid = compared.candidates[4]
     assert rigid.explains
     assert rigid.left_out_over_noise == pytest.approx(1.0, abs=0.1)
@@ -319,7 +319,7 @@ def test_a_force_that_nobody_measured_widens_the_intervals_of_an_aircraft_and_be
     assert found.residual_over_noise > 150 * fraction
     assert found.limited_by == "unmeasured forces"
     assert found.recommended is not None
-    assert "goes along with nothing that was measured below it" in found.warnings[0]
+    assert "is incoherent with every motion measured below it" in found.warnings[0]
     assert "limited by something that moves the body" in found.warnings[1]
     assert any("from forces that nobody measured" in each for each in found.evidence[0].limits)
     assert not any("nothing is said of runs that the others predict" in sentence for sentence in found.warnings)

@@ -130,7 +130,7 @@ def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
     assert noise == pytest.approx(196 * masses[0].std / MASS_KG, rel=0.2)
     assert np.hypot(noise, rest) == pytest.approx(196 * masses[1].std / MASS_KG, rel=0.05)
     assert "is taken to be 1 % (the usual value, for the study states no `repeatability`)" in text
-    assert "What would help most: each mass flown once more, in turn" in text
+    assert "What would help most: repeat each loading once more, alternately" in text
     text = " ".join(opid.text(same).split())
     assert "all of it from the sensors' noise" in text
     assert "stated to be the same in all runs (`repeatability = 0`)" in text

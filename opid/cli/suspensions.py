@@ -58,7 +58,11 @@ CHANGED = 3
     help="How the law is searched: pursuit, sparse-regression (pysindy), or both, one after the other.",
 )
 @click.option(
-    "--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.3 40, classical 0.5 12]"
+    "--band",
+    nargs=2,
+    type=float,
+    metavar="LO HI",
+    help="Frequency range of the fit, Hz.  [default: 0.3 40, classical 0.5 12]",
 )
 @click.option(
     "--high-pass",
@@ -66,7 +70,7 @@ CHANGED = 3
     metavar="HZ",
     help="One gear, classical and paper: corner of the integration.  [default: 0.3]",
 )
-@click.option("--no-ground", is_flag=True, help="Let no spring to the ground in, K3 = 0.")
+@click.option("--no-ground", is_flag=True, help="Fit no spring to the ground (K3 = 0).")
 @truth_option
 @click.option("--sprung", metavar="NAME", help="Without a study: channel on the airframe.")
 @click.option("--unsprung", metavar="NAME", help="Without a study: channel on the spindle.")
@@ -87,7 +91,7 @@ CHANGED = 3
     "--piston-area",
     type=Number("m^2, 0.004 for 40 cm^2"),
     metavar="M2",
-    help="Without a study: what the gas of an oleo strut pushes on; its pressure and volume are then given.",
+    help="Without a study: piston area of an oleo strut, m^2; the report then gives gas pressure and volume.",
 )
 @click.option(
     "--repeatability",
@@ -241,14 +245,14 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
     "mass_kg",
     type=Number("kg"),
     metavar="KG",
-    help="Mass of a body that the specimen alone holds: --force is its acceleration.",
+    help="Mass of a body carried by the specimen alone; --force then names its acceleration.",
 )
 @click.option(
     "--piston-area",
     "piston_area_m2",
     type=Number("m^2, 0.004 for 40 cm^2"),
     metavar="M2",
-    help="What the gas of an oleo strut pushes on; its pressure and volume are then given.",
+    help="Piston area of an oleo strut, m^2; the report then gives gas pressure and volume.",
 )
 @click.option(
     "--unit",
@@ -259,16 +263,17 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
     help="Without a study: unit of a column, like load=kN, whatever the log says; once for each column.",
 )
 @time_unit_option
-@click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
+@click.option("--quasi-static", is_flag=True, help="A slow test: time is ignored and may be missing.")
 @out_option("Folder for result.json, report and figures.")
 @partial(with_output, options=("--overwrite",))  # --force names a column here
 def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, output: Output, **of_log: Any) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
-    F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
-    among them; and what of the force no law explains (backlash, moving parts). With --moving-mass the force is m z''
-    more, and the law is refined until the motion simulated from the force alone is the recorded one. With --mass no
-    force need be measured: --force is the acceleration of a body that the specimen alone holds, and F = -m a.
+    F = F0 + K z + C z' + f(z, z'), where f is a sum of laws of the library, friction and rubber with memory among
+    them. All values have intervals, and what no law explains (backlash, moving parts) is reported. With --moving-mass
+    the inertia m z'' is added to the force, and the law is refined until the motion simulated from the force alone
+    is the recorded one. With --mass no force need be measured: --force names the acceleration of a body carried by
+    the specimen alone, and F = -m a.
 
     A study file with a table [bench] says all of this itself.
     """

@@ -257,7 +257,7 @@ def _decibels(density: np.ndarray) -> np.ma.MaskedArray:
 
 
 def _depth_db(channels: Sequence[ChannelHealth]) -> float:
-    """The range of the colours, in which half of the spectrograms show all but their quietest twentieth."""
+    """Colour range below the maximum, dB: the median over channels of the 5 % quantile of their spectrograms."""
     quietest = []
     for overview in (channel.overview for channel in channels):
         if overview is None:

@@ -80,9 +80,9 @@ def read_tables(kind: Callable[..., T], document: Document) -> tuple[T, list[str
     """Return the record that a study file describes, and the faults of the file.
 
     Args:
-        kind: of the record. Where a required field is at fault it has None in its place, where another is its default,
-            and of a list of tables it has those that are sound. `ELSEWHERE` of this kind, or of one in it, says where
-            keys belong that it has not; under "" of any.
+        kind: class of the record. A required field at fault is None; an optional one keeps its default; a list of
+            tables keeps its valid ones. `ELSEWHERE` of this class, or of one in it, says of keys that the class does
+            not have where they belong; its entry "" holds for all others.
         document: what the file holds.
     """
     faults: list[str] = []

@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 
 IN_WORDS = {"single": "each gear alone", "pair": "the mean of left and right", "rigid_body": "one rigid body"}
 
-# of a run in a figure
+# a figure shows this many seconds of a run
 _SHOWN_S = 6.0
 
 Say = Callable[[str], None]
@@ -164,7 +164,7 @@ def _of_the_model_alone(name: str, value: object, method: str) -> str:
 
 
 def _checked(study: Study, settings: Settings) -> Study:
-    """Refuse what makes channels no pairs; note in the runs what merely deserves a word."""
+    """Refuse channels that cannot be a pair; record lesser findings in the runs, as warnings."""
     runs = []
     for run in study.runs:
         if not study.is_one_gear and run.recording.duration_s < settings.runs.least_s:
@@ -179,7 +179,7 @@ def _checked(study: Study, settings: Settings) -> Study:
 
 
 def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
-    """Accelerations below, on and across the body of each run, single spikes mended, and how many on either side."""
+    """Accelerations below, on and across the body of each run without single spikes, and the number of these a side."""
     mended = {"unsprung": 0, "sprung": 0}
     found = []
     for run in study.runs:
@@ -240,7 +240,7 @@ def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
         if explains[kind]:
             because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
             if any(part.is_pushed for part in parts_of(tried, kind)):
-                because += ", which goes along with nothing that was measured below it"
+                because += ", which is incoherent with every motion measured below it"
             elif ratios[kind] > parts_of(tried, kind)[0].settings.verdicts.explained:
                 because += ", and is white as noise is"
             simpler = [leaves[other] for other in explains if not explains[other]]
@@ -396,7 +396,7 @@ def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
     mass, negative = Estimate(), False
     if part.has_fit and part.fit.model.mass_free:
         mass, negative = part.known.mass, part.known.has_negative_mass
-        # what a wrong structure says is shown as what it is; without an interval there is no mass at all
+        # a wrong structure shows its mass without an interval; a right one shows no mass where it has no interval
         if mass.std is None or not part.explains:
             mass = Estimate() if part.explains else Estimate(mass.value)
     if not part.has_fit:
@@ -407,10 +407,13 @@ def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
     elif part.residual_over_noise <= part.settings.verdicts.explained:
         why = (
             f"it leaves the sensors' noise, but {part.left_out_over_noise:.3g} times as much in runs that the others "
-            "predict: the runs do not go together"
+            "predict: the runs contradict each other"
         )
     else:
-        why = f"it leaves {part.residual_over_noise:.3g} times the sensors' noise: these gears do not move like that"
+        why = (
+            f"it leaves {part.residual_over_noise:.3g} times the sensors' noise: this structure does not fit these "
+            "gears"
+        )
     laws = part.fit.laws.values() if part.has_fit else ()
     return Candidate(
         kind=part.kind,

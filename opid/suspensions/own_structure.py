@@ -331,8 +331,8 @@ def _warnings(part: Fitted, interfaces: Mapping[str, SpringEstimate], *, knows_w
             yield WITHOUT_INTERVALS
     elif left_out is not None and left_out > verdicts.explained:
         yield (
-            f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they do not go together, "
-            f"check mass and place of the loading of each; {WITHOUT_INTERVALS}"
+            f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they contradict each "
+            f"other, check mass and place of the loading of each; {WITHOUT_INTERVALS}"
         )
     elif not measure_whiteness(fit).white:
         yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"

@@ -417,8 +417,8 @@ class Identification(ResultOfStudy):
     def limited_by(self) -> Limit:
         """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself.
 
-        What is left of one gear is looked into where it is worth a warning. Of a body on several suspensions what is
-        more than the noise counts as the model's, unless a rigid body leaves what goes along with nothing below it.
+        The residual of one gear is examined where it is worth a warning. A residual of a body on several suspensions
+        above the noise counts as the model's, unless that of a rigid body is incoherent with the motion below it.
         """
         errors = [each.error for each in self.evidence if each.error is not None]
         if errors:

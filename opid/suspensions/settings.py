@@ -1,6 +1,6 @@
-"""Every number of the estimator that somebody tuned, with its reason: pass another `Settings` to change one.
+"""Every tuned number of the estimator, with its reason. To change one, pass another `Settings`.
 
-The values are printed in each result, so that an answer can be traced to them.
+Each result prints the values, so that an answer can be traced to them.
 """
 
 from __future__ import annotations
@@ -8,25 +8,25 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 METHODS = ("model", "classical", "paper")
-"""Of identification: the driven model, the mended chain of the paper, its printed formula."""
+"""Methods of identification: the driven model, the paper's chain mended, and the paper's printed formula."""
 
 METHODS_OF_LAW = ("pursuit", "sparse regression", "both")
-"""Of searching the law of the driven model."""
+"""Methods of searching the law of the driven model."""
 
 
 @dataclass(frozen=True)
 class Verdicts:
-    """House-wide thresholds, on a residual over the noise that is known beforehand unless something else is said.
+    """Thresholds of the whole package, on the residual over the noise known beforehand unless something else is said.
 
     Args:
-        explained: up to here the model explains the runs; estimated noise floors scatter by a tenth.
-        noted: above this a single gear's residual is worth a warning.
-        doubtful: above this what the model lacks rules the answer.
-        refused: above this laws and faults are searched only where they promise much, and no number is told of a body
-            on several suspensions, of a user's own structure, or by the classical chain.
-        refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the
-            body's rms acceleration: less than a third of the power is then explained.
-        loosely_known: a value whose standard deviation is a larger fraction of it is not determined.
+        explained: up to this the model explains the runs: estimated noise floors scatter by a tenth.
+        noted: above this the residual of a single gear is worth a warning.
+        doubtful: above this the answer is limited by what the model lacks, no longer by noise.
+        refused: above this laws and faults are searched only where they promise much, and no number is reported for a
+            body on several suspensions, for a user's own structure, or by the classical chain.
+        refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the body's
+            rms acceleration: it then explains less than 36 % of the power.
+        loosely_known: a value is not determined if its standard deviation exceeds this fraction of it.
     """
 
     explained: float = 1.2
@@ -39,35 +39,40 @@ class Verdicts:
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How runs are prepared and what is known of them beforehand.
+    """How runs are prepared, and what is known of them beforehand.
 
     Args:
-        band_hz: lines of the prediction errors that are compared: below, sensors drift; above, struts answer little.
-        highest_fraction: lines above this fraction of the rate are not compared: filters of loggers end there.
-        lowest_rate_hz: below, a step of the model a sample is too coarse; such runs are sampled finer ...
-        rate_over_band: ... and this times the highest line that is asked for is enough: a building that is compared up
-            to 8 Hz need not be followed as a gear is.
-        least_lines: a band of fewer lines tells nothing.
-        stop_db: what the steps of a coarse run would fold into the band is weakened by this.
-        stop_width: the filter that does so falls over this fraction of the coarse rate.
-        least_noise_fraction: no model of a strut is better than this fraction of the motion, however quiet the sensor.
-        most_noise_fraction: what a model leaves of a low-pass filtered log may be the noise of its sensor up to this
-            fraction of the motion; sensors that read no more than ten times their noise are not taken to such tests.
-        offset_m_per_s2: offset that is left in an acceleration once its mean is removed.
-        offset_ac_m_per_s2: the same of an AC-coupled sensor, which forgets more.
-        start_rms: a record may begin this many rms motions from rest, one standard deviation.
-        start_displacement_m: the ground below an AC-coupled sensor at the start, one standard deviation.
-        start_velocity_m_per_s: its velocity, likewise.
-        ground_drift_m: how far the ground below a suspension lies from its mean height while a run lasts. A spring to
-            the ground needs the place of the body, which no accelerometer tells; left free, a wrong law carries it off
-            by metres and is never found out. Ten times what a taxiway does.
-        ground_drift_paths: the same in multiples of what a parabola leaves of the measured path: on a hill more may be
-            hidden in its offset than on the flat.
-        least_s: three periods of the slowest motion that is compared.
-        reduced_above_hz: runs from files that are sampled faster are reduced, unless the study gives `fs_hz`: time is
-            spent on every sample, and the band ends far below ...
+        band_hz: band in which prediction errors are compared, Hz: below it sensors drift, above it struts respond
+            little.
+        highest_fraction: lines above this fraction of the sampling rate are not compared: the filters of loggers cut
+            there.
+        lowest_rate_hz: the model takes at least this many steps a second, so that runs of a lower rate are sampled
+            finer ...
+        rate_over_band: ... or this many times the highest compared line, Hz, if that is less: a building that is
+            compared up to 8 Hz needs fewer steps than a gear.
+        least_lines: a band of fewer lines is refused.
+        stop_db: attenuation in dB of what decimation would alias into the band.
+        stop_width: transition width of the anti-aliasing filter, as a fraction of the coarse rate.
+        least_noise_fraction: least noise, as a fraction of the motion: no strut model is better, however quiet the
+            sensor.
+        most_noise_fraction: the residual of a low-pass filtered log counts as sensor noise up to this fraction of
+            the motion: nobody takes a sensor to such tests whose noise is larger.
+        offset_m_per_s2: standard deviation of the offset that is left in an acceleration once its mean is removed.
+        offset_ac_m_per_s2: the same for an AC-coupled sensor, which loses more of the slow motion.
+        start_rms: standard deviation of travel and velocity at the first sample, in rms motions.
+        start_displacement_m: standard deviation of the height of the ground below an AC-coupled sensor at the first
+            sample.
+        start_velocity_m_per_s: the same for the velocity of that ground.
+        ground_drift_m: standard deviation of the ground's height about its mean. A spring to the ground needs the
+            position of the body, which accelerometers do not observe; without this prior a wrong law lets it drift by
+            metres and is never found out. It is ten times the unevenness of a taxiway.
+        ground_drift_paths: the same as a multiple of what a parabola leaves of the measured path: on a hill the offset
+            of the sensor may hide more than on flat ground.
+        least_s: shortest run of a body on several suspensions, s: three periods of the lowest compared line.
+        reduced_above_hz: runs from files with a higher rate are decimated, unless the study gives `fs_hz`: every sample
+            costs time, and the band ends far below ...
         reduced_to_hz: ... by a whole number, to no less than this rate.
-        coherence_s: blocks by which it is told what goes along with the motion below, s.
+        coherence_s: length of the blocks for the coherence with the motion below, s.
     """
 
     band_hz: tuple[float, float] = (0.3, 40.0)
@@ -94,21 +99,21 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class StartSettings:
-    """The equation of motion on integrated accelerations that start values come from.
+    """How start values are found: from the equation of motion on integrated accelerations.
 
     Args:
-        band_hz: of the equation: integration is sound there, and a suspension answers.
-        high_pass_hz: corner of the integration.
-        least_fraction: a term must explain this fraction of what is left.
-        most_terms: of a law that the fit begins with.
-        n_scales: inner scales at which a term is tried ...
-        scale_fractions: ... between these fractions of the range, in logarithmic steps, in which a scale can be seen:
-            the least is friction that is full at once, the largest what hardly bends.
+        band_hz: band of the equation, Hz: there integration is accurate and a suspension responds.
+        high_pass_hz: corner of the high-pass filter of the integration.
+        least_fraction: a term must explain this fraction of what is left without it.
+        most_terms: most terms of the law that the fit begins with.
+        n_scales: number of scales at which each term is tried ...
+        scale_fractions: ... in logarithmic steps between these fractions of the range in which a scale can be seen: at
+            the lower end friction is a step, at the upper end a term hardly bends.
         ground_fraction: a fit begins with a ground spring where the equation finds one above this fraction of K ...
-        ground_std: ... and above this many standard deviations.
-        lag_std: a delay with a stated tolerance is looked for within so many of it ...
-        n_lags: ... on a grid of so many values ...
-        lag_rounds: ... and so many times, each from one value of the last grid to the next, ...
+        ground_std: ... and above this many of its standard deviations.
+        lag_std: a delay with a stated tolerance is searched within this many standard deviations ...
+        n_lags: ... on a grid of this many values ...
+        lag_rounds: ... in this many rounds, each between the neighbours of the best value of the last grid ...
         lag_fraction: ... in the band from this fraction of the highest line up to it.
     """
 
@@ -128,47 +133,51 @@ class StartSettings:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How the vector is moved until the prediction errors are least.
+    """How the vector of unknowns is fitted: by nonlinear least squares of the prediction errors.
 
     Args:
-        noisier: falling factors on the noise below the suspensions by which a fit comes nearer from afar: the readings
-            then hold the motion to the truth while the parameters are still wrong. The second way is taken where the
-            first leaves too much, for minima beside the right one differ from way to way.
-        start_reach_rms: the start of a run of one gear is looked for within this many rms motions ...
-        n_start_grid: ... on a grid of so many points along travel and velocity ...
-        start_rounds: ... all of which are predicted for the first of these times, s, then the best so many for longer.
-        most_evaluations: predictions of all runs in a fit from start values.
-        most_refit_evaluations: in a fit that begins near its end.
-        mass_fractions: the largest loading lies between these fractions of the mass, where a fit begins with the runs
-            without loading alone ...
-        n_mass_fractions: ... and so many are tried.
-        usual_mass_fraction: of the mass is a usual loading; it says about how far apart runs rest, and so how long the
-            scales of their laws may be. A gear with a scale of 3.8 rms travels whose runs rest four apart was held at 3
-            and told 17 % too heavy.
-        hopeless_piece_s: while a fit leaves more than is likely to be mended, ways are tried on a piece of this length
-            of each run, s; it is longer where the lowest line has not four periods in it.
-        most_hopeless_evaluations: with all readings, in a fit that leaves much more than noise: it ended at a coarse
-            rate.
-        least_promise: a fit ends when the next step promises less of the squared error over its variance.
-        promise_in_search: the same while laws are searched, and in fits of all runs but one.
-        promise_from_afar: the same while the noise is exaggerated.
-        negligible_promise: where the last step promises less, the errors before it are those after it: it moves no
-            parameter by more than three hundredths of its standard deviation.
-        largest_log_step: how far the logarithm of a positive entry moves in a step.
-        farthest_std: coordinates and faults of sensors are not looked for farther from what is known of them.
-        slide_beyond: the travel after which a friction that remembers slides is fitted up to this many times the
-            longest that a search offers: one of 13 rms travels, held at 3, left 4 times the noise and a stiffness 33 %
+        noisier: decreasing factors on the noise of the lower sensors (continuation): with much noise below, the
+            readings on the body hold the motion near the truth while the parameters are still wrong. The second
+            sequence is tried where the first leaves too much: sequences reach different local minima.
+        start_reach_rms: travel and velocity at the start of a run of one gear are searched up to this many rms motions
+            ...
+        n_start_grid: ... on a grid of this many points along each ...
+        start_rounds: ... in rounds of a time, s, and a number: the points that are left are predicted over this time,
+            and this number of the best is kept.
+        most_evaluations: most predictions of all runs in a fit from start values.
+        most_refit_evaluations: the same in a fit that begins near its minimum.
+        mass_fractions: a fit that begins with the runs without loading alone tries masses of which the largest loading
+            is a fraction between these ...
+        n_mass_fractions: ... at this many values, in logarithmic steps.
+        usual_mass_fraction: a usual loading, as a fraction of the mass. It gives about how far apart runs rest, and so
+            how long the scales of their laws may be: in a gear whose runs rest four rms travels apart, a scale of 3.8
+            rms travels was held at 3, and the mass came out 17 % too large.
+        hopeless_piece_s: while the residual is far above the noise, laws and faults are tried on a piece of this length
+            of each run, s; it is longer where it would not hold four periods of the lowest line.
+        most_hopeless_evaluations: most evaluations at the full rate of a fit far above the noise: it has already been
+            fitted at the coarse rate.
+        least_promise: a fit ends when the next step promises a smaller fall of the squared error over its variance.
+        promise_in_search: the same while laws are searched, and in fits that leave one run out.
+        promise_from_afar: the same during continuation.
+        negligible_promise: where the last step promised less than this, the errors before it are kept as those
+            after it: it moves no parameter by more than three hundredths of its standard deviation.
+        largest_log_step: largest step of the logarithm of a positive entry.
+        farthest_std: coordinates and faults of sensors are fitted within this many standard deviations of their stated
+            values.
+        slide_beyond: friction with memory slides after some travel, which is fitted up to this many times the longest
+            that a search offers: a travel of 13 rms travels, held at 3, left 4 times the noise and a stiffness 33 %
             off.
-        held_fraction: while a fit comes from afar, tolerances of coordinates, and of what carries the weight, are
-            multiplied by this: they are not to make up for what is still wrong.
-        fastest: a motion of this rate times its length is put off by two parts in a thousand by a step.
-        turnover_in_step: where a friction turns over at a larger rate times the length of a step, the found model is
-            fitted with more steps to a sample: at 0.6 damping was off by seven standard deviations, at 0.2 by none.
-        most_steps: to a sample, at the most.
-        most_folded: power over that of the noise that a coarse rate may fold into the band.
-        same_std: fits of one model whose parameters differ by at most so many standard deviations ended at one minimum.
-        first_damping: damping of the step after one that failed, over the squared size of each column ...
-        least_damping: ... and a smaller one is none: the step of Gauss and Newton is taken.
+        held_fraction: during continuation the standard deviations of coordinates and carried weight are multiplied by
+            this, so that they cannot compensate for what is still wrong.
+        fastest: largest rate of the motion times the step length: at this value one step shifts the motion by 0.2 %.
+        turnover_in_step: largest rate at which friction lets a velocity die away at rest, times the step length. Beyond
+            it the found model is fitted with more steps for each sample: at 0.6 damping was off by seven standard
+            deviations, at 0.2 by none.
+        most_steps: most steps of the model for each sample.
+        most_folded: most power that a coarse rate may alias into the band, over that of the noise.
+        same_std: fits of one model ended at the same minimum if no parameter differs by more standard deviations.
+        first_damping: Levenberg-Marquardt damping after a step that failed, over the squared norm of each column ...
+        least_damping: ... and below this it becomes zero: a Gauss-Newton step is taken.
     """
 
     noisier: tuple[tuple[float, ...], ...] = ((100.0, 20.0, 4.0), (30.0, 5.0))
@@ -201,52 +210,57 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Which law.
+    """How the law of a suspension is searched.
 
     Args:
-        n_scales: scales at which a kind is simulated, evenly in their logarithm over the range where it can be seen.
-        n_between: columns between two simulated scales, by interpolation.
-        faint: force of a candidate in the simulation, over the noise: too weak to move anything.
-        largest_log_step: a scale is moved along its derivative by so much at most, about the way to the next one.
-        nearly_parallel: a direction that others make up to this fraction of its square adds nothing.
-        bic_margin: a larger law must lower the information criterion by this.
-        error_margin: and the error by this fraction, shared out over the interfaces: below, a term mends what sensors
-            did.
-        inner_margin: a law of as many terms must lower the criterion by this for each inner parameter more: of laws
-            that fit alike the plainer one is taken.
-        first_order_error: the error that columns promise may be wrong by this fraction: laws are fitted that promise
-            less than is asked for by so much.
-        n_refitted: laws fitted in a round.
-        n_rounds: at the most; in each the law may change by a step.
-        most_terms: of the law of one suspension.
-        most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
-        n_neighbours: rejected laws that are fitted for the reader.
-        alike_bic: criteria that are closer do not tell two laws apart.
-        surely_behind_bic: a law whose criterion is larger by more than this at a coarse rate is not tried again,
-            neither at the full rate, which doubles the difference, nor for the reader: the departures of the runs,
-            which are let go after the search, change differences by tens.
-        far_fraction: a law that leaves this fraction more than the chosen one at a coarse rate is not tried again at
-            the full rate. Of gears with memory, near relatives leave up to 0.0005 more and others 0.7 to 11.
-        overfit_fraction: a law is too large only where a smaller one leaves at most this fraction more: a term too many
-            mends a few per cent; laws that were wrongly given up left 5 and 11 times as much.
+        n_scales: number of scales at which a kind is simulated, in logarithmic steps over the range where they can be
+            seen.
+        n_between: columns that are interpolated between two simulated scales.
+        faint: force of a candidate in the simulation, over the noise: small enough not to change the motion.
+        largest_log_step: a scale is shifted along its derivative by at most this in its logarithm, about as far as the
+            next one.
+        nearly_parallel: a column is skipped if the part of it outside the span of the others has less than this
+            fraction of its squared norm.
+        bic_margin: a larger law must lower the information criterion by this ...
+        error_margin: ... and the error by this fraction, divided by the number of laws: smaller gains come from sensor
+            faults.
+        inner_margin: a law with as many terms must lower the criterion by this for each further inner parameter: of
+            laws that fit alike the simpler one is taken.
+        first_order_error: laws that promise too little by this fraction of the error are fitted all the same: promises
+            hold to first order only.
+        n_refitted: number of laws that are fitted in a round.
+        n_rounds: most rounds; in each the law may change by one step.
+        most_terms: most terms of the law of one suspension.
+        most_exchanged: most terms that are exchanged at once: two similar terms can each keep the other in the law.
+        n_neighbours: number of rejected laws that are fitted for comparison in the report.
+        alike_bic: laws whose criteria are closer cannot be told apart.
+        surely_behind_bic: a law behind by more than this at the coarse rate is dropped. It is neither fitted at the
+            full rate, which doubles the difference, nor for the report: departures between runs, which are fitted after
+            the search, change differences by tens.
+        far_fraction: a law whose error at the coarse rate exceeds that of the chosen one by more than this fraction is
+            not fitted at the full rate. For gears with memory the excess was up to 0.0005 for similar laws and 0.7 to
+            11 for others.
+        overfit_fraction: a law is too large only if a smaller one leaves at most this fraction more: a needless term
+            lowers the error by a few per cent; where a right law was given up, the smaller one left 5 and 11 times as
+            much.
         good_fraction: where a fit would be refused, laws are tried only if the best of them promise to explain this
-            fraction of the squared error, to first order: none mends what a wrong structure leaves. Of aircraft that
-            bend, the best laws promise 1 to 6 %.
-        scale_fractions: between which fractions of the range in which a scale can be seen, in its logarithm, scales are
-            tried: at its lower end friction is a step, at its upper end a straight line.
-        lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms.
-        most_measured_rms: scales are laid out over the predicted motion, and over this many times the measured one at
-            the most: while a model is wrong, its slow travel may be far off.
-        least_damping_std: beside a law that remembers damping must not be negative by more standard deviations.
-        rest_fraction: a tangent stiffness at rest below zero by more than this fraction of its mean over the motion is
-            that of no suspension: what rests there would fall away.
-        farthest_mean_rms: a law beside a spring to the ground is about a rest that some run comes near, within so many
-            rms travels of its mean: a law about 3.5 rms from there had 2.6 times the true stiffness, and an interval
-            that did not hold.
-        every_sample: the rms force of a candidate is taken of every sample but so many: it need be known roughly.
-        least_shared: no law is searched for a gear of which less than this fraction of the body's power goes along
-            with what is measured below it. Two channels of noise share 0.00 +- 0.02, gears that stick and slip most of
-            it.
+            fraction of the squared error, to first order: no law mends a wrong structure. In aircraft that bend, the
+            best laws promise 1 to 6 %.
+        scale_fractions: scales are tried between these fractions, in the logarithm, of the range in which they can
+            be seen: at its lower end friction is a step, at its upper end a straight line.
+        lags: delays at which a law that mixes travel and velocity is tried, over the ratio of their rms.
+        most_measured_rms: scales cover the predicted motion, but at most this many times the measured one: while a
+            model is wrong, its slow travel may be far off.
+        least_damping_std: beside a law with memory, the damping must not be negative by more standard deviations.
+        rest_fraction: the tangent stiffness at rest must not be negative by more than this fraction of its mean over
+            the motion: the body would fall away from such a rest.
+        farthest_mean_rms: beside a spring to the ground, the mean travel of some run must lie within this many rms
+            travels of rest: a law about a rest 3.5 rms away had 2.6 times the true stiffness, and an interval that did
+            not hold.
+        every_sample: the rms force of a candidate uses every n-th sample; a rough value is enough.
+        least_shared: no law is searched for a gear where less than this fraction of the body's power is coherent with
+            the motion below. It is 0.00 +- 0.02 for two channels of noise, and large even for gears that stick and
+            slip.
     """
 
     n_scales: int = 4
@@ -280,19 +294,20 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class OriginSettings:
-    """Where else than at rest the origin of a law is looked for.
+    """How the origin of a law is searched elsewhere than at rest.
 
     Args:
-        distances: of the origin from where a suspension rests, over how far straight springs of its tangent stiffness
-            would give way under the body: a spring that stiffens gives way less far, one that softens farther.
-        finer_reach: around the best of them the origin is looked for more finely, up to this factor away ...
-        n_finer: ... at so many distances: what is begun with far off takes many steps along a valley.
-        n_scales: of a kind, evenly in their logarithm.
-        n_travels: at which forces are compared.
-        n_fitted: laws that are fitted, those whose force is nearest.
-        n_rounds: of looking for an origin, each from the better law of the one before.
-        least_bend: a force that is straight over the travel but for this fraction is no law's.
-        balance_std: of forces alike, the one is begun with that balances the weight to about this fraction.
+        distances: distances of the origin from rest, in static deflections of a linear spring of the tangent stiffness:
+            a spring that stiffens deflects less, one that softens more.
+        finer_reach: around the best of them the origin is searched on a finer grid, up to this factor away ...
+        n_finer: ... at this many distances: a fit that begins far off takes many steps along a valley.
+        n_scales: number of scales of each kind, in logarithmic steps.
+        n_travels: number of travels at which forces are compared.
+        n_fitted: number of laws that are fitted, those with the nearest force.
+        n_rounds: rounds of the search, each from the better law of the last one.
+        least_bend: a force closer to a straight line than this fraction of it needs no law.
+        balance_std: of laws with nearly the same force, those are preferred that balance the weight to about this
+            fraction.
     """
 
     distances: tuple[float, ...] = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8)
@@ -311,14 +326,14 @@ class GasSettings:
     """What is known of a column of gas that carries a gear.
 
     Args:
-        carried: by how much its static force may differ from the weight and the push of the air on the piston,
-            relative, and a spring beside it from none, over the stiffness of the gas: lift and seals carry about so
-            much of a gear that taxies. Where the runs speak against it by much, they are believed.
-        carried_unstated: the same where the area of the piston is not stated: the air pushes with 1 to 5 % of the
-            weight, the more the lower the pressure of the gas.
-        pressures_pa: gauge pressures with which struts are serviced, from light aircraft to large ones; others make the
-            stated area of the piston doubtful.
-        far_std: an exponent that lies this many standard deviations from what is known of it is no gas alone.
+        carried: standard deviation of the static force of the gas about weight plus air pressure on the piston,
+            relative; also of a spring beside the gas about zero, over the stiffness of the gas. Lift and seals carry
+            about this much of a taxiing gear. Runs that contradict it clearly are believed.
+        carried_unstated: the same where the piston area is not stated: the air pushes with 1 to 5 % of the weight, and
+            with more of it the lower the pressure of the gas.
+        pressures_pa: range of gauge pressures at which struts are serviced, from light aircraft to large ones; beyond
+            it the stated piston area is doubtful.
+        far_std: an exponent that lies this many standard deviations from its known value is not that of gas alone.
     """
 
     carried: float = 0.005
@@ -332,15 +347,16 @@ class RegressionSettings:
     """How sparse regression, the second method beside the search above, proposes laws.
 
     Args:
-        n_samples: that the regression looks at.
-        n_blocks: of time that are left out by turns.
-        thresholds: coefficients, in fractions of the force that stiffness and damping leave, below which a term goes.
-        relaxation: of SR3: how closely the sparse coefficients follow the others.
+        n_samples: number of samples in the regression.
+        n_blocks: number of blocks of time, each left out in turn.
+        thresholds: a term is dropped if its coefficient is smaller, as a fraction of the force beyond stiffness and
+            damping.
+        relaxation: relaxation of SR3: how closely the sparse coefficients follow the full ones.
         block_margin: a larger law must lower the error of the blocks left out by this fraction.
-        n_rounds: of alternating inner scales with the choice of terms.
-        n_refitted: laws that are fitted by the model in a pass.
-        n_passes: each regresses on the motion as the better model predicts it.
-        most_terms: of a law.
+        n_rounds: rounds in which inner scales are fitted and terms chosen in turn.
+        n_refitted: number of laws that are fitted by the model in a pass.
+        n_passes: number of passes; each regresses on the motion that the better model predicts.
+        most_terms: most terms of a law.
     """
 
     n_samples: int = 6000
@@ -356,34 +372,35 @@ class RegressionSettings:
 
 @dataclass(frozen=True)
 class ProcessSettings:
-    """How it is told whether a fit is limited by forces that nobody measured or by the model itself.
+    """How it is decided whether a fit is limited by forces that nobody measured or by the model itself.
 
     Args:
-        fractions: rms accelerations by unmeasured forces that are tried, over that of the readings: the least is where
-            the readings begin to hold the motion, and beyond the largest nothing changes.
-        corners: of its spectral density that are tried, over the highest line.
-        bands_per_octave: in which the errors may have levels of their own ...
-        least_lines: ... and lines that a band holds at least, so that its level is known to a fifth.
-        n_rounds: of fitting and finding levels by turns, at the most.
-        least_gain: the rounds end when the logarithm of the likelihood gains less.
-        same_std: both fits agree where no parameter differs by more standard deviations: of true models with a force on
-            the body that nobody measured, 0.2 to 0.7 were seen; of wrong ones 5 and more.
-        same_std_of_body: the same of several suspensions, whose structure is judged by `least_coherent`: the largest of
-            seven departures of 27 true models was 0.4 to 2.1.
-        most_promised: a given law is not the strut's where another promises to explain more than this fraction of the
-            squared error: a stop that one run hit, and the law had not, promised 0.23 to 0.43 and moved the mass by 5
-            %; beside forces that nobody measured at most 0.001 was promised.
-        most_left_by_simpler: a law of fewer terms is tried in place of one that takes up what the model lacks, and may
-            leave so many times the rms error: an Iwan joint of six sliders in place of forty leaves 1.2 times what it
-            does beside a damper, which only bends its numbers.
-        surely_other_std: beyond so many no likelier process noise is looked for.
-        piece_s: under a wrong model parameters are fitted to pieces of so many seconds, s, ...
-        most_pieces: ... at most so many of a run.
-        n_free_fits: so often the free motion is fitted, each run weighed by what the last fit left of it.
-        least_coherent: a force that nobody measured leaves of several suspensions what goes along with nothing below
-            them: of 27 true models with such a force and two runs of 20 s fractions of its power of -0.01 to 0.01 did;
-            of fits in a wrong minimum 0.12 to 0.23, of a body that bends 0.9.
-        most_coherent: laws are searched under process noise where less than this goes along: of a missing friction 0.1.
+        fractions: rms accelerations from unmeasured forces that are tried, over that of the readings: from the smallest
+            on the readings hold the predicted motion, and beyond the largest nothing changes.
+        corners: corners of the spectral density of these accelerations that are tried, over the highest line.
+        bands_per_octave: number of bands in an octave; in each the errors may have their own rms ...
+        least_lines: ... and each has at least this many lines, so that the rms is known to a fifth.
+        n_rounds: most rounds of fitting and of estimating these rms values in turn.
+        least_gain: the rounds end when the log likelihood rises by less.
+        same_std: the fits with and without process noise agree if no parameter differs by more standard deviations.
+            True models with an unmeasured force on the body differed by 0.2 to 0.7, wrong ones by 5 and more.
+        same_std_of_body: the same for several suspensions, whose structure is judged by `least_coherent`: in 27 true
+            models the largest of seven departures was 0.4 to 2.1.
+        most_promised: a given law is wrong if another one promises to explain more than this fraction of the squared
+            error. A stop that one run hit, and that the law lacked, promised 0.23 to 0.43 and moved the mass by 5 %;
+            beside unmeasured forces at most 0.001 was promised.
+        most_left_by_simpler: where a law takes up what the model lacks, one with fewer terms is tried, which may leave
+            this many times the rms error. An Iwan joint of six sliders in place of forty leaves 1.2 times as much alone
+            as beside a damper, which only biases its values.
+        surely_other_std: beyond this departure, in standard deviations, no better process noise is searched.
+        piece_s: under a wrong model the parameters are fitted to pieces of this length, s, ...
+        most_pieces: ... at most this many of each run.
+        n_free_fits: number of fits of the free motion, in which each run is weighted by what the last fit left of it.
+        least_coherent: the residual of several suspensions is due to a force that nobody measured if a smaller fraction
+            of its power is coherent with the motion below. The fraction was -0.01 to 0.01 in 27 true models with such a
+            force and two runs of 20 s, 0.12 to 0.23 in fits at a wrong minimum, and 0.9 in a body that bends.
+        most_coherent: laws are searched under process noise if a smaller fraction is coherent: a missing friction
+            leaves 0.1.
     """
 
     fractions: tuple[float, ...] = (0.03, 0.3)
@@ -406,42 +423,45 @@ class ProcessSettings:
 
 @dataclass(frozen=True)
 class FaultSettings:
-    """What the runs may demand beside the suspension: a spring to the ground, or faults of sensors nobody stated.
+    """What is added to the suspension if the runs demand it: a ground spring, or sensor faults that nobody stated.
 
     Args:
-        least_score: a score, chi-square of one degree of freedom under a sound model, below this is not looked at.
-        bic_margin: the criterion must fall by this.
-        error_margin: and the error by this fraction.
-        alike_bic: explanations whose criterion is this close to the best one cannot be told from it.
-        gain_tolerance: of a sensor nobody calibrated, relative.
-        lag_samples: delay between channels of a multiplexing logger.
-        corner_hz: of a usual AC coupling.
-        corner_tolerance: of it, relative.
-        slight_corner_hz: an AC coupling that is next to none. Scores are taken here, and no corner is looked for
-            below: a sensor that is said to be AC-coupled may be none, however narrow the tolerance.
-        least_corner_hz: AC coupling with all corners below is none: it only frees the offsets of the sensors, and mends
-            what something else left.
-        least_gain: no gain is looked for below this: a reading is divided by its gain.
-        alone_fraction: runs said to be alike contradict each other where each alone leaves less than this fraction of
-            what all together leave: a mass change that nobody stated, which faults of sensors would be let in for.
-        ground_fraction: the equation speaks for a ground spring above this fraction of the stiffness: below, the noise
-            biases it as much.
-        sure_ground_std: springs to the ground that a fit began with, none of which is this many standard deviations
-            from zero, may be none, and the fit without them is asked for. A spring that matters is known to a per cent.
-        plausible_std: a fault that lies farther from what such sensors do may stand in for something else. AC coupling
-            is let in all the same where less than `Verdicts.noted` is left.
-        n_farther: so often such corners are looked for about those found: each time up to five times as high.
+        least_score: hypotheses with a lower score are not fitted; under a right model it is chi-square with one degree
+            of freedom.
+        bic_margin: a hypothesis must lower the information criterion by this ...
+        error_margin: ... and the error by this fraction.
+        alike_bic: explanations whose criterion is this close to the best one cannot be told apart from it.
+        gain_tolerance: standard deviation of the gain of an uncalibrated sensor, relative.
+        lag_samples: standard deviation of the delay between channels of a multiplexing logger, in samples.
+        corner_hz: corner of a usual AC coupling.
+        corner_tolerance: standard deviation of that corner, relative.
+        slight_corner_hz: corner of a negligible AC coupling. Scores are taken here, and no lower corner is fitted: a
+            sensor that is stated to be AC-coupled may not be, however narrow the tolerance.
+        least_corner_hz: an AC coupling with all corners below this is no coupling: it only frees the offsets of the
+            sensors and compensates for something else.
+        least_gain: lower bound of a fitted gain: readings are divided by it.
+        alone_fraction: runs stated to be alike contradict each other if each fitted alone leaves less than this
+            fraction of what all leave together. The cause is an unstated mass change, for which sensor faults would be
+            fitted otherwise.
+        ground_fraction: the equation of motion demands a ground spring only above this fraction of the stiffness: below
+            it, the bias from noise is as large.
+        sure_ground_std: if no ground spring that a fit began with is this many standard deviations from zero, a fit
+            without them is tried, too. A spring that matters is known to a per cent.
+        plausible_std: a fault that lies this many standard deviations from what such sensors do may stand in for
+            something else. AC coupling is added all the same where it leaves less than `Verdicts.noted`.
+        n_farther: number of rounds in which such corners are searched about those found, each up to five times as high.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
-        coupling_helps: AC coupling is taken for granted in a first search for laws where it makes the error smaller by
-            this fraction before any law is searched, and springs to the ground are left out: on five aircraft with
-            couplings by 3.2 to 31 %, on others by 0 to 1.4 %, on four that bend by 1.6 to 2.4 %. In vain it costs time.
-        nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
-            sides is told apart: the little that is left may be the law's.
-        good_fraction: where a fit would be refused, faults are tried only if they promise to explain this fraction of
-            the squared error, but for AC coupling. In an aircraft that bends gains promised 10 to 20 %, explained 4.
-        most: faults let in.
-        looked_at: hypotheses fitted in a round, those with the largest scores.
-        contradicted_std: a stated fact that the fit moves by more standard deviations is contradicted by the runs.
+        coupling_helps: an AC coupling that lowers the error by this fraction before any law is searched is kept during
+            the first law search, and springs to the ground are left out. On five aircraft with couplings it lowered the
+            error by 3.2 to 31 %, on others by 0 to 1.4 %, on four that bend by 1.6 to 2.4 %, where it only costs time.
+        nearly_explained: below this residual over the noise, added faults are kept and the noise of the two sides is
+            estimated separately: the little that is left may be due to the law.
+        good_fraction: where a fit would be refused, faults other than AC coupling are tried only if they promise to
+            explain this fraction of the squared error. In an aircraft that bends, gains promised 10 to 20 % and
+            explained 4.
+        most: most faults that are added.
+        looked_at: number of hypotheses fitted in a round, those with the highest scores.
+        contradicted_std: the runs contradict a stated fact if the fit moves it by more standard deviations.
     """
 
     least_score: float = 30.0
@@ -471,23 +491,24 @@ class FaultSettings:
 
 @dataclass(frozen=True)
 class RepeatabilitySettings:
-    """How much alike runs are taken to be.
+    """How much suspensions may differ from run to run.
 
     Args:
-        usual: relative standard deviation of springs, damping and friction from run to run where the study states
-            none: seals settle, gas and oil warm up by some kelvins.
-        doubt: the stated one is believed within this factor, one standard deviation of its logarithm: intervals then
-            hold in 92 to 95 % of flights that differ as stated (`benchmarks/unlike_flights.py`), and in more below.
-        reach: of the levels that are weighed, in powers of that factor: from far below what any data tell to where runs
-            would contradict each other.
-        n_levels: so many, about ten to a power of ten.
-        bic_margin: runs that are let go are searched anew, law and faults of sensors, where that lowers the information
-            criterion by this: what was found for runs that are alike may make up for what is not.
-        farthest_std: no departure is looked for farther from none: runs that differ by more contradict each other.
-        contradicted: the stated level is contradicted where the runs speak for more than this many times as much ...
+        usual: relative standard deviation of springs, damping and friction from run to run where the study states none:
+            seals settle, gas and oil warm up by some kelvins.
+        doubt: log standard deviation of the stated repeatability, as a factor. Intervals then hold in 92 to 95 % of
+            flights that differ as stated (`benchmarks/unlike_flights.py`), and in more of those that differ less.
+        reach: range of the values that are weighed, as powers of that factor: from far below what data can show to
+            where runs would contradict each other.
+        n_levels: number of these values, about ten to a power of ten.
+        bic_margin: once departures between runs are fitted, laws and faults are searched again if the criterion falls
+            by this: those found for runs that are alike may compensate for the departures.
+        farthest_std: departures are fitted up to this many standard deviations: runs that differ by more contradict
+            each other.
+        contradicted: the runs contradict the stated repeatability if they show more than this many times as much ...
         contradicted_weight: ... with this probability.
-        rules_below: where the mass would be known to less than this fraction of its interval were all runs alike, it is
-            the repeatability that rules it.
+        rules_below: if the interval of the mass would shrink below this fraction were all runs alike, repeatability
+            limits it.
     """
 
     usual: float = 0.01
@@ -503,37 +524,38 @@ class RepeatabilitySettings:
 
 @dataclass(frozen=True)
 class IntervalSettings:
-    """How well the parameters are known, and what is said of it.
+    """How well the parameters are known, and what is reported of it.
 
     Args:
-        lines_per_cell: neighbouring lines that may be correlated: a mode of some per cent damping is so many lines of
-            a 40 s run wide.
-        white_below: Kolmogorov's statistic of the cumulative periodogram (Bartlett 1955) that white noise exceeds in
-            1 of 1000 runs.
-        n_bands: of the band in which a residual is looked at for where it stands out.
-        bootstrap_s: blocks of time that are resampled.
-        n_bootstrap: resamples: deviations by so many scatter by 7 %.
-        equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
-        largest_noise_ratio: the noise below and on the body differs at most so much.
-        least_noise_gain: equal noise is kept unless another ratio raises the log likelihood by this.
-        noise_probe: the logarithm of the ratio is moved by this to see whether another one would.
-        widening_named: a fault of a sensor that widens an interval by this factor is named.
-        alike_cosine: cosine between what two causes do to the errors above which one passes for the other.
-        least_motion: a motion of less than this times the noise does not tell its inertia.
-        far_std: a coordinate that moves by more standard deviations of its tolerance is named.
+        lines_per_cell: number of neighbouring lines whose errors may be correlated: as wide is a mode with some per
+            cent damping in a run of 40 s.
+        white_below: bound on Kolmogorov's statistic of the cumulative periodogram (Bartlett 1955), which white noise
+            exceeds in 1 of 1000 runs.
+        n_bands: number of bands among which the largest residual is searched.
+        bootstrap_s: length of the blocks of time that are resampled, s.
+        n_bootstrap: number of resamples: standard deviations from so few scatter by 7 %.
+        equal_gains: gains of two sensors are never closer than this, relative, and their difference imitates a ground
+            spring.
+        largest_noise_ratio: largest ratio of the noise below to the noise on the body, and of the reverse.
+        least_noise_gain: the assumed ratio of the noise is kept unless another one raises the log likelihood by this.
+        noise_probe: step of the logarithm of that ratio, to test whether another one would.
+        widening_named: a sensor fault that widens an interval by this factor is named.
+        alike_cosine: one cause imitates another if the cosine between their effects on the errors is larger.
+        least_motion: a motion below this many times the noise does not determine its inertia.
+        far_std: a coordinate is named if the fit moves it by more standard deviations.
         negligible_ground: a ground spring below this fraction of K is not worth a warning.
-        impossible_ground_std: a ground spring that is this many standard deviations below zero is none: something else
-            pulls at the body. Noise alone makes two of them, and gains that differ as much as usual three.
-        same_frequency: runs of one mass whose natural frequencies differ by more than this fraction are unlike.
-        least_remainder: a run that keeps less than this fraction of the mass is a slip of the pen.
-        softened: a joint inside of a structure is told if with this fraction of its spring and damper ...
-        least_hold: ... the squared error over its variance grows by this: a resonance of its own always finds some
-            noise to explain.
-        imitating_gain: gain error whose likeness to a ground spring is told. This and the next ones are sizes that a
-            reader can picture; what a fit may move is in `FaultSettings`.
-        imitating_corner_hz: corner of the AC coupling of one sensor alone whose likeness is told.
-        imitating_lag_s: lag between the channels whose likeness is told.
-        imitating_slight_hz: where a sensor is not AC-coupled, the derivative by its corner is taken here.
+        impossible_ground_std: a ground spring this many standard deviations below zero is not one: something else pulls
+            at the body. Noise alone makes two of them, and usual differences of gains three.
+        same_frequency: runs of one mass differ if their natural frequencies do by more than this fraction.
+        least_remainder: a run that is left with less than this fraction of the mass has a mistyped mass change.
+        softened: a joint inside a structure is determined if reducing its spring and damper to this fraction ...
+        least_hold: ... raises the squared error over its variance by this: its own resonance always finds some noise to
+            explain.
+        imitating_gain: gain error that is compared with a ground spring. This value and the next ones are easy to
+            picture; how far a fit may move them is in `FaultSettings`.
+        imitating_corner_hz: corner of an AC coupling of one sensor alone, for the same comparison.
+        imitating_lag_s: delay between the channels, for the same comparison.
+        imitating_slight_hz: corner at which the derivative is taken for a sensor without AC coupling.
     """
 
     lines_per_cell: int = 16
@@ -566,11 +588,11 @@ class SurfaceSettings:
     """The force without a law, cell by cell.
 
     Args:
-        n_cells: along each coordinate.
-        reach_rms: cells reach this many rms motions.
-        least_count: fewer samples than this tell nothing.
-        section_rms: a section holds the motion within this many rms of the other coordinate.
-        seen_std: a departure of more standard errors is seen.
+        n_cells: number of cells along each coordinate.
+        reach_rms: the cells cover this many rms motions on either side.
+        least_count: a cell with fewer samples has no value.
+        section_rms: a section uses the samples within this many rms of the other coordinate.
+        seen_std: a departure is significant above this many standard errors.
     """
 
     n_cells: int = 16
@@ -582,39 +604,39 @@ class SurfaceSettings:
 
 @dataclass(frozen=True)
 class WarningSettings:
-    """When something is worth a warning. What is explained, doubtful or refused stands in `Verdicts`.
+    """When something is worth a warning. The thresholds for explained, doubtful and refused are in `Verdicts`.
 
     Args:
-        least_loading_kg: a scale that rests on a smaller loading may be in tonnes: nothing in the runs tells, for
-            weight and the forces of any law go with the mass ...
-        least_mass_kg: ... and so may one that gives a smaller mass: no gear carries more than 50 t. A small shaker rig
-            is told one sentence too many.
-        most_mass_of_gear_kg: a scale that gives one gear a larger mass may be in grams, likewise ...
+        least_loading_kg: a loading below this may have been given in tonnes; the runs cannot show it, for weight and
+            forces are proportional to the mass ...
+        least_mass_kg: ... and so may one that gives a smaller mass than this. A small shaker rig gets this warning
+            needlessly.
+        most_mass_of_gear_kg: a loading that gives one gear a larger mass may be in grams: no gear carries more than 50
+            t ...
         most_mass_kg: ... and so may one that gives a whole body more: the heaviest aircraft has 640 t.
-        straight_rms: a term whose scale lies beyond this many rms motions is a straight line over what was visited ...
-        usual_reach_rms: ... unless its kind is looked for beyond this many: a scale that may be long by nature bends
-            within it all the same.
-        least_way_to_slide: friction that remembers and slides after some travel is told from stiffness where the
-            motion goes over more than this many times that travel: at 1.3 times its force was found a twelfth of what
+        straight_rms: a term whose scale exceeds this many rms motions is a straight line over the motion ...
+        usual_reach_rms: ... unless its kind is searched beyond this many: such a kind bends within even a long scale.
+        least_way_to_slide: friction with memory that slides after some travel can be told apart from stiffness where
+            the motion covers more than this many times that travel: at 1.3 times its force was found a twelfth of what
             it was, with an interval of 5 %, at 2.2 times within its interval.
-        turnover_between_samples: a friction that stops a motion at more than this many times the rate of the record is
-            not told from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two. The same holds
-            for the presliding travels that a motion passes, on average, between two samples.
-        memory_left: a law that remembers and leaves more than this many times the noise is not told from damping:
-            where it stood for two memories it left 2.6 to 3, and damping was off by three to five standard deviations;
-            a true one left up to 1.4.
-        left_out_more: runs of one gear that the others predict are worth a warning where they leave this many times
-            what the fit leaves.
-        left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:
-            a smaller excess then points to a run.
-        least_of_stated_noise: white noise below this fraction of what is stated is worth a warning: a data sheet may
-            state the worst specimen, but twice the noise hides what is twice as large.
-        unlike_std: springs, damping or friction of two runs that differ by more standard deviations are named; of many
-            comparisons some exceed three.
-        as_one: where all of them changed by more than this many times what they differ by, it was the mass.
-        slow_fraction: a residual below this fraction of the resonance is slow motion ...
+        turnover_between_samples: friction that stops a motion at more than this many times the sampling rate cannot be
+            told apart from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two. The same bound
+            holds for the presliding travels that a motion covers, on average, between two samples.
+        memory_left: a law with memory that leaves more than this many times the noise cannot be told apart
+            from damping: one law in place of two left 2.6 to 3, and damping was off by three to five standard
+            deviations; a true one left up to 1.4.
+        left_out_more: a run of one gear is worth a warning if its prediction by the others leaves this many times what
+            the fit leaves.
+        left_out_more_of_body: the same for a body, used only where the structure does not explain the runs: a smaller
+            excess then points to a run.
+        least_of_stated_noise: white noise below this fraction of the stated noise is worth a warning: a data sheet may
+            state the worst specimen, but stating twice the noise hides effects of that size.
+        unlike_std: springs, damping or friction of two runs are named if they differ by more standard deviations; of
+            many comparisons some exceed three.
+        as_one: if all of them changed by more than this many times their differences, the mass changed.
+        slow_fraction: a residual below this fraction of the resonance frequency is slow motion ...
         fast_fraction: ... and one above this multiple of it is another resonance.
-        loose_mass: a mass change is worth doubling where the mass is known to no better than this, relative.
+        loose_mass: a mass that is known no better than this, relative, is worth the advice to double the mass change.
     """
 
     least_loading_kg: float = 5.0
@@ -638,23 +660,23 @@ class WarningSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All of them.
+    """All settings of the estimator.
 
     Args:
-        verdicts: what is called explained, doubtful and refused.
+        verdicts: what counts as explained, doubtful and refused.
         runs: how runs are prepared.
-        start: of the equation of motion that start values come from.
-        fit: of the least squares.
-        search: of laws.
-        origin: of laws, where it is not where a suspension rests.
-        gas: that carries a gear.
-        regression: of laws, by the second method.
-        process: noise that tells forces that nobody measured from what the model lacks.
-        faults: that may be let in.
-        repeatability: of the suspensions from run to run.
-        intervals: and what is said of them.
-        surface: of the force without a law.
-        warnings: when something is worth one.
+        start: how start values are found.
+        fit: how the vector is fitted.
+        search: how laws are searched.
+        origin: how the origin of a law is searched.
+        gas: what is known of a carrying gas.
+        regression: how sparse regression proposes laws.
+        process: how unmeasured forces are told apart from model errors.
+        faults: what is added if the runs demand it.
+        repeatability: how much suspensions may differ between runs.
+        intervals: how well the parameters are known.
+        surface: the force without a law.
+        warnings: when something is worth a warning.
 
     >>> from dataclasses import replace
     >>> stricter = replace(Settings(), verdicts=Verdicts(refused=10.0))

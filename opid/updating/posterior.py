@@ -183,7 +183,7 @@ def _find_peak(
         if not np.isfinite(values).any():
             break
     if not peaks:
-        return None, ["the posterior has no maximum with a curvature: samples and evidence are transitional ones"]
+        return None, ["the posterior has no maximum with a curvature: samples and evidence come from transitional MCMC"]
     peaks.sort(key=lambda each: -each.log_density)
     warnings = []
     if len(peaks) > 1 and peaks[0].log_density - peaks[1].log_density < 5:

@@ -77,7 +77,7 @@ class Term:
     def evaluate_about(self, rest_m: float, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
         """Return the same about a rest position, at which the force and its derivatives by inner values are zero.
 
-        A term that is loaded slowly on another curve than it moves on rests on the slow one (see `loading`).
+        A term with a slow and a quick curve (gas) rests on the slow one (see `loading`).
 
         Args:
             rest_m: extension at rest, m.

@@ -56,9 +56,8 @@ def _details(result: Comparison) -> Iterator[Block]:
             label[:1].upper() + label[1:],
             ""
             if number > 1
-            else "Values with 95 % intervals; dashed, what the flights before let expect; between the thin lines is "
-            "what is not flagged by one flight alone; rings, what is flagged. Hollow values have no interval and are "
-            "not judged.",
+            else "Values with 95 % intervals. Dashed: the value expected from earlier flights; thin lines: limits for "
+            "one flight alone; rings: flagged values. Hollow values have no interval and are not judged.",
             lambda: compared_quantity(result, label),
         )
 

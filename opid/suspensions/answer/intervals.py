@@ -51,7 +51,7 @@ def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 
 
 
 def std_over_white(fit: Fit) -> FloatArray:
-    """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1."""
+    """Return the factor by which a coloured residual widens the interval of each unknown, at least 1."""
     posterior, jacobian, _ = _scaled(fit)
     n, known = fit.n_data, fit.model.settings.intervals
     cells, n_cells = [], 0
@@ -68,7 +68,7 @@ def std_over_white(fit: Fit) -> FloatArray:
 
 
 def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
-    """Return the standard deviation of each entry of the vector by resampled blocks of time, over the white one.
+    """Return the ratio of block-bootstrap to white-noise standard deviation of each unknown.
 
     Each resample draws blocks of half a second of the innovations with replacement (Kuensch 1989), so that what is
     correlated within a block stays so, and moves the parameters by -C J^T e/s^2, to first order.
@@ -105,9 +105,9 @@ def _scaled(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
     return fit.covariance / np.outer(scale, scale), fit.errors.jacobian * scale, scale
 
 
-# a derivative of what is told is taken over this many standard deviations
+# the step of the numerical derivatives, in standard deviations
 _SMALL_STEP = 1e-2
-# of a run over which damping is averaged
+# damping is averaged over about this many samples of a run
 _AT_REST_SAMPLES = 2000
 
 
@@ -156,12 +156,12 @@ class Parameters:
 
     @property
     def inverse_mass(self) -> tuple[float, float]:
-        """One over the reference mass, which is free, and its standard deviation, 1/kg."""
+        """One over the reference mass, where it is free, and its standard deviation, 1/kg."""
         return self.fit.model.inverse_mass(self.fit.theta), self.std(self.fit.model.names.index("inverse_mass"))
 
     @property
     def mass(self) -> Estimate:
-        """The reference mass, which is free; its interval is the image of that of its inverse, longer upwards."""
+        """The reference mass, where it is free; its interval follows from that of 1/M and is longer upwards."""
         mu, std = self.inverse_mass
         if mu <= 1.96 * std:
             return Estimate(1 / mu if mu > 0 else None)
@@ -169,7 +169,7 @@ class Parameters:
 
     @property
     def has_negative_mass(self) -> bool:
-        """Whether the reference mass is below nothing by more than its interval."""
+        """Whether the reference mass is significantly negative."""
         if not self.fit.model.mass_free:
             return False
         mu, std = self.inverse_mass
@@ -207,18 +207,18 @@ class Parameters:
         return self.estimate(float(self.fit.theta[index]), {index: 1.0})
 
     def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
-        """Return what a function of the vector gives, with intervals: its derivatives are differences."""
+        """Return the values of a function of the vector with intervals; its derivatives are taken numerically."""
         values = function(self.fit.theta)
         model, slopes = self.fit.model, np.zeros((values.size, self.fit.theta.size))
         departures = [np.arange(slopes.shape[1])[model.indices_of_run(index)[1]] for index in range(len(model.runs))]
-        # how a run begins is told by no number
+        # start states do not enter the reported numbers
         for index in (*range(model.n_shared), *np.concatenate(departures)):
             step = _SMALL_STEP * self.std(index)
             if step > 0.0:
                 ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
                 ahead[index], back[index] = ahead[index] + step, back[index] - step
                 slopes[:, index] = (function(ahead) - function(back)) / (2 * step)
-        # what no entry moves is known exactly
+        # a value that depends on no unknown is known exactly
         return [
             Estimate.normal(value, self.deviation(each) if each.any() else 0.0)
             for value, each in zip(values.tolist(), slopes, strict=True)
@@ -305,8 +305,9 @@ class Parameters:
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
 
-        A gear that the runs give none has zero, as well as that would be known: `std_per_mass`, 1/s^2, None where the
-        user ruled such springs out. None is known better than gains are equal.
+        Where no ground spring was fitted, return zero with the standard deviation that a fit would have had:
+        `std_per_mass`, 1/s^2, None where the user ruled such springs out. A ground spring is known no better than the
+        gains of two sensors agree.
         """
         model = self.fit.model
         equal, first = model.settings.intervals.equal_gains, model.first_of_group[number]
@@ -394,7 +395,7 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed:
     Args:
         alike: how much alike the runs of a fit are.
         fit: of them.
-        mass: as it is told; nothing where it is not.
+        mass: as it is reported; empty where it is not.
         is_pushed: whether forces that nobody measured leave more than the noise of the sensors.
     """
     if mass.value is not None and mass.std is not None:
@@ -427,7 +428,7 @@ def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
         yield (
             "the repeatability, by which stiffness, damping and friction differ from run to run, is taken to be "
             f"{100 * alike.stated:.2g} % ({source}); these runs show {100 * alike.estimated:.1g} %"
-            f"{', and are too few to prove it' * alike.rules_mass}"
+            f"{', but are too few to prove it' * alike.rules_mass}"
         )
     elif alike.stated == 0:
         yield "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`)"
@@ -446,10 +447,10 @@ def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[st
     double = "twice the mass change" if fraction > 0 else "twice the loading"
     if alike.rules_mass:
         flown_twice = len({run.loading.tobytes() for run in runs}) < len(runs)
-        again = "further runs with the masses in turn" if flown_twice else "each mass flown once more, in turn"
+        again = "repeat the loadings further" if flown_twice else "repeat each loading once more"
         yield (
-            f"what would help most: {again}, for the runs then show how much alike they are; {double} would halve the "
-            "interval"
+            f"what would help most: {again}, alternately, for the repeats show the repeatability; {double} would halve "
+            "the interval"
         )
     else:
         duration_s = sum(len(run.sprung) / run.recorded_fs for run in runs)

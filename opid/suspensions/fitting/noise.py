@@ -71,10 +71,10 @@ def is_noise(fit: Fit) -> bool:
 
 
 def goes_with_drive(fit: Fit) -> float:
-    """Return the fraction of the power of what a fit leaves in all runs that goes along with the motion below.
+    """Return the fraction of the power of what a fit leaves in all runs that is coherent with the motion below.
 
-    What a linear structure lacks goes along with it, a force that nobody measured does not; of a missing friction about
-    a tenth does. NaN where the runs are too short to tell.
+    What a linear structure lacks is coherent with it, a force that nobody measured is not; of a missing friction about
+    a tenth is. NaN where the runs are too short to tell.
     """
     n_sensors = len(fit.model.sensors.sprung)
     power = [float(np.sum(np.abs(line) ** 2)) for line in fit.errors.lines]
@@ -86,7 +86,7 @@ def goes_with_drive(fit: Fit) -> float:
 
 
 def is_of_others(fit: Fit) -> bool:
-    """Return whether what several suspensions leave is more than noise, and goes along with nothing that was measured.
+    """Return whether what several suspensions leave exceeds the noise and is incoherent with every motion below.
 
     Neither laws nor faults of sensors mend what others do to a body.
     """

@@ -4,9 +4,10 @@ Per unit of a reference mass the body obeys M q'' = - sum over slots of j_s F_s,
 
     M = unit + sum_k theta_k part_k + theta_1 theta_2 product + mu (known + loading),
 
-mu one over the reference mass: what is known in kg fixes the scale. A slot is an interface, or a spring inside of the
-body. A rigid airframe has heave, roll and pitch about the origin of coordinates as degrees of freedom: there M is
-linear in mass, static moments and moments of inertia, and a point mass adds m j j^T, j = (1, y, -x).
+mu one over the reference mass: what is known in kg fixes the scale. A slot is where a force acts on the body:
+an interface, or a spring inside. A rigid airframe has heave, roll and pitch about the origin of coordinates as degrees
+of freedom: there M is linear in mass, static moments and moments of inertia, and a point mass adds m j j^T,
+j = (1, y, -x).
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ class Coordinate:
     Args:
         name: "x_m[left]", "sensor_y_m[nose]", ...
         slot: number of the slot of the interface, or of the sensor.
-        of_sensor: whether it is where the sensor is, else where the suspension is.
+        of_sensor: whether it is a coordinate of the sensor, else of the suspension.
         derivative: (n_dof,) derivative of the row j by it.
-        std: tolerance, m.
+        std: standard deviation of the coordinate, m.
     """
 
     name: str
@@ -78,7 +79,7 @@ class Body:
         coordinates: those that are known to a tolerance.
         absolute: whether `unit` is in kg already, so that mu is 1.
         product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
-        fall: (n_dof,) what a body in free fall accelerates by, m/s^2; None for motion that no weight acts on.
+        fall: (n_dof,) acceleration of the body in free fall, m/s^2; None where no weight acts.
         piston_area_m2: of the strut of a gear alone; 0 where it is not stated.
     """
 
@@ -122,13 +123,14 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Mobility:
-    """What forces at the slots do to a body, and how that changes.
+    """Accelerances of a body at its slots, and their derivatives.
 
     Args:
         accelerance: (n_slots, n_slots) A, acceleration at the row for a unit force at the column.
-        reading: (n_slots, n_slots) R, what the sensor of the row reads of it; 0 where there is none.
-        by_accelerance: (n_directions, n_slots, n_slots) by the free factors, by mu and by the coordinates.
-        by_reading: likewise, of R.
+        reading: (n_slots, n_slots) R, reading of the sensor at the row for a unit force at the column; 0 without a
+            sensor.
+        by_accelerance: (n_directions, n_slots, n_slots) derivatives of A by the free factors, mu and the coordinates.
+        by_reading: the same of R.
     """
 
     accelerance: FloatArray
@@ -138,9 +140,9 @@ class Mobility:
 
 
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
-    """Return what forces at the slots do to a body under a loading, (n_dof, n_dof) kg.
+    """Return the accelerances of a body at its slots under a loading, (n_dof, n_dof) kg.
 
-    `shifts` are true coordinates less the stated ones, m, of each coordinate.
+    `shifts` are the true coordinates less the stated ones, m.
 
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
@@ -153,7 +155,7 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     if np.linalg.eigvalsh(mass)[0] <= 0.0:
         raise ImpossibleBodyError(
             "the mass matrix of the body is not positive definite: check channels (exchanged, upside down, in another "
-            "unit), places and loadings"
+            "unit), coordinates and loadings"
         )
     inverse = np.linalg.inv(mass)
     by_force, by_row = inverse @ rows.T, seen @ inverse

@@ -382,7 +382,7 @@ def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
 
 
 def _alike(shapes: FloatArray, first: int, *, mac: float) -> FloatArray:
-    """Make of three shapes f, g, a two that are orthogonal, and yet alike at all points where a does not move."""
+    """Replace three shapes f, g and a by two orthogonal ones that are alike, by the given MAC, wherever a is zero."""
     f, g, a = shapes[:, first : first + 3].T
     alike, other = np.sqrt(mac), np.sqrt(1.0 - mac)
     pair = np.column_stack([(f + a) / np.sqrt(2.0), (alike * (f - a) + other * g) / np.sqrt(1.0 + mac)])
