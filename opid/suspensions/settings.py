@@ -139,8 +139,7 @@ class FitSettings:
         noisier: decreasing factors on the noise of the lower sensors (continuation): with much noise below, the
             readings on the body hold the motion near the truth while the parameters are still wrong. The second
             sequence is tried where the first leaves too much: sequences reach different local minima.
-        start_reach_rms: travel and velocity at the start of a run of one gear are searched up to this many rms motions
-            ...
+        start_reach_rms: travel and velocity at the start of one gear's run are searched up to this many rms motions ...
         n_start_grid: ... on a grid of this many points along each ...
         start_rounds: ... in rounds of a time, s, and a number: the points that are left are predicted over this time,
             and this number of the best is kept.
