@@ -356,18 +356,22 @@ def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, 
 def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing:
     """Take out again what something else made useless, the ground springs first."""
     fit, demands = standing.fit, standing.demands
-    demanded = hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
-    if may_hold_a_needless_ground(fit):
-        hypotheses = hypotheses | {Hypothesis("springs to the ground", ground=True): None}
-    for hypothesis in sorted(hypotheses, key=lambda each: not each.ground):
+    demanded = dict.fromkeys(demand.hypothesis for demand in demands)
+    is_ground_demanded = any(each.ground for each in demanded)
+    if may_hold_a_needless_ground(fit) and not is_ground_demanded:
+        demanded |= {Hypothesis("springs to the ground", ground=True): None}
+    for hypothesis in sorted(demanded, key=lambda each: not each.ground):
         smaller = hypothesis.taken_from(fit.model)
         try:
             without = fit_model(smaller, carried_over(fit, smaller))
         except NO_FIT:
             continue
-        # no sensor asked for a spring to the ground that was there from the start
-        is_held = hypothesis.ground and hypothesis not in demanded and not fit.model.faults
-        if _is_less_likely(fit, without, known) if is_held else not _is_better(fit, without, known):
+        if hypothesis.ground and not is_ground_demanded and not fit.model.faults:
+            # the start values asked for it, and it stays where it does no harm
+            is_useless = _is_less_likely(fit, without, known)
+        else:
+            is_useless = not _is_better(fit, without, known)
+        if is_useless:
             gone = hypothesis.names(fit.model)
             fit, demands = without, tuple(demand for demand in demands if demand.name not in gone)
     return _Standing(fit, demands)
