@@ -158,26 +158,37 @@ def test_a_right_structure_is_fitted_to_the_whole_runs(monkeypatch, long_runs):
     assert min(seen) > 30
 
 
-@pytest.mark.parametrize("coupling", [None, "AC coupling"])
-def test_pieces_are_too_short_for_a_coupling_that_nobody_stated(monkeypatch, coupling):
-    """Where whole runs of an aircraft ask for one, it is looked for on them."""
-    whole, pieces, seen = SimpleNamespace(body=SimpleNamespace(n_interfaces=3)), object(), []
-    fit = SimpleNamespace(model=whole, ratio=50.0)
+@pytest.mark.parametrize("explains", [False, True])
+def test_a_coupling_that_nobody_stated_is_looked_for_on_whole_runs(monkeypatch, explains):
+    """Pieces are too short to show it: they are tried where no coupling explains the whole runs of an aircraft."""
+    settings = Settings()
+    whole = SimpleNamespace(body=SimpleNamespace(n_interfaces=3), settings=settings)
+    pieces, seen = object(), []
+    fit, coupled = SimpleNamespace(model=whole, ratio=50.0), SimpleNamespace(fit=None)
 
     def ways(self, model, theta, first=None):
         seen.append(model)
         raise UnboundedResponseError("enough is seen")
 
+    def with_coupling(self, model, fit, noisier):
+        seen.append(model)
+        return coupled if explains else None
+
     monkeypatch.setattr(search._Search, "first_fit", lambda self, model, theta: fit)
     monkeypatch.setattr(search._Search, "ways", ways)
-    for name, answer in (("is_hopeless", True), ("runs_contradict_each_other", False), ("is_noise", False)):
+    monkeypatch.setattr(search._Search, "_coupled", with_coupling)
+    for name, answer in (("is_hopeless", True), ("runs_contradict_each_other", False)):
         monkeypatch.setattr(search, name, lambda fit, answer=answer: answer)
     monkeypatch.setattr(search, "_shares_nothing", lambda fit: False)
     monkeypatch.setattr(search, "_strongest_pieces", lambda model: pieces)
-    monkeypatch.setattr(search, "promising_coupling", lambda fit: coupling)
-    with pytest.raises(UnboundedResponseError):
-        search._Search(None, Question(), print, Settings()).find(whole, np.zeros(1))
-    assert seen[0] is (pieces if coupling is None else whole)
+    started = search._Search(None, Question(), print, settings)
+    if explains:
+        assert started.find(whole, np.zeros(1)) is coupled
+        assert seen == [whole]
+    else:
+        with pytest.raises(UnboundedResponseError):
+            started.find(whole, np.zeros(1))
+        assert seen[:2] == [whole, pieces]
 
 
 def test_what_pieces_find_from_afar_is_fitted_to_the_whole_runs(monkeypatch, long_runs):

@@ -16,7 +16,6 @@ from opid.mechanics.laws.law import LINEAR, Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import (
     Demand,
-    Hypothesis,
     demands_of,
     let_in,
     may_hold_a_needless_ground,
@@ -221,9 +220,12 @@ class _Search:
         if first is None or not is_hopeless(first) or runs_contradict_each_other(first) or _shares_nothing(first):
             return self.ways(model, theta, first)
         pieces = _strongest_pieces(model)
-        # what an AC coupling takes away is slow: pieces of some seconds hardly show it
-        if pieces is model or self._promising_coupling(first) is not None:
+        if pieces is model:
             return self.ways(model, theta, first)
+        # what an AC coupling takes away is slow: pieces of some seconds hardly show it
+        coupled = self._coupled(model, first, model.settings.fit.noisier[0])
+        if coupled is not None:
+            return coupled
         try:
             on_pieces = self.ways(pieces, theta)
             found = self._on_whole_runs(on_pieces, model)
@@ -370,21 +372,28 @@ class _Search:
             return Found(fit, (LawStep(fit, True, "equation"),), is_unlike=True)
         if faults_first:
             return self._searched(*self._let_in(fit))
-        coupling = self._promising_coupling(fit) if hold_coordinates else None
-        if coupling is not None:
-            # taken for granted from the start, for what it takes from slow motion and laws are told apart only together
-            coupled = coupling.added_to(without_ground(model))
-            begun = first_vector(coupled, replace(self.start, groups=coupled.groups))
-            found = self.way(coupled, _begun(coupled, begun, noisier), noisier)
-            if leaves_noise(found.fit):
-                demands = demands_of(found.fit, coupling, fit.noise_m_per_s2)
-                return replace(found, demands=(*demands, *found.demands))
-        return self._searched(fit, ())
+        coupled = self._coupled(model, fit, noisier) if hold_coordinates else None
+        return coupled or self._searched(fit, ())
 
-    def _promising_coupling(self, fit: Fit) -> Hypothesis | None:
-        """An AC coupling that nobody stated and that laws may hide; the laws of one gear hide none."""
+    def _coupled(self, model: Model, fit: Fit, noisier: Sequence[float]) -> Found | None:
+        """Where the search ends with an AC coupling that nobody stated; None where that leaves more than noise.
+
+        Laws of several gears may hide it; those of one gear hide none. It is taken for granted from the start, for what
+        it takes from slow motion and laws are told apart only together.
+        """
         is_asked = self.question.faults and fit.model.body.n_interfaces > 1 and not is_noise(fit)
-        return promising_coupling(fit) if is_asked else None
+        coupling = promising_coupling(fit) if is_asked else None
+        if coupling is None:
+            return None
+        coupled = coupling.added_to(without_ground(model))
+        begun = first_vector(coupled, replace(self.start, groups=coupled.groups))
+        try:
+            found = self.way(coupled, _begun(coupled, begun, noisier), noisier)
+        except NO_FIT:
+            return None
+        if not leaves_noise(found.fit):
+            return None
+        return replace(found, demands=(*demands_of(found.fit, coupling, fit.noise_m_per_s2), *found.demands))
 
     def _searched(self, fit: Fit, demands: tuple[Demand, ...]) -> Found:
         """Where a search for laws and faults ends that begins with a fit, and what was let into it."""
