@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from law_runs import gear_study
+from law_runs import gear_model, gear_study, runs_of, vector_of
 from scipy.integrate import solve_ivp
 
 from opid import identify, text
@@ -16,9 +16,10 @@ from opid.mechanics.laws.law import LINEAR, Law, Term, TermSet, WithCandidates, 
 from opid.mechanics.laws.own_kinds import register_kind
 from opid.mechanics.memory import Loop, loop_area, sine_like
 from opid.mechanics.response import time_response
-from opid.mechanics.structure import Joint, Sliders, Structure
+from opid.mechanics.structure import Joint, Sliders, Structure, iwan
 from opid.mechanics.truth import GearNumbers, GearTruth
 from opid.report.estimates import formula
+from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
 from opid.suspensions.study import Run
@@ -382,3 +383,57 @@ def test_an_energy_near_nothing_is_not_told():
     found = identify(_study_of(replace(LandingGear(), law=stiff), 1), law="bouc_wen")
     assert [each.loop.area_j for each in found.interfaces[0].at_rest] == [Estimate(), Estimate()]
     assert "these runs do not tell" in " ".join(text(found).split())
+
+
+@pytest.mark.parametrize("jump", [0.05, 0.5])
+def test_how_many_elements_slip_last_is_told_from_how_far(jump):
+    """With the middle of each element alone, a jump below 0.2 was a longer travel, and fits ended there."""
+    kind = default_law("iwan_friction").terms[0].kind
+    by_scale, by_jump = [], []
+    for u in kind.elements:
+        slopes = kind.memory(0.0, 1.0, 1e-3, 0.6, jump, u)
+        by_scale.append(slopes[3]), by_jump.append(slopes[5])
+    cosine = abs(np.dot(by_scale, by_jump)) / np.linalg.norm(by_scale) / np.linalg.norm(by_jump)
+    assert cosine < 0.99999
+    assert (np.asarray(by_jump) / np.asarray(by_scale)).std() > 1e-9
+
+
+def test_what_sliders_held_at_first_does_not_move_the_answer():
+    """The first periods of a joint of sliders are not compared, and tell nothing."""
+    joint = law("iwan_friction", amplitude_n=400.0, scale_m=1e-3, spread=0.6, jump=0.6)
+    model = gear_model(runs_of(joint), joint)
+    theta = vector_of(model)
+    here = model.evaluate(theta)
+    own = model.indices_of_run(0)[0]
+    other = theta.copy()
+    other[own.start] += 1e-3
+    moved = np.linalg.norm(model.evaluate(other).lines[0] - here.lines[0])
+    whole = replace(model, settings=replace(Settings(), fit=replace(FitSettings(), unknown_periods=0.0)))
+    assert moved < 0.05 * np.linalg.norm(whole.evaluate(other).lines[0] - whole.evaluate(theta).lines[0])
+    assert 0.7 < model.compared_fraction < 0.99
+    assert whole.compared_fraction == pytest.approx(1.0)
+    assert gear_model(model.runs).compared_fraction == 1.0
+    # white errors stay as large as they were, and fewer of them tell less
+    wide, narrow = Fit(model, theta, here, 1), Fit(whole, theta, here, 1)
+    shared = slice(0, model.n_shared)
+    ratio = np.diag(wide.covariance)[shared] / np.diag(narrow.covariance)[shared]
+    np.testing.assert_allclose(ratio, 1 / model.compared_fraction, rtol=0.02)
+
+
+def test_a_damper_beside_sliders_is_as_uncertain_as_ten_of_them_stand_for_many():
+    """Forty sliders and a damper: the mass is right, and the interval of the damper holds what ten elements cost."""
+    sliders = iwan(stiffness_n_per_m=6e5, slip_force_n=400.0, chi=-0.4, beta=0.5)
+    gear = replace(LandingGear(), law=LINEAR, sliders=sliders)
+    test = taxi_test(gear, rng=np.random.default_rng(4), lowest_step_rate_hz=32768.0)
+    runs = Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg)
+    found = identify(gear_study(*runs), law="iwan_friction")
+    assert found.parameters.sprung_mass_kg.holds(gear.sprung_mass_kg)
+    damping = found.parameters.suspension_damping_n_s_per_m
+    assert damping.holds(gear.suspension_damping_n_s_per_m)
+    sharp = identify(gear_study(*runs), law="iwan_friction", settings=_without_few_elements())
+    assert damping.std > 1.5 * sharp.parameters.suspension_damping_n_s_per_m.std
+
+
+def _without_few_elements():
+    settings = Settings()
+    return replace(settings, intervals=replace(settings.intervals, few_elements_fraction=0.0))

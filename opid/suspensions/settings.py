@@ -166,6 +166,9 @@ class FitSettings:
         slide_beyond: friction with memory slides after some travel, which is fitted up to this many times the longest
             that a search offers: a travel of 13 rms travels, held at 3, left 4 times the noise and a stiffness 33 %
             off.
+        unknown_periods: nobody knows what each slider of a joint held at first, and so many mean periods of the motion
+            are not compared: in a run of 40 s the first 4 s, 15 times the noise, moved the mass by 1.5 % ...
+        most_unknown_fraction: ... but never more than this fraction of a run.
         held_fraction: during continuation the standard deviations of coordinates and carried weight are multiplied by
             this, so that they cannot compensate for what is still wrong.
         fastest: largest rate of the motion times the step length: at this value one step shifts the motion by 0.2 %.
@@ -197,6 +200,8 @@ class FitSettings:
     largest_log_step: float = 1.0
     farthest_std: float = 8.0
     slide_beyond: float = 7.0
+    unknown_periods: float = 10.0
+    most_unknown_fraction: float = 0.25
     held_fraction: float = 1e-3
     fastest: float = 0.7
     turnover_in_step: float = 0.2
@@ -550,6 +555,9 @@ class IntervalSettings:
         softened: a joint inside a structure is determined if reducing its spring and damper to this fraction ...
         least_hold: ... raises the squared error over its variance by this: its own resonance always finds some noise to
             explain.
+        few_elements_fraction: standard deviation of a damper beside a joint of sliders, as a fraction of the damping
+            that dissipates as much as the joint: with ten elements for the forty of seven joints it was 0.2 to 0.6 %
+            of that too strong.
         imitating_gain: gain error that is compared with a ground spring. This value and the next ones are easy to
             picture; how far a fit may move them is in `FaultSettings`.
         imitating_corner_hz: corner of an AC coupling of one sensor alone, for the same comparison.
@@ -576,6 +584,7 @@ class IntervalSettings:
     least_remainder: float = 0.2
     softened: float = 0.01
     least_hold: float = 40.0
+    few_elements_fraction: float = 0.005
     imitating_gain: float = 0.01
     imitating_corner_hz: float = 0.1
     imitating_lag_s: float = 1e-3

@@ -43,11 +43,28 @@ def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 
 
     The repeatability is the stated one; `more` is the covariance of what else is not known, (n_unknowns, n_unknowns).
     """
+    more = more + _of_few_elements(fit)
     if not fit.model.repeatability:
         return Parameters(fit, honest_covariance(fit) + more)
     found = levels(fit, repeatability).widened(std_over_white(fit))
     found = found.with_more(np.broadcast_to(more, found.covariance.shape[1:]))
     return Parameters(fit, found.second_moments(), found)
+
+
+def _of_few_elements(fit: Fit) -> FloatArray:
+    """Covariance of dampers beside joints of sliders: the ten of the model dissipate a little less than many."""
+    variance, fraction = np.zeros(fit.theta.size), fit.model.settings.intervals.few_elements_fraction
+    for index, prediction in enumerate(fit.errors.predictions):
+        interfaces = fit.model.resting_interfaces(fit.theta, index)
+        for group, first in zip(fit.model.groups, fit.model.first_of_group, strict=True):
+            law, fs = interfaces[group.slots[0]].law, fit.model.runs[index].fs
+            assert isinstance(law, Law)  # without candidates
+            sliders = replace(law, terms=tuple(term for term in law.terms if term.kind.slips))
+            if sliders.terms:
+                z, v = prediction.travel[:, group.slots[0]], prediction.velocity[:, group.slots[0]]
+                damping = float(v @ force_along(sliders, z, v, fs)) / float(v @ v)
+                variance[first + 1] = max(variance[first + 1], (fraction * damping) ** 2)
+    return np.diag(variance)
 
 
 def std_over_white(fit: Fit) -> FloatArray:

@@ -55,6 +55,11 @@ class Fit:
         return cost / max(self.n_data - self.theta.size, 1)
 
     @property
+    def weight(self) -> float:
+        """What a squared error tells, beside what was known before: errors that are not compared tell nothing."""
+        return self.model.compared_fraction / self.variance
+
+    @property
     def ratio(self) -> float:
         """Residual over the noise that was assumed."""
         return float(np.sqrt(self.variance))
@@ -74,7 +79,7 @@ class Fit:
         """(n_unknowns, n_unknowns) of the vector, for errors that are white."""
         n = self.n_data
         # what was known before does not become better or worse known by the size of the errors
-        weight = np.concatenate([np.full(n, 1 / self.variance), np.ones(self.errors.stacked.size - n)])
+        weight = np.concatenate([np.full(n, self.weight), np.ones(self.errors.stacked.size - n)])
         jacobian = self.errors.jacobian * np.sqrt(weight)[:, np.newaxis]
         size = np.linalg.norm(jacobian, axis=0)
         size = np.where(size > 0.0, size, 1.0)

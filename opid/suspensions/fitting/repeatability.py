@@ -123,7 +123,7 @@ def levels(fit: Fit, stated: float) -> Levels:
     free = np.zeros(fit.theta.size, dtype=bool)
     for index in range(len(model.runs)):
         free[model.indices_of_run(index)[1]] = True
-    weight = np.concatenate([np.full(n, 1 / np.sqrt(fit.variance)), np.ones(errors.stacked.size - n)])
+    weight = np.concatenate([np.full(n, np.sqrt(fit.weight)), np.ones(errors.stacked.size - n)])
     jacobian, left = errors.jacobian * weight[:, np.newaxis], errors.stacked * weight
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0.0, size, 1.0)

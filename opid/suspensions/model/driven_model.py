@@ -129,6 +129,36 @@ class Model(Unknowns):
         return len(exponents) + 2 * len(self.carriers)
 
     @cached_property
+    def _fades(self) -> tuple[FloatArray, ...]:
+        """By how much each sample of a run counts, 1 in the mean square; empty where all count alike.
+
+        A joint of sliders begins with what each of them held. No reading tells, and errors that come of it last until
+        the motion has dragged along all that it does drag along.
+        """
+        if not any(term.kind.slips for group in self.groups for term in group.law.terms):
+            return ()
+        known = self.settings.fit
+        travel_rms, velocity_rms = self.motion_rms.T
+        unknown_s = known.unknown_periods * 2 * np.pi * float(np.max(travel_rms / velocity_rms))
+        fades = []
+        for run in self.runs:
+            last = min(int(unknown_s * run.fs), int(known.most_unknown_fraction * run.n_samples))
+            # errors grow from nothing over the last fifth, so that no line sees an edge
+            fade = np.clip((np.arange(1, run.n_samples + 1) - 0.8 * last) / max(0.2 * last, 1.0), 0.0, 1.0)
+            fade = 0.5 - 0.5 * np.cos(np.pi * fade)
+            fades.append(fade / np.sqrt(np.mean(fade**2)))
+        return tuple(fades)
+
+    @cached_property
+    def compared_fraction(self) -> float:
+        """Fraction of the samples that are compared."""
+        n = sum(run.n_samples for run in self.runs)
+        return sum(fade.size / float(fade.max()) ** 2 for fade in self._fades) / n if self._fades else 1.0
+
+    def _compared(self, index: int, errors: FloatArray) -> FloatArray:
+        return errors * self._fades[index] if self._fades else errors
+
+    @cached_property
     def is_weighed(self) -> NDArray[np.bool_]:
         """Which of the departures from what was known count for a model: all but those of how a run begins."""
         first = self.first_fault
@@ -179,7 +209,7 @@ class Model(Unknowns):
                 change = change.copy()
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
-            lines = run.transform(change).transpose(1, 0, 2) / self._levels(index)
+            lines = run.transform(self._compared(index, change)).transpose(1, 0, 2) / self._levels(index)
             if self.n_departures:
                 add_departures(self, lines, resting, theta, index, by)
             if rest is not None:
@@ -299,7 +329,7 @@ class Model(Unknowns):
         for index, run in enumerate(self.runs):
             prediction, by, more = self._predict(theta, index, sensitivity, candidates)
             innovation = prediction.innovation[: len(self.sensors.sprung)]
-            lines.append((run.transform(innovation) / self._levels(index)).ravel())
+            lines.append((run.transform(self._compared(index, innovation)) / self._levels(index)).ravel())
             predictions.append(prediction)
             if sensitivity:
                 blocks += _real_rows(by)
