@@ -150,7 +150,7 @@ def print_rows(each: Outcome) -> None:
         for column in range(4):
             holds = {None: "-", True: "holds", False: "NO"}[each.holds[row][column]]
             cells.append(
-                f"{each.truth[row, column]:.4g}: {100 * each.error[row, column]:+.2f} +- "
+                f"{each.truth[row, column]:.4g}: {100 * each.error[row, column]:+.2f}, "
                 f"{100 * each.half_width[row, column]:.2f} %, {holds}"
             )
         print(f"| {' | '.join(cells)} | {each.busy_s:.1f} |", flush=True)
@@ -204,7 +204,7 @@ def main() -> None:
     unknown = set(struts) - set(STRUTS)
     if unknown:
         parser.error(f"there is no strut {', '.join(sorted(unknown))}: give some of {', '.join(STRUTS)}")
-    titles = " | ".join(f"{title}: truth, error +- half width" for title in TITLES)
+    titles = " | ".join(f"{title}: truth, error, half of the 95 % interval" for title in TITLES)
     print(f"| strut | seed | run | limited by (departure) | left, % | mass told | {titles} | processor, s |")
     print("|---" * (7 + len(TITLES)) + "|")
     # every strut once before any a second time

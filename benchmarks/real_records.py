@@ -105,7 +105,7 @@ def _errors(found: opid.suspensions.Identification) -> list:
 def _shown(estimate: opid.Estimate) -> str:
     if estimate.value is None:
         return "-"
-    return f"{estimate.value:.4g}" + (f" +- {1.96 * estimate.std:.2g}" if estimate.std is not None else "")
+    return f"{estimate.value:.4g}" + (f" ({1.96 * estimate.std:.2g})" if estimate.std is not None else "")
 
 
 def main() -> None:

@@ -64,7 +64,7 @@ def outcome(world: str, seed: int) -> Outcome:
         reason = (found.not_determined or "no mass").split(",")[0]
         frequency = found.ratios.natural_frequency_hz
         if frequency.value is not None:
-            reason += f"; {frequency.value:.3f} +- {1.96 * (frequency.std or np.nan):.2g} Hz"
+            reason += f"; {frequency.value:.3f} +- {frequency.std or np.nan:.2g} Hz"
         return Outcome(busy_s, residual, reason, found.is_refused, None, np.nan, law, by)
     if mass.interval95 is None:
         return Outcome(busy_s, residual, f"{mass.value:.1f} kg, no interval", False, None, np.nan, law, by)
