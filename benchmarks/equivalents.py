@@ -61,7 +61,7 @@ class Outcome:
 
     Args:
         job: strut and seed.
-        limited_by: noise, unmeasured forces or the model.
+        limited_by: noise, unmeasured forces or the model; "-" if the fit explains nothing.
         departure: of two fits, in standard deviations; what decides that.
         unexplained: rms of what is left over that of the readings, the larger of both runs.
         mass_is_told: whether a mass is told with an interval.
@@ -129,7 +129,7 @@ def run(job: Job) -> Outcome:
     errors = [each.error for each in found.evidence if each.error is not None]
     return Outcome(
         job,
-        found.limited_by,
+        found.limited_by or "-",
         errors[0].departure if errors else np.nan,
         max(each.unexplained for each in found.runs),
         found.parameters.sprung_mass_kg.interval95 is not None,
