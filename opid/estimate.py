@@ -98,6 +98,10 @@ def rounded(value: float | None, std: float | None = None) -> str:
 def with_std(value: float | None, std: float | None) -> str:
     """Return "value ± standard deviation"; wherever opid writes ±, it is one standard deviation.
 
+    Args:
+        value: None gives a dash.
+        std: standard deviation; None leaves the value alone.
+
     >>> with_std(1849.98, 13.71), with_std(1234.56, None)
     ('1850 ± 14', '1235')
     """
