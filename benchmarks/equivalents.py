@@ -61,7 +61,7 @@ class Outcome:
 
     Args:
         job: strut and seed.
-        limited_by: noise, unmeasured forces or the model.
+        limited_by: noise, unmeasured forces or the model; "-" if the fit explains nothing.
         departure: of two fits, in standard deviations; what decides that.
         unexplained: rms of what is left over that of the readings, the larger of both runs.
         mass_is_told: whether a mass is told with an interval.
@@ -129,7 +129,7 @@ def run(job: Job) -> Outcome:
     errors = [each.error for each in found.evidence if each.error is not None]
     return Outcome(
         job,
-        found.limited_by,
+        found.limited_by or "-",
         errors[0].departure if errors else np.nan,
         max(each.unexplained for each in found.runs),
         found.parameters.sprung_mass_kg.interval95 is not None,
@@ -150,7 +150,7 @@ def print_rows(each: Outcome) -> None:
         for column in range(4):
             holds = {None: "-", True: "holds", False: "NO"}[each.holds[row][column]]
             cells.append(
-                f"{each.truth[row, column]:.4g}: {100 * each.error[row, column]:+.2f} +- "
+                f"{each.truth[row, column]:.4g}: {100 * each.error[row, column]:+.2f}, "
                 f"{100 * each.half_width[row, column]:.2f} %, {holds}"
             )
         print(f"| {' | '.join(cells)} | {each.busy_s:.1f} |", flush=True)
@@ -204,7 +204,7 @@ def main() -> None:
     unknown = set(struts) - set(STRUTS)
     if unknown:
         parser.error(f"there is no strut {', '.join(sorted(unknown))}: give some of {', '.join(STRUTS)}")
-    titles = " | ".join(f"{title}: truth, error +- half width" for title in TITLES)
+    titles = " | ".join(f"{title}: truth, error, half of the 95 % interval" for title in TITLES)
     print(f"| strut | seed | run | limited by (departure) | left, % | mass told | {titles} | processor, s |")
     print("|---" * (7 + len(TITLES)) + "|")
     # every strut once before any a second time

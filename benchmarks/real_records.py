@@ -66,7 +66,7 @@ def print_answer(
         cells = (
             run.name + (" (alone)" if records else ""),
             f"`{found.law.name}`" if law else f"`{found.law.name}` (searched)",
-            found.limited_by + (", refused" if found.is_refused else ""),
+            (found.limited_by or "-") + (", refused" if found.is_refused else ""),
             _shown(frequency),
             _shown(ratio),
             f"{1e3 * lag:.2f}" if lag else "-",
@@ -105,7 +105,7 @@ def _errors(found: opid.suspensions.Identification) -> list:
 def _shown(estimate: opid.Estimate) -> str:
     if estimate.value is None:
         return "-"
-    return f"{estimate.value:.4g}" + (f" +- {1.96 * estimate.std:.2g}" if estimate.std is not None else "")
+    return f"{estimate.value:.4g}" + (f" ({1.96 * estimate.std:.2g})" if estimate.std is not None else "")
 
 
 def main() -> None:

@@ -34,7 +34,7 @@ class Outcome(NamedTuple):
         holds: whether the interval of the mass holds the truth; None without an interval or a truth.
         wide_percent: half the interval over the mass; NaN without an interval.
         law: that was found.
-        limited_by: noise, unmeasured forces or the model; "-" if there was no fit.
+        limited_by: noise, unmeasured forces or the model; "-" if there was no fit, or one that explains nothing.
     """
 
     busy_s: float
@@ -58,13 +58,13 @@ def outcome(world: str, seed: int) -> Outcome:
         return Outcome(time.process_time() - begun, np.nan, said, True, None, np.nan, "-")
     busy_s = time.process_time() - begun
     mass, residual, law = found.parameters.sprung_mass_kg, residual_over_noise(found), found.law.name
-    by = found.limited_by
+    by = found.limited_by or "-"
     if mass.value is None:
         # of the reason the first words tell which one it is
         reason = (found.not_determined or "no mass").split(",")[0]
         frequency = found.ratios.natural_frequency_hz
         if frequency.value is not None:
-            reason += f"; {frequency.value:.3f} +- {1.96 * (frequency.std or np.nan):.2g} Hz"
+            reason += f"; {frequency.value:.3f} +- {frequency.std or np.nan:.2g} Hz"
         return Outcome(busy_s, residual, reason, found.is_refused, None, np.nan, law, by)
     if mass.interval95 is None:
         return Outcome(busy_s, residual, f"{mass.value:.1f} kg, no interval", False, None, np.nan, law, by)

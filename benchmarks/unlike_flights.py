@@ -202,9 +202,10 @@ def main() -> None:
         for each in pool.map(run, jobs):
             outcomes.append(each)
             print(
-                f"{each.job.world}, {each.job.seed}: mass {each.error:+.3f} +- {each.half_width:.3f} %, repeatability "
-                f"{each.inferred:.3g} % (stated {each.stated:g}); same strut {each.error_if_same:+.3f} +- "
-                f"{each.half_width_if_same:.3f} %; the paper's chain {each.chain.mended:+.2f} %",
+                f"{each.job.world}, {each.job.seed}: mass {each.error:+.3f} % (half of its 95 % interval: "
+                f"{each.half_width:.3f} %), repeatability {each.inferred:.3g} % (stated {each.stated:g}); "
+                f"same strut {each.error_if_same:+.3f} % ({each.half_width_if_same:.3f} %); "
+                f"the paper's chain {each.chain.mended:+.2f} %",
                 flush=True,
             )
     print_table(outcomes)

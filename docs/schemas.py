@@ -30,7 +30,7 @@ from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
 from opid.signals.health.result import SCHEMA as HEALTH, ChannelHealth, Health
-from opid.suspensions.answer.model_error import LeftOutSpectrum
+from opid.suspensions.answer.model_error import LeftOutSpectrum, Limit
 from opid.suspensions.bench.law import SCHEMA as BENCH, BenchLaw
 from opid.suspensions.bench.memory import Memory
 from opid.suspensions.bench.simulation import Simulation
@@ -173,8 +173,10 @@ def _spring() -> Json:
 
 def _identification() -> Json:
     place = keys(dict.fromkeys(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), NUMBER))
+    told = "what limits the precision; null if the answer is refused and the model explains nothing."
+    limited_by = {"enum": [*get_args(Limit), None], "description": told}
     structure = {"kind": TEXT, "is_one_gear": FLAG, "recommended": or_null(TEXT), "why": or_null(TEXT)}
-    structure |= {"limited_by": or_null(TEXT), **fields_of(Identification, "residual_over_noise", "noise_m_per_s2")}
+    structure |= {"limited_by": limited_by, **fields_of(Identification, "residual_over_noise", "noise_m_per_s2")}
     structure |= {"places": table(place), **fields_of(Identification, "place_corrections")}
     interface = fields_of(InterfaceEstimate, "name", "shared_with", "residual_over_noise", "gas")
     interface |= _spring() | {"x_m": NUMBER, "y_m": NUMBER, "ground_stiffness": UNITED, "per_mass": FLAG}

@@ -27,7 +27,7 @@ class Estimate:
 
     @classmethod
     def normal(cls, value: float, std: float | None = None) -> Estimate:
-        """Return the estimate whose interval is value +- 1.96 std."""
+        """Return the estimate whose interval goes from value - 1.96 std to value + 1.96 std."""
         value = float(value)
         if std is None or not math.isfinite(std):
             return cls(value)
@@ -93,6 +93,21 @@ def rounded(value: float | None, std: float | None = None) -> str:
         digits = max(0, decimals + math.floor(math.log10(abs(number))))
         return f"{number:.{digits}e}"
     return f"{number:.{max(0, decimals)}f}"
+
+
+def with_std(value: float | None, std: float | None) -> str:
+    """Return "value ± standard deviation"; wherever opid writes ±, it is one standard deviation.
+
+    Args:
+        value: None gives a dash.
+        std: standard deviation; None leaves the value alone.
+
+    >>> with_std(1849.98, 13.71), with_std(1234.56, None)
+    ('1850 ± 14', '1235')
+    """
+    if std is None or rounded(value) == "-" or not math.isfinite(std):
+        return rounded(value)
+    return f"{rounded(value, std)} ± {rounded(std, std)}"
 
 
 def _changed(value: Any, change: Callable[[Estimate], Estimate]) -> Any:

@@ -9,7 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from opid.errors import require
-from opid.estimate import Estimate, rounded
+from opid.estimate import Estimate, rounded, with_std
 from opid.provenance import ReadFile
 
 if TYPE_CHECKING:
@@ -99,9 +99,8 @@ class Result(ABC):
         width = max((len(row.name) for row in rows[:MOST_ROWS]), default=0)
         lines = [_shortened(f"{type(self).__name__}: {self._headline()}")]
         for row in rows[:MOST_ROWS]:
-            name, value, std, _, unit = row.cells
-            spread = "" if row.std is None else f" ± {std}"
-            lines.append(f"  {name.ljust(width)}  {value}{spread}{'' if unit == '1' else f' {unit}'}")
+            unit = "" if row.unit == "1" else f" {row.unit}"
+            lines.append(f"  {row.name.ljust(width)}  {with_std(row.value, row.std)}{unit}")
         more = ["± is one standard deviation"] if any(row.std is not None for row in rows[:MOST_ROWS]) else []
         more += [f"{len(rows) - MOST_ROWS} more in summary()"] if len(rows) > MOST_ROWS else []
         remarks = "; ".join([*more, *map(_shortened, self._remarks())])

@@ -92,7 +92,7 @@ def faulty_health():
     slow = np.random.default_rng(5).standard_normal(12000).cumsum() * 0.02 + 31.0
 
     lines = tuple(
-        SpectralLine(50.0 * k, 0.28 / k, "mains, 50 Hz" if k == 1 else f"harmonic {k} of the mains (50 Hz)")
+        SpectralLine(50.0 * k, 0.28 / k, "mains, 50 Hz" if k == 1 else f"harmonic {k} of the mains (50 Hz)", k)
         for k in (1, 2, 3, 4)
     )
     for each in (clipped, spiky, hum, holed):
@@ -140,11 +140,11 @@ def faulty_health():
     )
     slow_clock = ClockHealth("slow", ("oil temperature",), 100.0, True, 0.5, 120.0, 12000)
     findings = (
-        Finding("fault", "dead", "mute, all samples lie at 0.25 m/s^2: check the sensor and its cable"),
-        Finding("warning", "", "2 gaps, the first of 3.5 s at 33 s: choose a segment between them"),
-        Finding("warning", "lower_z", "2.10% of the samples are clipped: measure again with a larger range"),
-        Finding("note", "upper_z", "the mean is gravity: nothing to do"),
-        Finding("note", "holed", "the mean is gravity: nothing to do"),
+        Finding("fault", "mute", "dead", "mute, all samples lie at 0.25 m/s^2: check the sensor and its cable"),
+        Finding("warning", "gaps", "", "2 gaps, the first of 3.5 s at 33 s: choose a segment between them"),
+        Finding("warning", "clipped", "lower_z", "2.10% of the samples are clipped: measure again with a larger range"),
+        Finding("note", "gravity", "upper_z", "the mean is gravity: nothing to do"),
+        Finding("note", "gravity", "holed", "the mean is gravity: nothing to do"),
     )
     pairs = (
         PairHealth("lower_z", "upper_z", 1.95e-3, 2.1e-5, (0.5, 28.0)),

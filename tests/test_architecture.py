@@ -410,6 +410,22 @@ def decided_by_words(path, tree):
             yield f"line {node.lineno}: {ast.unparse(node)}"
 
 
+MEANING_OF_PLUS_MINUS = re.compile(r"\bstd\b|standard\s+deviation")
+
+
+def plus_minus_unexplained(path, tree):
+    """± is one standard deviation, never half an interval: `with_std` writes it, and heads and legends say so."""
+    if path == PACKAGE / "estimate.py":
+        return
+    of_f_strings = {id(each) for node in nodes_of(tree) if isinstance(node, ast.JoinedStr) for each in node.values}
+    for node in nodes_of(tree):
+        if isinstance(node, ast.Constant | ast.JoinedStr) and id(node) not in of_f_strings:
+            text = text_of(node)
+            is_separator = isinstance(node, ast.Constant) and text.strip() == "±"
+            if re.search(r"±(?!·)|[ (:]\+-", text) and not is_separator and not MEANING_OF_PLUS_MINUS.search(text):
+                yield f"line {node.lineno}: {text}"
+
+
 def test_only_the_reader_of_results_reads_a_result_by_keys():
     """The rest of the comparison of flights goes by attributes."""
     folder = PACKAGE / "suspensions" / "flights"
@@ -434,6 +450,10 @@ def test_evidence_is_read_by_attributes():
     assert faults(evidence_read_by_keys) == []
 
 
+def test_plus_minus_is_one_standard_deviation():
+    assert faults(plus_minus_unexplained) == []
+
+
 def test_no_decision_is_made_on_the_text_of_a_message():
     assert faults(decided_by_words) == []
 
@@ -449,6 +469,8 @@ def test_no_decision_is_made_on_the_text_of_a_message():
         (decided_by_words, "short = re.split('[:;] ', str(reason))[0]"),
         (decided_by_words, "failed = [each for each in of_failed if f'of mode {mode}:' in each]"),
         (decided_by_words, "told = clause if 'mean' not in clause else ''"),
+        (plus_minus_unexplained, "head = '± (95 %)'"),
+        (plus_minus_unexplained, "said = f'known to +-{percent} % (95 %)'"),
     ],
 )
 def test_each_rule_of_the_estimator_finds_its_fault(rule, code):

@@ -114,10 +114,10 @@ def test_messages_speak_of_the_options(log, tmp_path):
     refused(short, "name another mode with --near", status=1)
 
 
-def test_the_half_interval_stands_in_the_head_of_its_columns(log):
+def test_the_standard_deviation_stands_in_the_head_of_its_columns(log):
     done = opid("decay", log, "--channel", "az", *ORDERS)
-    (head,) = (line for line in done.stdout.splitlines() if "±" in line)
-    assert head.split("  ")[-3:] == ["± (95 %)", "damping [%]", "± (95 %)"]
+    (head,) = (line for line in done.stdout.splitlines() if "std. dev." in line and "frequency" in line)
+    assert head.split("  ")[-3:] == ["std. dev.", "damping [%]", "std. dev."]
 
 
 def test_bad_input_ends_with_status_2(log, tmp_path):

@@ -1,5 +1,6 @@
 """The pages against the code: numbers that come from it, commands that it takes, and the README run as written."""
 
+import ast
 import json
 import os
 import re
@@ -64,6 +65,16 @@ def test_the_modules_of_a_table_of_steps_are_there(page, wing):
         whole = name if name.startswith("opid.") else f"opid.{wing}.{name}"
         path = ROOT.joinpath(*whole.split("."))
         assert path.is_dir() or path.with_suffix(".py").is_file(), name
+
+
+def test_every_benchmark_stands_in_their_table_with_the_first_words_of_its_file():
+    folder = ROOT / "benchmarks"
+    firsts = {
+        path.name: " ".join(ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))).split("\n\n")[0].split())
+        for path in folder.glob("*.py")
+    }
+    table = (folder / "README.md").read_text(encoding="utf-8")
+    assert dict(re.findall(r"(?m)^\| `(\w+\.py)` \| (.*) \|$", table)) == firsts
 
 
 # ---- the README, run as written --------------------------------------------------------------------

@@ -12,7 +12,7 @@ from opid.signals import spectra
 from opid.signals.health.chunks import rows_of_a_bin
 from opid.signals.health.inspection import inspect
 from opid.signals.health.settings import HEALTH
-from opid.signals.health.spectrum import OVERLAPPED_BINS, names_of_lines
+from opid.signals.health.spectrum import OVERLAPPED_BINS, name_lines
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_test
 
@@ -89,7 +89,7 @@ def test_the_supply_of_an_aircraft_and_an_aliased_harmonic():
 
 
 def test_a_line_that_is_no_supply_has_no_name_and_noise_has_no_lines():
-    assert names_of_lines([33.0, 150.0], fs=FS, resolution_hz=0.5) == ["", ""]
+    assert name_lines([33.0, 150.0], fs=FS, resolution_hz=0.5) == [("", None), ("", None)]
     (line,) = inspect(log_of((noise(N)[:, 0] + hum(33.0))[:, None], fs=FS)).channels[0].lines
     assert (line.name, line.frequency_hz) == ("", pytest.approx(33.0, abs=0.05))
     for seed in range(10):

@@ -99,7 +99,7 @@ def test_lines_are_marked_at_their_frequencies_and_named(drawn):
 
 
 def test_harmonics_without_their_mains_are_named():
-    lines = (SpectralLine(180.0, 0.1, "harmonic 3 of the mains (60 Hz)"),)
+    lines = (SpectralLine(180.0, 0.1, "harmonic 3 of the mains (60 Hz)", 3),)
     channel = channel_of("lower_z", np.random.default_rng(0).standard_normal(5000), lines=lines)
     assert "mains (60 Hz): harmonic 3" in texts(health_picture(health_with(channel))[0, 1])
 

@@ -82,7 +82,7 @@ def test_a_run_that_others_predict_is_drawn_sensor_by_sensor_with_its_band(predi
     for k, ax in enumerate(axes):
         drawn = {patch.get_label(): patch.get_data() for patch in ax.patches}
         np.testing.assert_allclose(drawn["measured"].values, 2.0 ** (k % 4) * np.array([0.2, 0.8, 0.1]))
-        band = drawn["predicted ± band for 95 % of the lines"]
+        band = drawn["predicted, with the band for 95 % of the lines"]
         np.testing.assert_allclose(band.values / drawn["predicted"].values, 1.3 / 0.9)
         np.testing.assert_allclose(band.baseline / drawn["predicted"].values, 0.5 / 0.9)
     assert plots.png(plots.figure_of(axes[0]), dpi=30)[1:4] == b"PNG"

@@ -159,7 +159,7 @@ def test_evidences_near_and_far_are_within_the_axes(offsets):
 
 def test_the_axis_of_the_evidences_tells_what_bars_are_where_there_are_any():
     result = small_updating()
-    assert "standard deviations" in plots.log_evidences(result).get_xlabel()
+    assert "bars: 95 % intervals" in plots.log_evidences(result).get_xlabel()
     exact = tuple(replace(each, evidences=each.evidences[:1]) for each in result.classes)
     assert plots.log_evidences(replace(result, classes=exact)).get_xlabel().endswith("best class")
 

@@ -125,7 +125,7 @@ def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
     assert alike.estimated < 0.3 * alike.stated
     assert alike.mass_if_alike == pytest.approx(masses[0].std / masses[1].std, rel=0.2)
     text = " ".join(opid.text(usual).split())
-    found = re.search(r": \+-([\d.]+) % from the sensors' noise, \+-([\d.]+) % from suspensions", text)
+    found = re.search(r": ([\d.]+) % from the sensors' noise, ([\d.]+) % from suspensions", text)
     noise, rest = map(float, found.groups())
     assert noise == pytest.approx(196 * masses[0].std / MASS_KG, rel=0.2)
     assert np.hypot(noise, rest) == pytest.approx(196 * masses[1].std / MASS_KG, rel=0.05)

@@ -57,6 +57,17 @@ def test_the_text_holds_the_numbers_within_eighty_columns(truth):
     )
 
 
+def test_a_refused_answer_that_explains_nothing_tells_no_limit():
+    whole = replace(small_body(), residual_over_noise=50.0)
+    nothing = tuple(replace(each, stiffness=Estimate()) for each in whole.interfaces)
+    for left, limit in ((0.6, "model"), (1.2, None), (float("inf"), None)):
+        runs = tuple(replace(run, unexplained=left) for run in whole.runs)
+        assert replace(whole, runs=runs).limited_by == "model"
+        refused = replace(whole, runs=runs, interfaces=nothing)
+        assert refused.limited_by == limit
+        assert refused.to_dict()["structure"]["limited_by"] == limit
+
+
 def test_truth_stands_beside_each_estimate(truth):
     table = {row[0]: row[1:] for row in rows_of(small_body(), truth)}
     assert table["sprung mass M"][3:] == ("5400", "+0.06%", "yes")

@@ -120,7 +120,7 @@ def test_only_the_strongest_lines_are_told():
 
 
 def test_peaks_that_may_be_resonances_are_not_called_lines():
-    lines = (SpectralLine(3.1, 0.5, resolved=False), SpectralLine(50.0, 0.1, "mains, 50 Hz", resolved=False))
+    lines = (SpectralLine(3.1, 0.5, resolved=False), SpectralLine(50.0, 0.1, "mains, 50 Hz", 1, resolved=False))
     said = flat(opid.text(replace(health_with(small(lines=lines)), log="x")))
     assert "Lines: upper_z: mains, 50 Hz, 0.1 m/s^2 rms. Peaks: upper_z: 3.1 Hz, 0.5 m/s^2 rms. A peak may" in said
 
@@ -132,8 +132,13 @@ def many(n_clocks=60, n_channels=15):
     channels = [replace(one, name=name, mute=True) for own in names for name in own]
     channels[700:703] = [small(f"acc_{axis}", lines=(SpectralLine(10.0, 1.0),)) for axis in "xyz"]
     clocks = [ClockHealth(f"topic_{i}", tuple(own), 5.0, False, 0.0, 4.0, i) for i, own in enumerate(names)]
-    findings = [Finding("fault", c.name, f"mute, all samples lie at {i}: check") for i, c in enumerate(channels)]
-    findings += [Finding("warning", "", f"the steps of {c.track!r} scatter by {c.n_samples}%: look") for c in clocks]
+    findings = [
+        Finding("fault", "mute", c.name, f"mute, all samples lie at {i}: check") for i, c in enumerate(channels)
+    ]
+    findings += [
+        Finding("warning", "uneven_steps", "", f"the steps of {c.track!r} scatter by {c.n_samples}%: look")
+        for c in clocks
+    ]
     return health_with(*channels, clocks=tuple(clocks)), tuple(findings)
 
 
@@ -153,10 +158,19 @@ def test_a_log_of_very_many_channels_fits_a_page():
 
 
 def test_a_few_findings_alike_are_told_one_by_one():
-    findings = tuple(Finding("warning", name, f"{i} spike(s) of one sample") for i, name in enumerate("abc"))
+    findings = tuple(Finding("warning", "spikes", name, f"{i} spike(s) of one sample") for i, name in enumerate("abc"))
     said = opid.text(replace(replace(health_with(small()), findings=findings), log="x"))
     assert "Warning: c: 2 spike(s) of one sample" in said
     assert "likewise" not in said
+
+
+def test_findings_are_alike_by_their_code():
+    """Not by their words: remarks of a reader say something else each, with whatever numbers."""
+    remarks = [Finding("note", "remark", "", f"line {number} is left out") for number in range(5)]
+    drifts = [Finding("note", "drift", f"c{number}", f"drifts {'much ' * number}") for number in range(5)]
+    said = opid.text(replace(replace(health_with(small()), findings=(*remarks, *drifts)), log="x"))
+    assert all(f"Note: line {number} is left out" in said for number in range(5))
+    assert "Note: c0: drifts (likewise c1, c2, c3, c4)" in flat(said)
 
 
 def test_pairs_tell_lag_and_band(text):
@@ -184,7 +198,7 @@ def test_findings_come_worst_first_and_alike_ones_together(text):
 
 
 def test_channels_without_a_unit_are_told_together():
-    findings = tuple(Finding("warning", name, f"channel {name!r} states no unit: give it") for name in "ab")
+    findings = tuple(Finding("warning", "no_unit", name, f"channel {name!r} states no unit: give it") for name in "ab")
     said = opid.text(replace(replace(health_with(small()), findings=findings), log="x"))
     assert "Warning: a, b: states no unit: give it.\n" in said
 
@@ -197,7 +211,7 @@ def test_times_are_told_in_a_unit_that_needs_no_zeros(value, words):
 
 def test_no_fault_or_warning_is_left_out_of_many_findings():
     findings = tuple(
-        Finding(severity, "a", f"{severity} {number}.")
+        Finding(severity, "remark", "a", f"{severity} {number}.")
         for severity in ("fault", "warning", "note")
         for number in range(30)
     )

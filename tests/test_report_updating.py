@@ -77,7 +77,7 @@ def test_one_class_one_method_and_no_linear_updating_are_told_too(result):
     text = opid.text(few)
     assert "Best: class 2, cubic, the only class" in text
     assert "Linear structure" not in text
-    assert {"log evidence (± std. dev.)", "prior twice as wide", "within the band"} & set(tables_of(few)) == set()
+    assert {"log evidence ± std. dev.", "prior twice as wide", "within the band"} & set(tables_of(few)) == set()
     assert len(tables_of(few)["sampling"].rows) == 1
     assert few.to_dict()["linear"] is None
 

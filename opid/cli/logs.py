@@ -124,7 +124,9 @@ def _health(log: Path, reading: LogReading, study: Path | None, say: Callable[[s
         return health
     health = replace(health, files=(read_file(study), *health.files))
     words = _choice(reading.runs)
-    return replace(health, findings=(*health.findings, Finding("note", "", words))) if words else health
+    return (
+        replace(health, findings=(*health.findings, Finding("note", "channels_chosen", "", words))) if words else health
+    )
 
 
 def _choice(runs: tuple[str, ...]) -> str:

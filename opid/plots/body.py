@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from opid.errors import NotDeterminedError
-from opid.estimate import Estimate
+from opid.estimate import Estimate, with_std
 from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth
 from opid.plots.style import (
@@ -139,8 +139,9 @@ def suspension_parameters(result: Identification, axes: Any = None, *, truth: Bo
         grid = panels_in_rows(axes, len(quantities), columns, height_in=0.5 + 2.9 * rows)
         for ax, quantity in zip(grid.ravel(), quantities, strict=False):
             _quantity(ax, quantity, names)
-        if truth is not None:
-            grid[0, 0].legend(loc="lower right")
+        bar = Line2D([], [], color=BLUE, marker="o", markersize=4, label="95 % interval; ± one standard deviation")
+        true, _ = grid[0, 0].get_legend_handles_labels()
+        figure_of(grid).legend(handles=[bar, *true], loc="outside lower center", ncols=2)
     return grid
 
 
@@ -308,7 +309,7 @@ def _lines_of(spectrum: LeftOutSpectrum) -> tuple[np.ndarray, np.ndarray, np.nda
 def _left_out_spectrum(ax: Axes, spectrum: LeftOutSpectrum, lowest: float) -> None:
     """Draw one sensor in one run, band by band."""
     edges, predicted, stated = spectrum.edges_hz, spectrum.predicted_m_per_s2, spectrum.stated_m_per_s2
-    band: dict[str, Any] = {"color": SKY, "alpha": 0.35, "label": "predicted ± band for 95 % of the lines"}
+    band: dict[str, Any] = {"color": SKY, "alpha": 0.35, "label": "predicted, with the band for 95 % of the lines"}
     ax.stairs(predicted + stated, edges, baseline=np.maximum(predicted - stated, lowest), fill=True, **band)
     looks = ((INK, 2.2), (BLUE, 1.2), (VERMILION, 1.0))
     for label, values, (color, width) in zip(
@@ -383,7 +384,8 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None
         if estimate.interval95 is not None:
             ends, held = list(estimate.interval95), [fixed, fixed]
             ax.plot(*((held, ends) if along == "x" else (ends, held)), color=VERMILION, linewidth=2, zorder=4)
-    text = f"centre of gravity (± 95 %)\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m"
+    meaning = "± one standard deviation,\nlines: 95 % intervals"
+    text = f"centre of gravity\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m\n{meaning}"
     ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=text, zorder=5)
 
 
@@ -492,16 +494,8 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
 
 
 def _spread(estimate: Estimate, scale: float) -> str:
-    """A value and half of its 95 % interval, with as many digits as that leaves."""
     assert estimate.value is not None
-    value = scale * estimate.value
-    if estimate.interval95 is None or estimate.interval95[1] <= estimate.interval95[0]:
-        return minus(f"{value:.4g}")
-    half = 0.5 * scale * (estimate.interval95[1] - estimate.interval95[0])
-    decimals = max(0, 1 - int(np.floor(np.log10(half))))
-    if decimals > 6 or abs(value) >= 1e6:
-        return minus(f"{value:.4g} ± {half:.2g}")
-    return minus(f"{value:.{decimals}f} ± {half:.{decimals}f}")
+    return minus(with_std(scale * estimate.value, scale * estimate.std if estimate.std else None))
 
 
 # ---- in motion -------------------------------------------------------------------------------------
@@ -526,7 +520,7 @@ def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimat
         zero = np.zeros_like(line)
         motion = (zero, line) if along == "velocity" else (line, zero)
         rms = factor * float(np.sqrt(np.mean(visited**2))) if visited.size else 0.0
-        ax.axvspan(-rms, rms, color=SHADED, zorder=0, label="± rms of the motion")
+        ax.axvspan(-rms, rms, color=SHADED, zorder=0, label="up to the rms of the motion")
         nonlinear, symbol = interface.law.force(*motion), "C z′" if along == "velocity" else "K z"
         if slope is not None:
             linear = slope * line

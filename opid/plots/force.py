@@ -301,7 +301,7 @@ def _law(
     motion = (position, zero) if along == "travel" else (zero, position)
     nonlinear = law.force(*motion)
     coefficient, at, label = ("K₂ z", "z′ = 0", TRAVEL) if along == "travel" else ("C₂ z′", "z = 0", VELOCITY)
-    ax.axvspan(-scale * rms, scale * rms, color=SHADED, zorder=0, label="± rms of the motion")
+    ax.axvspan(-scale * rms, scale * rms, color=SHADED, zorder=0, label="up to the rms of the motion")
     if slope is not None:
         linear = slope * position
         ax.plot(scale * position, linear, color=GREY, linewidth=1.1, linestyle="--", label=coefficient)

@@ -222,9 +222,9 @@ def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: st
 
 def _mains_words(lines: Sequence[SpectralLine]) -> str:
     """The lines of the mains in words: "mains, 50 Hz, and harmonics 2, 3"."""
-    harmonics = sorted(int(line.name.split()[1]) for line in lines if line.name.startswith("harmonic "))
+    harmonics = sorted(line.harmonic for line in lines if line.harmonic is not None and line.harmonic > 1)
     listed = ", ".join(map(str, harmonics))
-    first = [line.name for line in lines if not line.name.startswith("harmonic ")]
+    first = [line.name for line in lines if line.harmonic == 1]
     if not first:
         return f"{lines[0].name.partition(' of the ')[2]}: harmonic{'s' * (len(harmonics) > 1)} {listed}"
     return first[0] + (f", and harmonic{'s' * (len(harmonics) > 1)} {listed}" if harmonics else "")

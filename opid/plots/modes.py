@@ -130,7 +130,7 @@ def level_shift_figures(
         for ax, name, threshold in zip(grid[:, 0], ("frequency", "damping"), thresholds, strict=True):
             ax.axhline(0, color=INK, linewidth=0.8)
             if threshold is not None:
-                for sign, label in ((1, f"threshold ±{100 * threshold:.3g} %"), (-1, None)):
+                for sign, label in ((1, f"threshold {100 * threshold:.3g} %"), (-1, None)):
                     ax.axhline(sign * 100 * threshold, color=GREY, linestyle="--", linewidth=0.9, label=label)
                 ax.legend(loc="best", fontsize=7.5)
             for x, shift in enumerate(shifts):

@@ -222,8 +222,8 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
                 offset = evidence.log_evidence - best
                 if not np.isfinite(offset):
                     continue
-                lowest = min(lowest, offset - 2 * evidence.std)
-                bar = 2 * evidence.std if evidence.std > LEAST_STD else None
+                lowest = min(lowest, offset - 1.96 * evidence.std)
+                bar = 1.96 * evidence.std if evidence.std > LEAST_STD else None
                 spread = spread or bar is not None
                 ax.errorbar(
                     offset, row, xerr=bar, color=color, marker=marker, linestyle="none", markersize=6,
@@ -235,7 +235,7 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
         ax.axvline(0, color=GREY, linewidth=0.9, zorder=0)
         ax.set_yticks(range(len(classes)), [_class_label(each) for each in classes])
         ax.set_ylim(len(classes) - 0.5, -0.5)
-        bars = " (± 2 standard deviations)" if spread else ""
+        bars = " (bars: 95 % intervals)" if spread else ""
         ax.set_xlabel(f"log evidence less that of the best class{bars}")
         if named:
             # above the axes: a class may lie anywhere within

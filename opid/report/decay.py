@@ -69,12 +69,12 @@ def _basis(decay: Decay) -> str:
 
 def _ends(decay: Decay) -> Table:
     """Frequency and damping at the largest and the smallest amplitude, and the limit at zero by the law."""
-    half = Column("± (95 %)")
+    std = Column("std. dev.")
     columns = (
         Column("", align="left"),
         Column("amplitude" if decay.mode is None else "q", decay.amplitude_unit),
-        *(Column("frequency", "Hz"), half),
-        *(Column("damping", "%"), half),
+        *(Column("frequency", "Hz"), std),
+        *(Column("damping", "%"), std),
     )
     rows = [
         (
@@ -101,9 +101,8 @@ def _law_rows(decay: Decay) -> Iterator[Row]:
 
 
 def _value(value: float, std: float) -> tuple[str, str]:
-    """A value, and half of its 95 % interval, with as many decimals as its standard deviation leaves."""
-    shown = rounded(float(value), float(std))
-    return shown, f"{1.96 * float(std):.{len(shown.partition('.')[2])}f}"
+    """A value and its standard deviation, with as many decimals as that leaves."""
+    return rounded(float(value), float(std)), rounded(float(std), float(std))
 
 
 def _command(settings: Mapping[str, Any]) -> list[str]:

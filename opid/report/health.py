@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 
 from opid.report.document import Block, Document, Figure, Paragraph, Remarks, Table, columns, counted, ended, sentence
@@ -21,7 +20,7 @@ from opid.signals.health.result import (
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
 MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
 """The most lines of a channel, pairs, notes, clocks, channels in a table, channels with lines, and findings with the
-same words that a page shows; `Health.to_dict` has them all."""
+same code that a page shows; `Health.to_dict` has them all."""
 
 CHANNELS_A_FIGURE, MOST_FIGURES = 12, 2
 """Channels on a figure and the number of figures; each figure takes seconds, so that no more are drawn."""
@@ -305,7 +304,7 @@ def _pair_cells(pair: PairHealth) -> tuple[str, ...]:
 
 
 def _findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
-    """The findings by severity; those with the same message, or with one that differs in its numbers, together."""
+    """The findings by severity; those with the same message, and many with the same code, together."""
     for severity in dict.fromkeys(finding.severity for finding in findings):
         sentences = list(_sentences([finding for finding in findings if finding.severity == severity]))
         more = len(sentences) - MOST_NOTES if severity == "note" else 0
@@ -315,15 +314,15 @@ def _findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
 
 
 def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
-    together: dict[str, list[str]] = {}
+    alike: dict[tuple[str, str], dict[str, list[str]]] = {}
     for finding in findings:
         message = finding.message.removeprefix(f"channel {finding.channel!r} ")
-        together.setdefault(message, []).append(finding.channel)
-    alike: dict[str, list[tuple[str, list[str]]]] = {}
-    for message, channels in together.items():
-        alike.setdefault(_without_numbers(message), []).append((message, channels))
-    for messages in alike.values():
-        concerned = list(dict.fromkeys(channel for _, channels in messages for channel in channels))
+        # each remark says something else
+        key = (finding.code, message if finding.code == "remark" else "")
+        alike.setdefault(key, {}).setdefault(message, []).append(finding.channel)
+    for by_message in alike.values():
+        messages = list(by_message.items())
+        concerned = list(dict.fromkeys(channel for channels in by_message.values() for channel in channels))
         # the findings of a single clock or channel are told one by one
         many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
         for message, channels in messages[:1] if many else messages:
@@ -332,10 +331,6 @@ def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
                 also = _list_names([channel for channel in concerned if channel not in channels])
                 message += f" (likewise {also})" if also else f" (and {len(messages) - 1} times likewise)"
             yield f"{where}: {message}" if where else message
-
-
-def _without_numbers(message: str) -> str:
-    return re.sub(r"'[^']*'|[-+]?\d[\d.e+-]*|nan", "#", message)
 
 
 def _list_names(channels: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from opid import plots
+from opid.estimate import with_std
 from opid.mechanics.laws.law import LAWS, FloatArray
 from opid.mechanics.truth import UpdatingTruth
 from opid.report.document import Document, Figure, Paragraph, Remarks, Row, Table, columns, counted, warnings
@@ -16,6 +17,7 @@ from opid.report.estimates import estimate_row, estimate_table, formula
 from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Diagnostics
+from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
 
 FORMS = {
@@ -186,11 +188,10 @@ def _evidence_table(result: Updating) -> Table:
         cells = []
         for method in methods:
             found = by_method.get(method)
-            spread = _spread(found.std) if found is not None else ""
-            cells.append("-" if found is None else f"{found.log_evidence:.2f}{spread and f' ± {spread}'}")
+            cells.append("-" if found is None else _with_std(found))
         rows.append((each.model_class.name, *cells))
     return Table(
-        columns("log evidence (± std. dev.)", *methods),
+        columns("log evidence ± std. dev.", *methods),
         tuple(rows),
         note="Log evidence by every method that was run; classes are compared by the first.",
     )
@@ -242,6 +243,10 @@ def _coverage_table(result: Updating) -> Table:
 def _spread(std: float) -> str:
     """The standard deviation of a log evidence; "" if it is negligible."""
     return f"{std:.2f}" if std >= 0.005 else ""
+
+
+def _with_std(found: Evidence) -> str:
+    return with_std(found.log_evidence, found.std) if _spread(found.std) else f"{found.log_evidence:.2f}"
 
 
 def _percent(value: float) -> str:

@@ -112,7 +112,7 @@ def run_from_files(
         if segment.reason:
             reasons += f" ({recorder.log.path.name}: {segment.reason})"
             words = f"{recorder.log.path.name}: {segment.reason}"
-            findings.append(Finding("warning" if faulty else "note", "", words))
+            findings.append(Finding("warning" if faulty else "note", "left_out", "", words))
     if begin is not None and end is not None and begin >= end:
         raise InputError(
             f"the sound stretches of its logs share no time: from {begin:g} s on, up to {end:g} s{reasons}"
@@ -127,7 +127,7 @@ def run_from_files(
             "0.8 ms in 40 s), passes for damping and friction"
         )
         words += "; lag_tolerance_s in [channels.sprung] lets a lag be fitted" * (not is_bench)
-        more.append(Finding("warning", "", words))
+        more.append(Finding("warning", "several_recorders", "", words))
     if len(parts) > 1 and not is_bench:
         alone = inspect(recording, thorough=False).findings
         more += [found for found in inspect(recording).findings if found.severity != "note" and found not in alone]
@@ -185,7 +185,7 @@ def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Pa
         return dict.fromkeys(logs, 0.0), []
     names = " and ".join(path.name for path in logs)
     words = f"the times of {names} are taken to count from the same moment: if they do not, give shift_s in [channels]"
-    return dict.fromkeys(logs, 0.0), [Finding("note", "", words)]
+    return dict.fromkeys(logs, 0.0), [Finding("note", "unknown_start", "", words)]
 
 
 def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:

@@ -52,6 +52,10 @@ class _UnfitError(Exception):
     """A value is not of its type; the message tells the value as the end of a sentence."""
 
 
+class _UnfitItemError(_UnfitError):
+    """An item of a list is not of its type."""
+
+
 def load(source: Path) -> Document:
     """Return the content of a study file.
 
@@ -158,7 +162,8 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
             try:
                 return _convert(member, value, path, faults)
             except _UnfitError as error:
-                unfit = max(unfit, str(error), key=lambda words: words.startswith("holds"))
+                if isinstance(error, _UnfitItemError):  # it says more than that the whole is unfit
+                    unfit = str(error)
     is_whole = type(value) is int and -(2**63) <= value < 2**63  # the integers of TOML
     if kind in (int, float):
         is_fit = is_whole or (kind is float and type(value) is float)
@@ -193,7 +198,7 @@ def _item(hint: Any, value: Any, number: int, path: str, faults: list[str]) -> A
     try:
         return _convert(hint, value, path, faults)
     except _UnfitError:
-        raise _UnfitError(f"holds {_show(value)}") from None
+        raise _UnfitItemError(f"holds {_show(value)}") from None
 
 
 def _bare(hint: Any) -> Any:

@@ -390,7 +390,7 @@ def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -
             f"it is from one log with run {' and '.join(map(repr, alike))} and counts as another flight, though it "
             "tells nothing of how much flights differ: the intervals are too narrow; give one run for each flight"
         )
-        more = (Finding("warning", "", words),) * bool(alike)
+        more = (Finding("warning", "same_log", "", words),) * bool(alike)
         found.append(replace(run, findings=(*run.findings, *more)))
     return found
 

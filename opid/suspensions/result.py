@@ -414,12 +414,17 @@ class Identification(ResultOfStudy):
     equivalents: tuple[Equivalent, ...] = ()
 
     @property
-    def limited_by(self) -> Limit:
+    def limited_by(self) -> Limit | None:
         """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself.
+
+        None where the answer is refused and the model explains nothing of the motion: such a fit does not tell why.
 
         The residual of one gear is examined where it is worth a warning. A residual of a body on several suspensions
         above the noise counts as the model's, unless that of a rigid body is incoherent with the motion below it.
         """
+        unexplained = float(np.sqrt(np.mean(np.square([run.unexplained for run in self.runs]))))
+        if self.is_refused and not unexplained < 1.0:
+            return None
         errors = [each.error for each in self.evidence if each.error is not None]
         if errors:
             return errors[0].limit

@@ -263,8 +263,8 @@ class SearchSettings:
             not hold.
         every_sample: the rms force of a candidate uses every n-th sample; a rough value is enough.
         least_shared: no law is searched for a gear where less than this fraction of the body's power is coherent with
-            the motion below. It is 0.00 +- 0.02 for two channels of noise, and large even for gears that stick and
-            slip.
+            the motion below. It is within 0.02 of zero for two channels of noise, and large even for gears that stick
+            and slip.
     """
 
     n_scales: int = 4

@@ -288,8 +288,9 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
         half = 0.5 * (curve.high[-1] - curve.low[-1]) / largest if largest else 0.0
         if half > MODAL.widest_force:
             yield (
-                f"mode {fit.mode}: the nonlinear {word} force is known to +-{100 * half:.0f} % (95 %) at the "
-                f"largest amplitude: the data cannot tell it, lower {word}_order or test at higher levels"
+                f"mode {fit.mode}: the nonlinear {word} force is {100 * half:.0f} % uncertain at the largest "
+                f"amplitude (half of its 95 % interval): the data cannot tell "
+                f"it, lower {word}_order or test at higher levels"
             )
     spring = fit.stiffness_curve
     if (np.gradient(spring.linear + spring.force, spring.position) <= 0).any():

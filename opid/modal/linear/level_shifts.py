@@ -438,7 +438,8 @@ def _judge(
         if abs(shift.value) - MODAL.shift_sigma * shift.std > threshold:
             shifted.append(f"{word} by {percents[-1]} (threshold {100 * threshold:.3g} %)")
         if 1.96 * shift.std > threshold:
-            wide.append(f"{word} shifts by {percents[-1]} +- {1.96 * 100 * shift.std:.2g} % (95 %)")
+            lowest, highest = (100 * (shift.value + sign * 1.96 * shift.std) for sign in (-1, 1))
+            wide.append(f"{word} shifts by {lowest:+.2g} to {highest:+.2g} % (95 % interval)")
     if shifted:
         return shifts, True, True, f"mode {mode} shifts in {' and in '.join(shifted)}"
     if wide:

@@ -150,7 +150,8 @@ def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure
     yield Figure(
         "suspensions",
         "Suspension by suspension",
-        "Stiffness, damping and the amplitudes of the laws beside one another; ± is half of the 95 % interval.",
+        "Stiffness, damping and the amplitudes of the laws beside one another; bars are 95 % intervals, ± is one "
+        "standard deviation.",
         lambda: plots.suspension_parameters(result, truth=truth),
     )
     yield Figure(

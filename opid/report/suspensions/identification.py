@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 
-from opid.estimate import Estimate, rounded
+from opid.estimate import Estimate, rounded, with_std
 from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import loop_area, sine_like
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
@@ -355,7 +355,7 @@ def _structures(result: Identification) -> Table:
             candidate.label,
             over_noise(candidate.residual_over_noise),
             over_noise(candidate.left_out_over_noise),
-            rounded(mass.value, mass.std) + (f" ± {rounded(mass.std, mass.std)}" if mass.std is not None else ""),
+            with_std(mass.value, mass.std),
             candidate.law.replace("+", " + ") or "-",
             _verdict(candidate),
         )

@@ -45,7 +45,7 @@ def compare_pairs(
         twin = next((names[i] for i in range(j) if _is_same(spectra[i, j])), None)
         if twin is not None:
             message = f"the same signal as {twin!r}: check the wiring and the export"
-            findings.append(Finding("warning", name, message))
+            findings.append(Finding("warning", "same_signal", name, message))
             continue
         rigid = [pairs[i, j] for i in range(j) if _moves_alike(pairs[i, j], frequency_hz, spectra[i, j])]
         findings += _find_lag(rigid[0], fs) if rigid else ()
@@ -60,6 +60,7 @@ def _find_lag(pair: PairHealth, fs: float) -> Iterator[Finding]:
     later = "later" if pair.lag_s > 0 else "earlier"
     yield Finding(
         "warning",
+        "lag",
         pair.second,
         f"comes {1e3 * abs(pair.lag_s):.4g} ms (standard deviation {1e3 * pair.lag_std_s:.1g} ms) {later} than "
         f"{pair.first!r}, with which it moves alike from {low:.3g} to {high:.3g} Hz: the recorder samples or "
@@ -201,7 +202,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
             f"{rms[quiet]:.3g} m/s^2 rms beside {rms[1 - quiet]:.3g} at {names[1 - quiet]!r}: "
             "this may be the sensor's noise alone; check its cable, its range and the units"
         )
-        findings.append(Finding("warning", names[quiet], message))
+        findings.append(Finding("warning", "quiet_channel", names[quiet], message))
     high = [_compute_rms_above(remove_spikes(samples, fs=fs)[0], fs, HEALTH.high_frequency_hz) for samples in pair]
     if high[0] < HEALTH.swap_ratio * high[1] and not _lags_behind(frequency_hz, below, above):
         message = (
@@ -209,7 +210,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
             f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung, "
             f"sprung = {names[0]!r} and unsprung = {names[1]!r}"
         )
-        findings.append(Finding("warning", names[0], message))
+        findings.append(Finding("warning", "swapped_channels", names[0], message))
     return tuple(findings)
 
 
@@ -290,6 +291,7 @@ def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Fin
     if all(np.std(samples) > HEALTH.largest_rms for samples in channels):
         yield Finding(
             "warning",
+            "too_large",
             "",
             f"every channel has more than {HEALTH.largest_rms:g} m/s^2 rms, which no vehicle or building has in "
             f"operation: are they written in mm/s^2, or in m/s^2 and were read as g? Then {unit}",
@@ -297,6 +299,7 @@ def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Fin
     elif all(abs(abs(np.mean(samples)) - 1) < HEALTH.rest_tolerance for samples in channels):
         yield Finding(
             "warning",
+            "all_gravity_in_g",
             "",
             "the mean of every channel is 1 m/s^2, which would be gravity in g: if they are written in g and were read "
             f"as m/s^2, {unit}",

@@ -65,7 +65,7 @@ def inspect(
             results.append(_inspect_track(log, track, own, settings, thorough, shown))
             n_done += track.n_samples or 0
     health = _merge(results, wanted)
-    remarks = (Finding("note", "", each) for each in log.remarks)
+    remarks = (Finding("note", "remark", "", each) for each in log.remarks)
     return replace(
         health,
         findings=(*health.findings, *remarks),
@@ -188,13 +188,14 @@ def _find_unit_faults(wanted: Mapping[str, _Wanted]) -> Iterator[Finding]:
         names = ", ".join(map(repr, silent[:4])) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")
         yield Finding(
             "warning",
+            "no_unit",
             "",
             f"{len(silent)} channels state no unit ({names}), they are inspected as written: give `unit` in their "
             "tables of [channels] of a study, or in [log] for all (--unit without a study)",
         )
     for name, own in without.items():
         if len(silent) < 2 or own.states_unit:
-            yield Finding("warning", name, f"{own.no_unit}; it is inspected as written")
+            yield Finding("warning", "no_unit", name, f"{own.no_unit}; it is inspected as written")
 
 
 def check_channels(

@@ -18,6 +18,18 @@ from opid.signals.recording import FloatArray
 SCHEMA = "opid.health/1"
 
 Severity = Literal["note", "warning", "fault"]
+Code = Literal[
+    # of a clock
+    "implausible_rate", "unreadable_stamps", "time_goes_back", "host_stalls", "gaps", "uneven_steps",
+    "rows_equally_spaced", "no_clock", "shared_stamps", "repeated_stamps",
+    # of a channel
+    "no_values", "missing_values", "clipped", "held_value", "spikes", "coarse_resolution", "constant", "mute",
+    "few_values", "gravity", "gravity_in_g", "false_offset", "large_offset", "drift", "supply_lines", "no_unit",
+    # of channels beside each other
+    "same_signal", "lag", "quiet_channel", "swapped_channels", "too_large", "all_gravity_in_g",
+    # of how a log was read, and of what a run was made of
+    "remark", "channels_chosen", "left_out", "several_recorders", "unknown_start", "same_log",
+]  # fmt: skip
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
 
 
@@ -27,11 +39,13 @@ class Finding:
 
     Args:
         severity: "fault" (unusable), "warning" (may spoil the result) or "note" (good to know).
+        code: which kind of thing it is; those with one code differ in their numbers and names only, but for "remark".
         channel: the channel it concerns, empty for the whole recording.
         message: what was found and what to do.
     """
 
     severity: Severity
+    code: Code
     channel: str
     message: str
 
@@ -96,12 +110,14 @@ class SpectralLine:
         frequency_hz: of the line, Hz.
         rms: of the line, in the unit of the channel.
         name: "mains, 50 Hz", "harmonic 3 of the mains (50 Hz)", or empty.
+        harmonic: which harmonic of an electric supply it is, 1 for the supply itself; None for another line.
         resolved: whether the record is long enough to show that the peak is narrower than a resonance of 1 % damping.
     """
 
     frequency_hz: float
     rms: float
     name: str = ""
+    harmonic: int | None = None
     resolved: bool = True
 
 
@@ -299,7 +315,7 @@ class Inspection(Result):
 def count_findings(findings: Sequence[Finding]) -> str:
     """Return how many findings of each severity there are.
 
-    >>> count_findings([]), count_findings([Finding("note", "", "an offset")])
+    >>> count_findings([]), count_findings([Finding("note", "drift", "", "an offset")])
     ('nothing is wrong', '1 note')
     """
     counts = [(kind, sum(each.severity == kind for each in findings)) for kind in ("fault", "warning", "note")]

@@ -324,9 +324,9 @@ def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *,
         found.append((float(frequency_hz[inside] @ around / around.sum()), float(np.sqrt(around.sum() * df))))
     found.sort(key=lambda each: -each[1])
     # in the minutes of a log the mains wander by more than the distance of the lines of long blocks
-    names = names_of_lines([at for at, _ in found], fs=fs, resolution_hz=max(df, HEALTH.mains_wander_hz))
+    names = name_lines([at for at, _ in found], fs=fs, resolution_hz=max(df, HEALTH.mains_wander_hz))
     every = [
-        SpectralLine(at, rms, name, resolved=at >= resolved_hz) for (at, rms), name in zip(found, names, strict=True)
+        SpectralLine(at, rms, *name, resolved=at >= resolved_hz) for (at, rms), name in zip(found, names, strict=True)
     ]
     named = [line for line in every if line.name]
     return tuple(sorted({*every[: HEALTH.most_lines], *named[: HEALTH.most_lines]}, key=lambda line: -line.rms))
@@ -363,34 +363,34 @@ def _find_narrow_peaks(power: FloatArray, usual: FloatArray, near: FloatArray, a
     return np.flatnonzero(peak & narrow) + 5
 
 
-def names_of_lines(lines_hz: Sequence[float], *, fs: float, resolution_hz: float) -> list[str]:
-    """Return the names of lines: mains at 50 or 60 Hz, the supply of an aircraft at 400 Hz, harmonics, aliases.
+def name_lines(lines_hz: Sequence[float], *, fs: float, resolution_hz: float) -> list[tuple[str, int | None]]:
+    """Return the name of each line and which harmonic it is: of the mains at 50 or 60 Hz, or an aircraft's 400 Hz.
 
     A harmonic (or its alias `|k f - n fs|`) has a name only where its fundamental is among the lines.
 
-    >>> names_of_lines([50.0, 150.02, 33.0], fs=512.0, resolution_hz=0.5)
-    ['mains, 50 Hz', 'harmonic 3 of the mains (50 Hz)', '']
-    >>> names_of_lines([60.0, 20.0], fs=200.0, resolution_hz=0.5)
-    ['mains, 60 Hz', 'harmonic 3 of the mains (60 Hz), aliased']
+    >>> name_lines([50.0, 150.02, 33.0], fs=512.0, resolution_hz=0.5)
+    [('mains, 50 Hz', 1), ('harmonic 3 of the mains (50 Hz)', 3), ('', None)]
+    >>> name_lines([60.0, 20.0], fs=200.0, resolution_hz=0.5)
+    [('mains, 60 Hz', 1), ('harmonic 3 of the mains (60 Hz), aliased', 3)]
     """
-    names = [""] * len(lines_hz)
+    names: list[tuple[str, int | None]] = [("", None)] * len(lines_hz)
     supplies = [(hz, f"mains, {hz:g} Hz", f"the mains ({hz:g} Hz)", HEALTH.mains_tolerance) for hz in MAINS_HZ]
     supplies.append((AIRCRAFT_HZ, "aircraft supply, 400 Hz", "the aircraft supply (400 Hz)", HEALTH.aircraft_tolerance))
     for supply_hz, name, of, tolerance in supplies:
         if supply_hz >= fs / 2:
             continue
         slack = tolerance * supply_hz + 0.2 * resolution_hz
-        near = [i for i, hz in enumerate(lines_hz) if abs(hz - supply_hz) <= slack and not names[i]]
+        near = [i for i, hz in enumerate(lines_hz) if abs(hz - supply_hz) <= slack and names[i][1] is None]
         if not near:
             continue
         base = min(near, key=lambda i: abs(lines_hz[i] - supply_hz))
-        names[base] = name
+        names[base] = name, 1
         own_hz = lines_hz[base]
         for k in range(2, HEALTH.most_harmonic + 1):
             folded = abs(k * own_hz - fs * round(k * own_hz / fs))
             alias = ", aliased" if k * own_hz > fs / 2 else ""
             slack = (0.1 * k + 0.2) * resolution_hz
             for i, hz in enumerate(lines_hz):
-                if not names[i] and abs(hz - folded) <= slack:
-                    names[i] = f"harmonic {k} of {of}{alias}"
+                if names[i][1] is None and abs(hz - folded) <= slack:
+                    names[i] = f"harmonic {k} of {of}{alias}", k
     return names

@@ -106,7 +106,9 @@ class TrackCheck:
             for i in range(len(self._names))
         ]
         pairs, between = self._compare_pairs(clock.fs)
-        findings = [Finding(severity, "", message) for severity, message in clock_sentences(self._clock, clock)]
+        findings = [
+            Finding(severity, code, "", message) for severity, code, message in clock_sentences(self._clock, clock)
+        ]
         findings += [*between, *(finding for each in channels for finding in each.findings)]
         healths = tuple(each.health for each in channels)
         return TrackFigures(clock, healths, pairs, tuple(findings), self._make_rms_history(clock.fs, bins, channels))
@@ -170,7 +172,7 @@ class TrackCheck:
         has_many_spikes = np.bincount(spikes // bins.rows, minlength=bins.n.shape[0]) > most_spikes
         is_complete = ~bins.touched_by(missing)
         is_sound = is_complete & ~bins.touched_by(clipped) & ~bins.touched_by(flat) & ~has_many_spikes
-        findings = [Finding(severity, health.name, message) for severity, message in sentences]
+        findings = [Finding(severity, code, health.name, message) for severity, code, message in sentences]
         return _ChannelFigures(health, findings, is_sound & (not run.is_mute), is_complete)
 
     def _find_held_and_spikes(self, i: int, bins: Bins, step: float | None) -> tuple[np.ndarray, np.ndarray]:

@@ -426,11 +426,11 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed:
 
 def _interval_in_words(alike: Repeatability, percent: float, source: str) -> str:
     if alike.mass_if_alike is None:
-        return f"the mass is known to +-{percent:.2g} % (95 %), all of it from {source}"
+        return f"the mass is known to {percent:.2g} % (half of its 95 % interval), all of it from {source}"
     noise = percent * alike.mass_if_alike
     return (
-        f"the mass is known to +-{percent:.2g} % (95 %): +-{noise:.2g} % from {source}, "
-        f"+-{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
+        f"the mass is known to {percent:.2g} % (half of its 95 % interval): {noise:.2g} % from {source}, "
+        f"{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
     )
 
 

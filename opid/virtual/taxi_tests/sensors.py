@@ -25,8 +25,8 @@ class Sensor:
         corner_hz: corner of the first-order AC coupling, Hz; 0 for DC coupling.
         cross_axis: fraction of the motion across the axis that leaks in.
         lag_s: delay of this channel, s.
-        bits: resolution of the converter over +- range; None for a fine one.
-        range_m_per_s2: readings beyond +- this are clipped, m/s^2; None for no limit.
+        bits: resolution of the converter from -range to +range; None for a fine one.
+        range_m_per_s2: largest magnitude of a reading, m/s^2, at which others are clipped; None for no limit.
 
     Raises:
         InputError: a negative value where none can be, or bits without a range.
@@ -46,7 +46,7 @@ class Sensor:
                 f"noise is {self.noise_m_per_s2} m/s^2, corner {self.corner_hz} Hz: neither can be negative"
             )
         if self.range_m_per_s2 is not None and not self.range_m_per_s2 > 0.0:
-            raise InputError(f"range is +-{self.range_m_per_s2} m/s^2: give a positive number")
+            raise InputError(f"range is {self.range_m_per_s2} m/s^2: give a positive number")
         if self.bits is not None and (self.bits < 2 or self.range_m_per_s2 is None):
             raise InputError(f"bits is {self.bits}, range {self.range_m_per_s2}: give two bits or more and the range")
 
