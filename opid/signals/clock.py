@@ -56,19 +56,12 @@ class ClockError(InputError):
 
 @dataclass(frozen=True)
 class Clock:
-    """A uniform sampling clock recovered from time stamps.
+    """A uniform sampling clock recovered from time stamps."""
 
-    Args:
-        fs: sampling rate, Hz, rounded to few decimals where the stamps allow it.
-        start_s: the first stamp, s.
-        fs_as_written: the rate before that rounding, Hz.
-        stray_s: largest distance of the stamps from this clock, s; 0 where it was not computed.
-    """
-
-    fs: float
-    start_s: float
-    fs_as_written: float
-    stray_s: float = 0.0
+    fs: float  # sampling rate, Hz, rounded to few decimals where the stamps allow it
+    start_s: float  # the first stamp, s
+    fs_as_written: float  # the rate before that rounding, Hz
+    stray_s: float = 0.0  # largest distance of the stamps from this clock, s; 0 where it was not computed
 
 
 def uniform_clock(stamps: ArrayLike) -> Clock:

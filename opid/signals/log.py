@@ -30,30 +30,19 @@ BLOCK_VALUES = 1 << 20
 
 @dataclass(frozen=True)
 class LoggedChannel:
-    """A channel as its file calls it.
+    """A channel as its file calls it."""
 
-    Args:
-        name: of the channel.
-        unit: as it is written; None where the file states none.
-        is_clock: whether it runs with the time and is no signal; it is only read where the user names it.
-    """
-
-    name: str
-    unit: str | None = None
-    is_clock: bool = False
+    name: str  # of the channel
+    unit: str | None = None  # as it is written; None where the file states none
+    is_clock: bool = False  # whether it runs with the time and is no signal; it is only read where the user names it
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive rows of a track.
+    """Consecutive rows of a track."""
 
-    Args:
-        samples: (n, n_channels) values as written, NaN where the file holds none.
-        stamps: (n,) time of each row, s; None where the file states a rate.
-    """
-
-    samples: FloatArray
-    stamps: FloatArray | None = None
+    samples: FloatArray  # (n, n_channels) values as written, NaN where the file holds none
+    stamps: FloatArray | None = None  # (n,) time of each row, s; None where the file states a rate
 
 
 # (columns, first row, row after the last one or None for all) -> consecutive blocks of about `BLOCK_VALUES` values

@@ -28,26 +28,17 @@ LARGEST = 1e60
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Consecutive rows, channel by channel.
+    """Consecutive rows, channel by channel."""
 
-    Args:
-        values: (n_channels, lead + whole bins) in SI, NaN where a value is missing: the bin before the chunk, then the
-            bins of the chunk; the last bin of the log is filled up with NaN.
-        lead: rows of the bin before the chunk, 0 for the first chunk.
-        first: row of the log with which the chunk begins.
-        n: rows of the log in the chunk.
-        bin: rows of a bin.
-        missing: (n_channels,) whether a value of this chunk or of the one before is missing.
-        breaks: rows of the log before which the clock jumps.
-    """
-
+    # (n_channels, lead + whole bins) in SI, NaN where a value is missing: the bin before the chunk, then the bins of
+    # the chunk; the last bin of the log is filled up with NaN
     values: FloatArray
-    lead: int
-    first: int
-    n: int
-    bin: int
-    missing: np.ndarray
-    breaks: np.ndarray
+    lead: int  # rows of the bin before the chunk, 0 for the first chunk
+    first: int  # row of the log with which the chunk begins
+    n: int  # rows of the log in the chunk
+    bin: int  # rows of a bin
+    missing: np.ndarray  # (n_channels,) whether a value of this chunk or of the one before is missing
+    breaks: np.ndarray  # rows of the log before which the clock jumps
 
     @property
     def new(self) -> FloatArray:

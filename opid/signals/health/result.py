@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
@@ -19,6 +19,8 @@ SCHEMA = "opid.health/1"
 
 Severity = Literal["note", "warning", "fault"]
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
+Sentences = Iterator[tuple[Severity, str]]
+"""How severe each fault is, with what was found and what to do."""
 
 
 @dataclass(frozen=True)

@@ -31,18 +31,12 @@ from opid.signals.log import Block, Log, LogSettings, Rows, Track
 
 @dataclass(frozen=True)
 class ReadingBounds:
-    """How much time and memory a library may use to open a file, and again for each block of it.
+    """How much time and memory a library may use to open a file, and again for each block of it."""
 
-    Args:
-        seconds: of the processor for a file of any size: some libraries need seconds to load.
-        bytes_per_s: bytes of the file for a further second; the slowest library parses ten times as many.
-        memory_bytes: in addition to what the process uses before it opens the file, for a file of any size.
-        memory_per_byte: further memory for each byte of the file: a file that is read whole is held several times.
-    """
-
-    seconds: float = 20.0
-    bytes_per_s: float = 5e5
-    memory_bytes: int = 2 << 30
+    seconds: float = 20.0  # of the processor for a file of any size: some libraries need seconds to load
+    bytes_per_s: float = 5e5  # bytes of the file for a further second; the slowest library parses ten times as many
+    memory_bytes: int = 2 << 30  # in addition to what the process uses before it opens the file, for a file of any size
+    # further memory for each byte of the file: a file that is read whole is held several times
     memory_per_byte: int = 8
 
 

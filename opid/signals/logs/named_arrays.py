@@ -44,42 +44,27 @@ _PLAIN = ("data", "samples", "signal", "values", "value", "y")
 
 @dataclass(frozen=True, eq=False)
 class NamedArray:
-    """Numbers of a file under one name, not yet read.
+    """Numbers of a file under one name, not yet read."""
 
-    Args:
-        name: as it is written.
-        shape: (n,) or (n, m).
-        read: (opened file, one slice for each dimension) -> the numbers there.
-        numbers: stated with it, like its rate.
-        texts: stated with it, like its unit and the names of its columns.
-        time_axis: the dimension that is the time, where that is known.
-    """
-
-    name: str
-    shape: tuple[int, ...]
+    name: str  # as it is written
+    shape: tuple[int, ...]  # (n,) or (n, m)
+    # (opened file, one slice for each dimension) -> the numbers there
     read: Callable[[Any, tuple[slice, ...]], np.ndarray]
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)  # stated with it, like its rate
+    # stated with it, like its unit and the names of its columns
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    time_axis: int | None = None
+    time_axis: int | None = None  # the dimension that is the time, where that is known
 
 
 @dataclass(frozen=True, eq=False)
 class NamedGroup:
-    """Arrays that stand together: a MATLAB struct, an HDF5 group, or the file itself.
+    """Arrays that stand together: a MATLAB struct, an HDF5 group, or the file itself."""
 
-    Args:
-        name: empty for the file itself.
-        arrays: in the order of the file.
-        numbers: stated for all of them: the rate, `start_s`.
-        texts: stated for all of them: names and units.
-        alone: whether it is a recording of its own that is never joined with others.
-    """
-
-    name: str
-    arrays: tuple[NamedArray, ...]
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    alone: bool = False
+    name: str  # empty for the file itself
+    arrays: tuple[NamedArray, ...]  # in the order of the file
+    numbers: Mapping[str, float] = field(default_factory=dict)  # stated for all of them: the rate, `start_s`
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # stated for all of them: names and units
+    alone: bool = False  # whether it is a recording of its own that is never joined with others
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,36 +31,22 @@ _UNDERSCORE_UNITS = frozenset(("mg", "ug", "mm", "mV", "kN", "Hz", "kHz", "rpm",
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a text.
+    """A column of a text."""
 
-    Args:
-        name: as its header calls it.
-        unit: as it is written; None where none is.
-        kind: what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT`, `EMPTY` or `INDEX`.
-    """
-
-    name: str
-    unit: str | None
-    kind: str = NUMBER
+    name: str  # as its header calls it
+    unit: str | None  # as it is written; None where none is
+    kind: str = NUMBER  # what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT`, `EMPTY` or `INDEX`
 
 
 @dataclass(frozen=True)
 class TextHeader:
-    """What was found above the numbers.
+    """What was found above the numbers."""
 
-    Args:
-        columns: all columns.
-        delimiter: between them.
-        decimal: "." or ",".
-        line: number of the header's line, 0 where there is none.
-        first_line: number of the first line of numbers.
-    """
-
-    columns: tuple[Column, ...]
-    delimiter: str
-    decimal: str
-    line: int
-    first_line: int
+    columns: tuple[Column, ...]  # all columns
+    delimiter: str  # between them
+    decimal: str  # "." or ","
+    line: int  # number of the header's line, 0 where there is none
+    first_line: int  # number of the first line of numbers
 
 
 def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHeader:

@@ -65,28 +65,17 @@ _INFINITE = frozenset(("inf", "+inf", "-inf", "infinity", "+infinity", "-infinit
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table of numbers in a text.
+    """A table of numbers in a text."""
 
-    Args:
-        path: the file.
-        encoding: of the text; None where its first bytes decide.
-        delimiter: one character, `BLANKS` for any number of blanks.
-        decimal: "." or ",".
-        first_line: number of the first line of numbers, counted from 1.
-        names: of all columns, for messages.
-        more: whether other cells may follow those of the columns, like the comments of a LabVIEW file.
-        time: index of the column with the time, for messages.
-        content: all lines of the text, header included, where they are in memory; None where they are in the file.
-    """
-
-    path: Path
-    encoding: str | None
-    delimiter: str
-    decimal: str
-    first_line: int
-    names: tuple[str, ...]
-    more: bool = False
-    time: int | None = None
+    path: Path  # the file
+    encoding: str | None  # of the text; None where its first bytes decide
+    delimiter: str  # one character, `BLANKS` for any number of blanks
+    decimal: str  # "." or ","
+    first_line: int  # number of the first line of numbers, counted from 1
+    names: tuple[str, ...]  # of all columns, for messages
+    more: bool = False  # whether other cells may follow those of the columns, like the comments of a LabVIEW file
+    time: int | None = None  # index of the column with the time, for messages
+    # all lines of the text, header included, where they are in memory; None where they are in the file
     content: tuple[str, ...] | None = None
 
 
