@@ -72,13 +72,7 @@ class Track:
     locate: Callable[[int], str] = lambda row: f"row {row + 1}"
 
     def blocks(self, columns: Sequence[int] | None = None, start: int = 0, stop: int | None = None) -> Iterator[Block]:
-        """Yield the rows from `start` to before `stop` in blocks.
-
-        Args:
-            columns: numbers of the channels, from 0; all where left out.
-            start: first row.
-            stop: row after the last one; None for all.
-        """
+        """Yield the rows from `start` to before `stop` in blocks, of all columns where none are chosen."""
         wanted = range(len(self.channels)) if columns is None else columns
         yield from self.rows(wanted, start, stop)
 
@@ -154,14 +148,10 @@ def rows_in_steps(
     *,
     width: int | None = None,
 ) -> Rows:
-    """Return the rows of a source that can be read from any row on.
+    """Return the n rows of a source that can be read from any row on.
 
-    Args:
-        n: number of rows.
-        read: (source, columns, first row, row after the last one) -> the values of each column, and the stamps, s, or
-            None.
-        open_file: opens the source.
-        width: number of columns that are read at a time; that of the chosen ones where left out.
+    `read` takes the opened source, columns, the first row and the row after the last one. It returns the values of each
+    column, and the stamps, s, or None. A source that always reads more columns than the chosen ones states its `width`.
 
     Raises:
         ValueError: a column ends before row n.
@@ -186,11 +176,7 @@ def rows_in_steps(
 
 
 def rows_of_array(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
-    """Return the rows of an array, in memory or mapped to it; only the requested part is converted to float64.
-
-    Args:
-        samples: (n, n_channels) of any type of number.
-        stamps: (n,) time of each row, s.
+    """Return the rows of an array (n, n_channels); only the requested part is converted to float64.
 
     >>> rows = rows_of_array(np.arange(6, dtype=np.int16).reshape(3, 2))
     >>> [block.samples.tolist() for block in rows([1], 1, None)]

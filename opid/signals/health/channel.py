@@ -140,10 +140,7 @@ class MomentCheck:
 class RunCheck:
     """The check of one channel for runs of one value (held, clipped), missing values, and its resolution.
 
-    Args:
-        column: index of the channel in a chunk.
-        bin_rows: rows of a bin.
-        flat_rows: number of equal samples in a row that is suspicious.
+    So many equal samples in a row as `flat_rows` are suspicious.
     """
 
     def __init__(self, column: int, *, bin_rows: int, flat_rows: int) -> None:
@@ -341,15 +338,7 @@ def _quantisation_step(values: FloatArray) -> float | None:
 def channel_sentences(
     channel: ChannelHealth, *, clipped_at: Sequence[float], held_s: float, held_from_s: float, drift_part_s: float
 ) -> Sentences:
-    """Yield what is wrong with a channel.
-
-    Args:
-        channel: its figures.
-        clipped_at: the extreme values that are held.
-        held_s: longest time for which one value is held beside motion, s; 0 where none is.
-        held_from_s: when that begins, s.
-        drift_part_s: length of the parts whose means show the drift, s.
-    """
+    """Yield what is wrong with a channel; its longest dropout lasts `held_s`, the means of parts show its drift."""
     if channel.missing and np.isnan(channel.mean):
         yield "fault", "holds no value at all: leave the channel out, or export the log again"
         return

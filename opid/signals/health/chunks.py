@@ -103,11 +103,7 @@ def make_chunks(
 ) -> Iterator[Chunk]:
     """Yield the chunk of each piece; it is valid until the next one.
 
-    Args:
-        pieces: samples as written, (n_channels, n), and the rows of the log before which the clock jumps.
-        to_si: conversion of each channel.
-        bin_rows: rows of a bin.
-        rows: of a chunk, at the most.
+    A piece is samples as written, (n_channels, at most `rows`), and the rows of the log before which the clock jumps.
     """
     n_channels, first = len(to_si), 0
     values = np.empty((n_channels, bin_rows + rows))
@@ -138,9 +134,7 @@ Items = dict[str, np.ndarray]
 class Thinning:
     """A series of at most `most` items in order of time: when there are more, each two neighbours are joined.
 
-    Args:
-        joins: name of each array of an item -> how two neighbours are joined: `np.add`, `np.fmin`, `np.fmax`.
-        most: items that are kept.
+    The arrays of an item are joined by `np.add`, `np.fmin` or `np.fmax`.
 
     >>> series = Thinning({"highest": np.fmax}, most=2)
     >>> for value in (1.0, 3.0, 2.0, 0.0, 5.0):
@@ -210,12 +204,9 @@ def _count(items: Items) -> int:
 
 
 class RowStretches:
-    """At most `most` stretches of rows in order: when there are more, stretches close together are joined.
+    """At most `most` stretches of rows in order; those that are at most `near` rows apart are joined.
 
-    Args:
-        near: stretches that are at most this far apart are joined, rows.
-        most: stretches that are kept.
-        coarse: least value of `near` after there were too many stretches, rows; it is doubled as often as needed.
+    When there are more, `near` becomes `coarse` at least, and is doubled as often as needed.
     """
 
     def __init__(self, *, near: int = 0, most: int = 20000, coarse: int = 1) -> None:

@@ -26,14 +26,9 @@ MOST_SHOWN = 100
 
 
 class ClockCheck:
-    """The check of the stamps of a track.
+    """The check of the stamps of a track: of a stated rate and start, or by its usual (first) stamps.
 
-    Args:
-        fs: rate that the file or the user states, Hz; None where it follows from the stamps.
-        start_s: time of the first row where a rate is stated, s.
-        reconstruct: whether the user states that the rows are equally spaced.
-        usual: the first stamps, s, at most `USUAL_STAMPS`; empty where a rate is stated.
-        n_channels: number of the channels of the track.
+    The user may state that the rows are equally spaced: `reconstruct`.
     """
 
     def __init__(
@@ -80,11 +75,7 @@ class ClockCheck:
         ]
 
     def add(self, stamps: FloatArray | None, n: int) -> np.ndarray:
-        """Take the next rows and return those before which the clock jumps.
-
-        Args:
-            stamps: (n,) of the rows, s.
-        """
+        """Take the next n rows and return those before which the clock jumps."""
         first, self.n = self.n, self.n + n
         if self.is_stated or stamps is None:
             return np.empty(0, dtype=np.int64)

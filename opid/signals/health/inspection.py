@@ -272,15 +272,7 @@ class _ChannelFigures:
 
 
 class _TrackCheck:
-    """The checks of the clock and of all channels of one track.
-
-    Args:
-        track: its name.
-        names: of the channels.
-        units: of the channels in SI, "?" where none is known.
-        clock: the check of its stamps.
-        thorough: whether pairs of channels are compared, and what a picture shows is kept.
-    """
+    """The checks of the clock and of all channels of one track, as `inspect` asks for them."""
 
     def __init__(
         self, track: str, names: Sequence[str], units: Sequence[str], clock: ClockCheck, *, thorough: bool

@@ -24,7 +24,6 @@ from opid.signals.logs.text.header import (
     STAMP,
     TEXT,
     UNREAD,
-    Column,
     TextHeader,
     cells_or_text,
     columns_of,
@@ -88,7 +87,9 @@ def _make_log(
     time = _find_time_column(path, header, settings)
     if time is None and settings.fs_hz is None:
         raise _no_time_column(path, header, settings)
-    own = [i for i, each in enumerate(columns) if i != time and _is_channel(each)]
+    # a column that has a name may be empty so far
+    empty = [each.kind == EMPTY and not each.name.startswith("column ") for each in columns]
+    own = [i for i, each in enumerate(columns) if i != time and (each.kind == NUMBER or empty[i])]
     if columns[0].kind == INDEX and time != 0:
         remarks = (*remarks, "the first column has no name and counts the rows: it is left out")
     if not own:
@@ -148,11 +149,6 @@ def _read_first_cells(head: Sequence[str], header: TextHeader) -> list[str]:
     rows = rows_of(head[header.first_line - 1 :], header.delimiter)
     cells = cells_or_text(rows[0], header.delimiter) if rows else []
     return cells[: len(header.columns)]
-
-
-def _is_channel(column: Column) -> bool:
-    """Whether a column holds numbers, or is empty so far and has a name."""
-    return column.kind == NUMBER or (column.kind == EMPTY and not column.name.startswith("column "))
 
 
 def _find_time_column(path: Path, header: TextHeader, settings: LogSettings) -> int | None:

@@ -189,7 +189,9 @@ def _describe_undecoded(
 def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
     """Yield the lines of a table in blocks, each with the number of its first line."""
     number = 1
-    for lines in lines_of(table.path, table.encoding) if table.content is None else _split_blocks(table.content):
+    held = table.content or ()
+    in_memory = (list(held[first : first + _LINES_AT_ONCE]) for first in range(0, len(held), _LINES_AT_ONCE))
+    for lines in lines_of(table.path, table.encoding) if table.content is None else in_memory:
         skipped = max(0, min(table.first_line - number, len(lines)))
         if skipped < len(lines):
             yield number + skipped, lines[skipped:]
@@ -241,7 +243,8 @@ def numbers_of(table: TextTable, number: int, lines: Sequence[str], columns: Seq
     if not rows:
         return np.empty((0, len(columns)))
     if not columns:
-        require_cells(table, number, lines)
+        if not _is_even(table, rows):
+            list(_number_rows(table, number, lines))  # raises an error at the first row with a wrong number of cells
         return np.empty((len(rows), 0))
     values = _parse(table, rows, columns)
     if values is None:
@@ -257,13 +260,6 @@ def column_of(table: TextTable, number: int, lines: Sequence[str], column: int) 
         separator = None if table.delimiter == BLANKS else table.delimiter
         return [row.split(separator, column + 1)[column] for row in rows]
     return [cells[column] for _, cells in _number_rows(table, number, lines)]
-
-
-def require_cells(table: TextTable, number: int, lines: Sequence[str]) -> None:
-    """Raise an error that names the first line with too few or too many cells, if there is one."""
-    if not _is_even(table, rows_of(lines, table.delimiter)):
-        for _ in _number_rows(table, number, lines):
-            pass
 
 
 def number_of(cell: str, decimal: str) -> float | None:
@@ -299,11 +295,6 @@ def has_thousands_mark(cell: str, decimal: str, *, allow_ambiguous: bool = False
     (True, True, False)
     """
     return bool(_THOUSANDS[decimal].fullmatch(cell) or (allow_ambiguous and _GROUPED.fullmatch(cell)))
-
-
-def _split_blocks(lines: Sequence[str]) -> Iterator[list[str]]:
-    for first in range(0, len(lines), _LINES_AT_ONCE):
-        yield list(lines[first : first + _LINES_AT_ONCE])
 
 
 # ---- all cells at once ---------------------------------------------------------------------------
