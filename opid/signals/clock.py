@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.signals.column_names import time_name
 from opid.signals.log import Log, Track
 from opid.signals.recording import FloatArray
-from opid.signals.units import si_unit
+from opid.signals.units import si_unit, time_name
 
 JITTER_LIMIT = 0.02
 """Largest accepted error of one step between stamps beyond the rounding, over the period.

@@ -20,9 +20,8 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
-from opid.signals.column_names import RATE_RANGE_HZ
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.units import to_si
+from opid.signals.units import RATE_RANGE_HZ, to_si
 
 BLOCK_VALUES = 1 << 20
 """Values that are read at a time: 8 MiB as float64, little memory but long to read beside the cost of a call."""

@@ -131,7 +131,8 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     parts = [_find_steadiest(course, run) for run in runs]
     longest = max(_measure_length(course, part) for part in parts)
     near = [part for part in parts if _measure_length(course, part) >= SEGMENTS.nearly * longest]
-    chosen = max(near, key=lambda part: _measure_energy(course, part))
+    energy = np.nan_to_num(course.relative_rms) ** 2 * (course.stop_s - course.start_s)
+    chosen = max(near, key=lambda part: energy[slice(*part)].sum())
     left_out = _list_left_out(course, chosen, usable, moving)
     return _make_segment(course, chosen, _give_reason(course, chosen, left_out, cut, len(runs)), left_out)
 
@@ -188,7 +189,6 @@ def _are_good_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray,
 
 
 def _find_standstill(course: _Course) -> np.ndarray:
-    """Where all channels are far below their usual motion for several seconds."""
     relative_rms = np.nan_to_num(course.relative_rms)
     logarithm = np.log(np.maximum(relative_rms, 1e-9))
     still = np.zeros(relative_rms.size, dtype=bool)
@@ -209,11 +209,6 @@ def _find_runs(good: np.ndarray) -> list[tuple[int, int]]:
 
 def _measure_length(course: _Course, run: tuple[int, int]) -> float:
     return float(course.stop_s[run[1] - 1] - course.start_s[run[0]])
-
-
-def _measure_energy(course: _Course, run: tuple[int, int]) -> float:
-    inside = slice(*run)
-    return float(np.nan_to_num(course.relative_rms[inside]) ** 2 @ (course.stop_s[inside] - course.start_s[inside]))
 
 
 def _find_long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:

@@ -107,16 +107,11 @@ class MomentCheck:
         self._bins.add({"n": n.T, "sum": total.T, "squares": squares.T})
         self._lowest = np.fmin(self._lowest, np.fmin.reduce(lowest, axis=1))
         self._highest = np.fmax(self._highest, np.fmax.reduce(highest, axis=1))
-        if self._envelope is not None:
-            self._add_envelope(chunk, lowest, highest)
-
-    def _add_envelope(self, chunk: Chunk, lowest: FloatArray, highest: FloatArray) -> None:
-        assert self._envelope is not None
-        if self._envelope.n_halvings >= 6:  # a stretch is a bin (2^6 units) or longer
+        if self._envelope is not None and self._envelope.n_halvings >= 6:  # a stretch is a bin (2^6 units) or longer
             self._envelope.add({"lowest": lowest.T, "highest": highest.T}, n_halvings=6)
-            return
-        units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
-        self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
+        elif self._envelope is not None:
+            units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
+            self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
 
     def bins(self, rows: int) -> Bins:
         """Return the bins; each joins one or several bins of so many rows."""
@@ -251,8 +246,6 @@ class RunCheck:
 
 
 class _Held:
-    """The runs at one held value."""
-
     def __init__(self, value: float, bin_rows: int) -> None:
         self.value, self.samples, self.runs = value, 0, 0
         self.rows = RowStretches(near=bin_rows)

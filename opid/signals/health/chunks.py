@@ -97,7 +97,7 @@ def regroup(blocks: Iterator[Block], n_channels: int, rows: int) -> Iterator[tup
 
 def make_chunks(
     pieces: Iterable[tuple[FloatArray, np.ndarray]],
-    to_si: Sequence[Callable[[FloatArray], FloatArray]],
+    to_si: Sequence[Callable[[FloatArray], tuple[FloatArray, str]]],
     bin_rows: int,
     rows: int,
 ) -> Iterator[Chunk]:
@@ -116,7 +116,7 @@ def make_chunks(
         used[:, lead + n :] = np.nan
         is_missing = np.zeros(n_channels, dtype=bool)
         for i, (own, convert) in enumerate(zip(samples, to_si, strict=True)):
-            used[i, lead : lead + n] = convert(own)
+            used[i, lead : lead + n] = convert(own)[0]
             new = used[i, lead : lead + n]
             if not (new.max() <= LARGEST and new.min() >= -LARGEST):
                 new[~(np.abs(new) <= LARGEST)] = np.nan
@@ -233,7 +233,6 @@ class RowStretches:
 
 
 def _merge(stretches: np.ndarray, near: int) -> np.ndarray:
-    """Join the stretches that are at most `near` rows apart."""
     if stretches.shape[0] < 2:
         return stretches
     begins = np.concatenate([[True], stretches[1:, 0] - stretches[:-1, 1] > near])

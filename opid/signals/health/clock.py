@@ -195,7 +195,6 @@ class ClockCheck:
         return period, max(GAP * period, period + 6 * spread, period + 1.01 * rounding) + noise, noise
 
     def _mend_stamps(self, stamps: FloatArray) -> FloatArray:
-        """The stamps; those that are no number are interpolated."""
         good = np.abs(stamps) < LARGEST  # their squares are summed
         if good.all():
             return stamps.copy()
@@ -290,7 +289,6 @@ def clock_sentences(check: ClockCheck, health: ClockHealth) -> Sentences:
 
 
 def _spacing_sentences(check: ClockCheck, health: ClockHealth, of_track: str) -> Sentences:
-    """What is wrong with stamps that repeat, or come in bursts."""
     if check.is_reconstructed and not health.stated:
         yield (
             "note",

@@ -75,8 +75,8 @@ def inspect(
     for track in log.tracks:
         own = {name: each for name, each in wanted.items() if each.track is track}
         if own:
-            shown = None if progress is None or not track.n_samples else _fraction_of_all(progress, n_done, n_all)
-            results.append(_inspect_track(log, track, own, settings, thorough, shown))
+            shown = None if not track.n_samples else progress
+            results.append(_inspect_track(log, track, own, settings, thorough, shown, n_done, n_all))
             n_done += track.n_samples or 0
     health = _merge(results, wanted)
     remarks = (Finding("note", "", each) for each in log.remarks)
@@ -95,7 +95,7 @@ class _Wanted:
     track: Track
     column: int
     number: int  # in the log, as `Log.find` takes it
-    convert: Callable[[FloatArray], FloatArray]  # what is written -> SI
+    to_si: Callable[[FloatArray], tuple[FloatArray, str]]  # what is written -> SI, and its unit
     unit: str  # SI, "?" where none is known
     states_unit: bool
     no_unit: str  # why no unit is known, empty where one is
@@ -116,17 +116,11 @@ def _choose(
         except InputError as error:
             # scale, offset and sign hold in any unit
             own, written, no_unit = replace(own, unit="1"), None, str(error)
-        convert = partial(_convert, own, written)
-        wanted[name] = _Wanted(track, column, first[id(track)] + column, convert, unit, states_unit, no_unit)
+        number = first[id(track)] + column
+        wanted[name] = _Wanted(
+            track, column, number, partial(own.to_si, written_unit=written), unit, states_unit, no_unit
+        )
     return wanted
-
-
-def _convert(own: ChannelSettings, written: str | None, samples: FloatArray) -> FloatArray:
-    return own.to_si(samples, written)[0]
-
-
-def _fraction_of_all(progress: Callable[[float], None], n_done: int, n_all: int) -> Callable[[int], None]:
-    return lambda rows: progress(min(1.0, (n_done + rows) / n_all))
 
 
 def _inspect_track(
@@ -135,7 +129,9 @@ def _inspect_track(
     wanted: Mapping[str, _Wanted],
     settings: LogSettings,
     thorough: bool,
-    progress: Callable[[int], None] | None,
+    progress: Callable[[float], None] | None,
+    n_before: int,
+    n_all: int,
 ) -> _TrackFigures:
     n = len(wanted)
     blocks = iter(track.blocks([each.column for each in wanted.values()]))
@@ -152,10 +148,10 @@ def _inspect_track(
     rows = chunk_rows(clock.bin_rows, n)
     regrouped = regroup(chain(first, blocks), n, rows)
     pieces = ((samples, clock.add(stamps, samples.shape[1])) for samples, stamps in regrouped)
-    for chunk in make_chunks(pieces, [each.convert for each in wanted.values()], clock.bin_rows, rows):
+    for chunk in make_chunks(pieces, [each.to_si for each in wanted.values()], clock.bin_rows, rows):
         check.add(chunk)
         if progress is not None:
-            progress(clock.n)
+            progress(min(1.0, (n_before + clock.n) / n_all))
     return check.finish()
 
 
@@ -195,7 +191,6 @@ def _merge(results: Sequence[_TrackFigures], wanted: Mapping[str, _Wanted]) -> H
 
 
 def _find_unit_faults(wanted: Mapping[str, _Wanted]) -> Iterator[Finding]:
-    """What to do about channels without a unit, in one sentence where several state none."""
     without = {name: own for name, own in wanted.items() if own.no_unit}
     silent = [name for name, own in without.items() if not own.states_unit]
     if len(silent) > 1:
@@ -254,8 +249,6 @@ def findings_in_words(run: str, findings: Sequence[Finding]) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class _TrackFigures:
-    """All that was found in one track."""
-
     clock: ClockHealth  # figures of its clock
     channels: tuple[ChannelHealth, ...]  # figures of each channel
     pairs: tuple[PairHealth, ...]  # figures of each two accelerations
@@ -409,7 +402,6 @@ class _TrackCheck:
     def _make_overviews(
         self, clock: ClockHealth, frequency_hz: FloatArray, psd: FloatArray
     ) -> Sequence[Overview | None]:
-        """What a picture shows of each channel."""
         if not self._thorough:
             return [None] * len(self._names)
         units, lowest, highest = self._moments.envelope()
@@ -443,7 +435,6 @@ class _TrackCheck:
 
 
 def _is_beside_held(spikes: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Whether each spike only stands where a held value begins, ends or is held again."""
     if not flat.size:
         return np.zeros(spikes.size, dtype=bool)
     after = np.searchsorted(flat[:, 0], spikes + HEALTH.held_rows, "right") - 1

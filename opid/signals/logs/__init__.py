@@ -245,20 +245,13 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
         def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
             with _in_one_sentence(file, form):
                 yield from track.rows(columns, start, stop)
-            if _has_changed(file, before):
+            after = file.stat() if file.exists() else None  # it may have been deleted
+            if after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
                 raise InputError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
 
         return replace(track, rows=rows)
 
     return replace(log, tracks=tuple(map(watch, log.tracks)))
-
-
-def _has_changed(file: Path, before: os.stat_result) -> bool:
-    try:
-        after = file.stat()
-    except OSError:  # it was deleted
-        return True
-    return (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import seconds_per_unit, time_name
 from opid.signals.files import write_whole
 from opid.signals.log import AS_WRITTEN, Block, Log, LoggedChannel, LogSettings, Track, rows_from_start
 from opid.signals.logs import reader, writer
@@ -47,7 +46,7 @@ from opid.signals.logs.text.table import (
     with_encoding,
 )
 from opid.signals.recording import Channel, Recording
-from opid.signals.units import si_unit
+from opid.signals.units import seconds_per_unit, si_unit, time_name
 
 _ROWS_AT_ONCE = 1 << 16
 _HEAD_LINES = 1000
@@ -245,7 +244,6 @@ def _where(path: Path, header: TextHeader) -> str:
 
 
 def _read_timed_blocks(table: TextTable, wanted: Sequence[int], time: int, factor: float) -> Iterator[Block]:
-    """Blocks of a table whose time column counts seconds or parts of them."""
     for number, lines in table_lines(table):
         values = numbers_of(table, number, lines, [*wanted, time])
         written = values[:, -1]

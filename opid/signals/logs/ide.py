@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -19,8 +18,6 @@ from opid.signals.recording import FloatArray
 
 _EBML = b"\x1a\x45\xdf\xa3"
 _BLOCK = "ChannelDataBlock"
-_EXPRESSIONS = ("SampleRate", "TimeCodeScale")  # texts that the library would evaluate
-_PLAIN = re.compile(r"\s*[\d.eE+-]{1,24}\s*(/\s*[\d.eE+-]{1,24}\s*)?")
 _TICK_S = 1 / 32768
 _SET = datetime(2000, 1, 1, tzinfo=UTC)  # such recorders are younger: a clock that shows less was never set
 _TICKS_OF_ROUNDING = 1.25  # between blocks: the last stamp of one and the first of the next are whole ticks
@@ -57,8 +54,6 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
     from idelib.importer import openFile
 
     with path.open("rb") as stream:
-        _require_plain_numbers(path, stream)
-        stream.seek(0)
         dataset = openFile(stream, quiet=True)
         blocks = _find_blocks(path, dataset)
         held = {number: channel for number, channel in dataset.channels.items() if number in blocks}
@@ -74,21 +69,6 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
 # ---- content of the file ---------------------------------------------------------------------------
 
 
-def _require_plain_numbers(path: Path, stream: Any) -> None:
-    """Raise an error where a rate or a scale is no number or fraction: the library would evaluate its text as code."""
-    from idelib.dataset import loadSchema
-
-    for element in loadSchema("mide_ide.xml").load(stream, headers=True):
-        if element.name == _BLOCK:
-            return
-        for part in _walk(element):
-            if part.name in _EXPRESSIONS and not _PLAIN.fullmatch(_as_text(part.value)):
-                raise InputError(
-                    f"{path} states {_as_text(part.value)[:40]!r} as a {part.name}, where a number is needed: "
-                    "it is damaged; copy it from the recorder again"
-                )
-
-
 def _read_zero(dataset: Any) -> datetime | None:
     """When the recorder's clock began; None where it was not set."""
     since_1970_s = dataset.sessions[0].utcStartTime if dataset.sessions else None
@@ -96,17 +76,6 @@ def _read_zero(dataset: Any) -> datetime | None:
         return None
     zero = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=since_1970_s)
     return zero if zero >= _SET else None
-
-
-def _walk(element: Any) -> Iterator[Any]:
-    yield element
-    if isinstance(element.value, list):
-        for part in element.value:
-            yield from _walk(part)
-
-
-def _as_text(value: Any) -> str:
-    return value.decode("latin-1") if isinstance(value, bytes | bytearray) else str(value)
 
 
 def _find_blocks(path: Path, dataset: Any) -> dict[int, list[_StampedBlock]]:

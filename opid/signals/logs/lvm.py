@@ -321,7 +321,6 @@ def _cut_at_end(file: _File, number: int, values: FloatArray, *, ended: bool) ->
 
 
 def _read_begin(segment: _Segment, clock: _Clock) -> int | None:
-    """When a segment began, ns; None where it does not say so."""
     stamp = f"{segment.entry('Date', clock.channels[0])} {segment.entry('Time', clock.channels[0])}"
     try:
         return int(nanoseconds([stamp])[0])
@@ -330,7 +329,6 @@ def _read_begin(segment: _Segment, clock: _Clock) -> int | None:
 
 
 def _find_offset(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> float:
-    """How much later than the first segment this one began, s."""
     begin = _read_begin(segment, clock)
     if begin is None or begun is None:
         raise InputError(

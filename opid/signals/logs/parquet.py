@@ -18,7 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import (
+from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_at_once, rows_from_start
+from opid.signals.logs import reader
+from opid.signals.recording import FloatArray
+from opid.signals.units import (
     UNIT_KEYS,
     find_value,
     require_names,
@@ -28,9 +31,6 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_at_once, rows_from_start
-from opid.signals.logs import reader
-from opid.signals.recording import FloatArray
 
 if TYPE_CHECKING:
     import pyarrow
@@ -41,8 +41,6 @@ _BUFFER_BYTES = 1 << 20  # of each column, so that a file of one row group is no
 
 @dataclass(frozen=True)
 class _Time:
-    """The column of the stamps."""
-
     column: int  # its index in the file
     seconds: float  # in one unit of it
     first: int = 0  # subtracted, in its unit
@@ -160,7 +158,6 @@ def _decode(metadata: Mapping[bytes, bytes]) -> dict[str, str]:
 
 
 def _find_numbers(metadata: Mapping[str, str]) -> dict[str, float]:
-    """The metadata that are numbers, those in pandas' `DataFrame.attrs` included."""
     found = {}
     for key, value in [*_read_frame_attributes(metadata).items(), *metadata.items()]:
         with suppress(TypeError, ValueError):

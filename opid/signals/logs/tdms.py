@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import require_rate, seconds_per_unit, split_unit, stated_rate, time_name
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
+from opid.signals.units import require_rate, seconds_per_unit, split_unit, stated_rate, time_name
 
 _UNSET_YEAR = 1904  # LabVIEW's zero of time
 
@@ -134,7 +134,6 @@ def _find_clocks(
 
 
 def _find_wanted_time(channels: Mapping[str, Any], settings: LogSettings) -> str | None:
-    """The channel of a group that the user says holds the time stamps, by its name or its number."""
     if isinstance(settings.time, int):
         return dict(enumerate(channels, start=1)).get(settings.time)
     return settings.time if settings.time in channels else None

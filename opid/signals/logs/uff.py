@@ -17,11 +17,11 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import plain_number
-from opid.signals.column_names import require_names, require_rate, seconds_per_unit, split_unit
 from opid.signals.files import write_whole
 from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Rows, Track, rows_of_array
 from opid.signals.logs import reader, writer
 from opid.signals.recording import Recording
+from opid.signals.units import require_names, require_rate, seconds_per_unit, split_unit
 
 _MAGIC = (b"    -1\n", b"    -1\r", b"    -1 ")
 _TIME = 17  # specific data type of the abscissa
@@ -150,7 +150,6 @@ def _describe_contents(kinds: Sequence[int], headers: Mapping[int, Mapping[str, 
 def _name_channels(
     path: Path, histories: Mapping[int, Mapping[str, Any]], settings: LogSettings
 ) -> dict[int, LoggedChannel]:
-    """Name and unit of each time history."""
     lines = [str(header["id1"]).strip() for header in histories.values()]
     positions = [_describe_position(header) for header in histories.values()]
     candidates = [lines, positions, [f"channel_{number}" for number in range(1, len(histories) + 1)]]

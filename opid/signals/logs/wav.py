@@ -16,10 +16,10 @@ from typing import BinaryIO
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.column_names import require_names, require_rate, split_unit
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
+from opid.signals.units import require_names, require_rate, split_unit
 
 MOST_CHUNKS = 10_000
 """A file with more chunks before its samples is damaged."""

@@ -11,6 +11,7 @@ import gzip
 import io
 import re
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice, repeat
 from pathlib import Path
@@ -126,31 +127,24 @@ def lines_of(
 
 def with_encoding(path: Path, settings: LogSettings) -> tuple[LogSettings, tuple[str, ...]]:
     """Return the settings, with the encoding that was found in the text where they state none; and a remark on it."""
-    encoding = None if settings.encoding else encoding_of(path)
-    if encoding is None:
+    if settings.encoding or not _is_western(path):
         return settings, ()
-    return replace(settings, encoding=encoding), (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+    return replace(settings, encoding="cp1252"), ("the text is no UTF-8 and is read as cp1252 (Western Windows)",)
 
 
-def encoding_of(path: Path) -> str | None:
-    """Return "cp1252" (Windows in Western Europe) where the beginning of a text is written so; None for any other.
-
-    Such a text is no UTF-8, has no UTF-8 characters, and consists of ASCII and characters that are usual in headers.
-    """
+def _is_western(path: Path) -> bool:
+    """Whether the beginning of a text is no UTF-8, but ASCII and signs of Western Windows that are usual in headers."""
     with _open(path) as file:
         head = file.read(HEAD_BYTES)
-    try:
+    with suppress(UnicodeDecodeError):
         codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut
-        return None
-    except UnicodeDecodeError:
-        pass
+        return False
     if any(map(head.startswith, _MARKS)) or not head.decode("utf-8", "ignore").isascii():
-        return None
-    try:
+        return False
+    with suppress(UnicodeDecodeError):
         text = head.decode("cp1252")
-    except UnicodeDecodeError:
-        return None
-    return "cp1252" if all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text else None
+        return all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text
+    return False
 
 
 def _open(path: Path) -> IO[bytes] | gzip.GzipFile:
