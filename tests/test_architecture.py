@@ -62,7 +62,7 @@ OUTER = [
 ]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OUTER)
 MOST_FILES = 18
-MOST_FILES_OF_ALL = 258  # lower it whenever there are fewer
+MOST_FILES_OF_ALL = 255  # lower it whenever there are fewer
 MOST_LINES_TWICE = 5
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
@@ -339,7 +339,7 @@ def undocumented_arguments(path, tree):
     beyond = [names_beyond(folders) for folders in ROOMS if path.parent in folders]
     for node in public_definitions(tree):
         # what such files call among themselves has a sentence and a good name, its records have fields
-        if isinstance(node, ast.FunctionDef) and any(f"{module}.{node.name}" not in names for names in beyond):
+        if any(f"{module}.{node.name}" not in names for names in beyond):
             continue
         docstring = ast.get_docstring(node) or ""
         for name in arguments(node):

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from opid.errors import InputError
-from opid.signals.column_names import time_name
 from opid.signals.health.inspection import inspect
 from opid.signals.log import LogSettings
 from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.signals.units import time_name
 
 HEADER = "time [s],lower_z [m/s^2],upper_z [g]"
 ROWS = [f"{k / 512:.4f},{k % 7 - 3}.5,{k % 5 - 2}e-1" for k in range(50)]

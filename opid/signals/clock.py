@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.signals.column_names import time_name
-from opid.signals.log import Log, LoggedChannel, Track
+from opid.signals.log import Log, Track
 from opid.signals.recording import FloatArray
-from opid.signals.units import si_unit
+from opid.signals.units import si_unit, time_name
 
 JITTER_LIMIT = 0.02
 """Largest accepted error of one step between stamps beyond the rounding, over the period.
@@ -56,19 +55,12 @@ class ClockError(InputError):
 
 @dataclass(frozen=True)
 class Clock:
-    """A uniform sampling clock recovered from time stamps.
+    """A uniform sampling clock recovered from time stamps."""
 
-    Args:
-        fs: sampling rate, Hz, rounded to few decimals where the stamps allow it.
-        start_s: the first stamp, s.
-        fs_as_written: the rate before that rounding, Hz.
-        stray_s: largest distance of the stamps from this clock, s; 0 where it was not computed.
-    """
-
-    fs: float
-    start_s: float
-    fs_as_written: float
-    stray_s: float = 0.0
+    fs: float  # sampling rate, Hz, rounded to few decimals where the stamps allow it
+    start_s: float  # the first stamp, s
+    fs_as_written: float  # the rate before that rounding, Hz
+    stray_s: float = 0.0  # largest distance of the stamps from this clock, s; 0 where it was not computed
 
 
 def uniform_clock(stamps: ArrayLike) -> Clock:
@@ -78,9 +70,6 @@ def uniform_clock(stamps: ArrayLike) -> Clock:
     differ from p by the resolution of the stamps or by 2 % of p, and no stamp may stray from the line by half
     a period.
 
-    Args:
-        stamps: (n_samples,) increasing times, two or more, finite.
-
     Raises:
         ClockError: a repeated or decreasing stamp, a gap, jitter, or a rate that wanders.
 
@@ -89,7 +78,7 @@ def uniform_clock(stamps: ArrayLike) -> Clock:
     """
     time_s = np.asarray(stamps, dtype=np.float64)
     steps = np.diff(time_s)
-    _require_increasing(time_s, steps)
+    _require_forward(time_s, steps, may_repeat=False)
     resolution_s = resolution_of(time_s)
     float_noise = 4 * float(np.spacing(np.abs(time_s).max()))
 
@@ -124,9 +113,6 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
     without those that came late because the host stalled. A lost sample goes unnoticed; `stray_s` shows how far the
     stamps lie off the line.
 
-    Args:
-        stamps: (n_samples,) times that never decrease, s, two or more.
-
     Raises:
         ClockError: a decreasing stamp, or stamps that are all equal.
 
@@ -137,7 +123,7 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
     """
     time_s = np.asarray(stamps, dtype=np.float64)
     steps = np.diff(time_s)
-    _require_forward(time_s, steps)
+    _require_forward(time_s, steps, may_repeat=True)
     if time_s[-1] == time_s[0]:
         raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
     usual = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
@@ -160,9 +146,6 @@ def sum_bins(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int
 
     The columns are the number of rows, the sums of row, stamp, row^2 and row stamp, and the least and the greatest
     value of stamp - row `period_s`.
-
-    Args:
-        elapsed_s: (n,) stamps.
     """
     rows = np.arange(first, first + elapsed_s.size, dtype=np.float64)
     off = elapsed_s - rows * period_s
@@ -176,9 +159,6 @@ def line_without_stalls(bins: FloatArray, period_s: float, longest_s: float) -> 
 
     A host that stalls stamps some rows late and then catches up. The bins of such rows are left out: they lie far from
     a line whose slope is the median of the slopes over half of the rows.
-
-    Args:
-        bins: (n_bins, 7) of `sum_bins`.
     """
     n, row, stamp = bins[:, 0], bins[:, 1], bins[:, 2]
     x, t = row / n, stamp / n
@@ -207,9 +187,6 @@ def resolution_of(stamps: FloatArray) -> float:
     """Return the coarsest decimal or binary step of which the last stamps are multiples.
 
     The last ones, because in scientific notation and in single precision the large stamps are the coarsest.
-
-    Args:
-        stamps: (n,) times, two or more.
     """
     # at least ten stamps: two may lie a round number apart by chance
     block = stamps[-min(max(10, stamps.size // 2), 1000) :]
@@ -234,26 +211,22 @@ def plain_number(value: float, uncertainty: float) -> float:
     return value
 
 
-def _require_increasing(time_s: FloatArray, steps: FloatArray) -> None:
-    sample = int(np.argmax(steps <= 0)) + 1
+def _require_forward(time_s: FloatArray, steps: FloatArray, *, may_repeat: bool) -> None:
+    wrong = steps < 0 if may_repeat else steps <= 0
+    if not wrong.any():
+        return
+    sample = int(np.argmax(wrong)) + 1
     if steps[sample - 1] == 0:
-        pairs = int((steps == 0).sum())
         raise ClockError(
-            f"the time {time_s[sample]:.9g} s stands twice in a row ({pairs} such pair(s) in the log): "
-            "remove the repeated samples, or write the time with more digits",
+            f"the time {time_s[sample]:.9g} s stands twice in a row ({int((steps == 0).sum())} such pair(s) in the "
+            "log): remove the repeated samples, or write the time with more digits",
             sample,
         )
-    _require_forward(time_s, steps)
-
-
-def _require_forward(time_s: FloatArray, steps: FloatArray) -> None:
-    sample = int(np.argmax(steps < 0)) + 1
-    if steps[sample - 1] < 0:
-        raise ClockError(
-            f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
-            "put the samples in order, or split the log here if two were joined",
-            sample,
-        )
+    raise ClockError(
+        f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
+        "put the samples in order, or split the log here if two were joined",
+        sample,
+    )
 
 
 def _describe_irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:
@@ -300,7 +273,7 @@ def mark_clocks(log: Log) -> Log:
 
 
 def _mark_track(track: Track) -> Track:
-    columns = [column for column, channel in enumerate(track.channels) if _may_be_clock(channel)]
+    columns = [i for i, each in enumerate(track.channels) if each.unit is None or si_unit(each.unit) == "s"]
     if not columns:
         return track
     values = np.empty((0, len(columns)))
@@ -322,18 +295,13 @@ def _mark_track(track: Track) -> Track:
     return replace(track, channels=tuple(channels))
 
 
-def _may_be_clock(channel: LoggedChannel) -> bool:
-    return channel.unit is None or si_unit(channel.unit) == "s"
-
-
 def _is_clock(values: FloatArray, time_s: FloatArray, *, is_called_time: bool) -> bool:
     if len(values) < _LEAST_ROWS or not np.isfinite(values).all():
         return False
     steps = np.diff(values)
-    if not (steps > 0).all():
-        return False
-    if is_called_time:
-        return True
+    is_rising = bool((steps > 0).all())
+    if is_called_time or not is_rising:
+        return is_rising
     if not (np.isfinite(time_s).all() and np.ptp(time_s) > 0):
         return False
     beside = time_s - time_s.mean()

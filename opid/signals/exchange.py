@@ -15,16 +15,16 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError, require
 from opid.signals.clock import ClockError, resolution_of, uniform_clock
-from opid.signals.column_names import require_rate, seconds_per_unit, split_unit
 from opid.signals.recording import Channel, FloatArray, Recording, require_distinct_names
 from opid.signals.resampling import on_common_clock
-from opid.signals.units import to_si
+from opid.signals.units import require_rate, seconds_per_unit, split_unit, to_si
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
 Units = str | Mapping[str, str] | None
+_Column = tuple[str, np.ndarray, str | None]  # name as written, numbers, unit
 
 _SAME_RATE = 1e-5  # the rates of two runs of a study may differ by as much
 _SEP5_NEEDED = ("data", "name", "unit_str")
@@ -63,16 +63,14 @@ def recording_from_frame(frame: pandas.DataFrame, *, units: Units = None) -> Rec
         stamps = _as_seconds(since.to_numpy(), "s")
     else:
         stamps = _as_seconds(index.to_numpy(), split_unit(str(index.name or ""))[1] or "s")
-    stored = frame.attrs.get("units")
-    columns = {}
+    columns = []
     for name, values in frame.items():
         plain, bracketed = split_unit(str(name))
-        unit = _find_unit(units, (str(name), plain)) or bracketed or _find_unit(stored, (str(name), plain))
         if not pandas.api.types.is_numeric_dtype(values):
             raise _no_numbers(plain)
-        columns[plain] = (_as_numbers(values.to_numpy(dtype=float, na_value=np.nan), plain), unit)
-    require_distinct_names([split_unit(str(name))[0] for name in frame.columns])
-    return _make_recording(columns, stamps, frame.attrs, "a DataFrame")
+        own = bracketed or _find_unit(frame.attrs.get("units"), (str(name), plain))
+        columns.append((str(name), values.to_numpy(dtype=float, na_value=np.nan), own))
+    return _make_recording(_name_columns(columns, units), stamps, frame.attrs, "a DataFrame")
 
 
 def frame_of(recording: Recording) -> pandas.DataFrame:
@@ -121,33 +119,28 @@ def recording_from_xarray(array: xarray.DataArray | xarray.Dataset, *, units: Un
         )
     time = array.coords["time"]
     stamps = _as_seconds(time.to_numpy(), str(time.attrs.get("units") or "s"))
-    if not isinstance(array, xarray.Dataset):
-        return _make_recording(_columns_of_array(array, units), stamps, array.attrs, "an xarray")
-    columns = {}
-    for key, variable in array.data_vars.items():
-        if variable.dims == ("time",):
-            name, bracketed = split_unit(str(key))
-            unit = _find_unit(units, (str(key), name)) or variable.attrs.get("units") or bracketed
-            columns[name] = (_as_numbers(variable.to_numpy(), name), unit)
-    return _make_recording(columns, stamps, array.attrs, "an xarray")
+    if isinstance(array, xarray.Dataset):
+        columns = [
+            (str(key), variable.to_numpy(), variable.attrs.get("units"))
+            for key, variable in array.data_vars.items()
+            if variable.dims == ("time",)
+        ]
+    else:
+        columns = _list_columns(array)
+    return _make_recording(_name_columns(columns, units), stamps, array.attrs, "an xarray")
 
 
-def _columns_of_array(array: xarray.DataArray, units: Units) -> dict[str, tuple[FloatArray, str | None]]:
+def _list_columns(array: xarray.DataArray) -> list[_Column]:
     if set(array.dims) not in ({"time"}, {"time", "channel"}):
         raise InputError(f"the array has dimensions {array.dims}: give time and channel")
     whole = array if "channel" in array.dims else array.expand_dims(channel=[str(array.name or "channel_1")])
     whole = whole.transpose("time", "channel")
     keys = whole.coords["channel"].to_numpy() if "channel" in whole.coords else np.arange(1, whole.shape[1] + 1)
     keys = [str(key) if isinstance(key, str) else f"channel_{key}" for key in keys.tolist()]
-    require_distinct_names([split_unit(key)[0] for key in keys])
-    stored = next((whole.coords[key].to_numpy() for key in ("units", "unit") if key in whole.coords), None)
-    columns = {}
-    for number, key in enumerate(keys):
-        name, bracketed = split_unit(key)
-        own = _find_unit(whole.attrs.get("units"), (key, name)) if stored is None else str(np.ravel(stored)[number])
-        unit = _find_unit(units, (key, name)) or own or bracketed
-        columns[name] = (_as_numbers(whole.to_numpy()[:, number], name), unit)
-    return columns
+    stored = next((np.ravel(whole.coords[key]).tolist() for key in ("units", "unit") if key in whole.coords), None)
+    if stored is None:
+        stored = [_find_unit(whole.attrs.get("units"), (key, split_unit(key)[0])) or "" for key in keys]
+    return [(key, values, str(unit)) for key, values, unit in zip(keys, whole.to_numpy().T, stored, strict=False)]
 
 
 def xarray_of(recording: Recording) -> xarray.DataArray:
@@ -284,8 +277,17 @@ def _make_attributes(recording: Recording) -> dict[str, Any]:
     return {"fs": recording.fs, "start_s": start_s, "history": list(recording.history)}
 
 
+def _name_columns(columns: Sequence[_Column], units: Units) -> dict[str, tuple[FloatArray, str | None]]:
+    """The numbers and the unit of each channel by its name, which may have its unit in brackets."""
+    split = [split_unit(key) for key, *_ in columns]
+    require_distinct_names([name for name, _ in split])
+    return {
+        name: (_as_numbers(values, name), _find_unit(units, (key, name)) or own or bracketed)
+        for (name, bracketed), (key, values, own) in zip(split, columns, strict=True)
+    }
+
+
 def _find_unit(units: object, names: Sequence[str]) -> str | None:
-    """The unit of a channel that has several names."""
     if units is None or isinstance(units, str):
         return units or None
     if isinstance(units, Mapping):

@@ -20,9 +20,8 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
-from opid.signals.column_names import RATE_RANGE_HZ
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.units import to_si
+from opid.signals.units import RATE_RANGE_HZ, to_si
 
 BLOCK_VALUES = 1 << 20
 """Values that are read at a time: 8 MiB as float64, little memory but long to read beside the cost of a call."""
@@ -30,30 +29,19 @@ BLOCK_VALUES = 1 << 20
 
 @dataclass(frozen=True)
 class LoggedChannel:
-    """A channel as its file calls it.
+    """A channel as its file calls it."""
 
-    Args:
-        name: of the channel.
-        unit: as it is written; None where the file states none.
-        is_clock: whether it runs with the time and is no signal; it is only read where the user names it.
-    """
-
-    name: str
-    unit: str | None = None
-    is_clock: bool = False
+    name: str  # of the channel
+    unit: str | None = None  # as it is written; None where the file states none
+    is_clock: bool = False  # whether it runs with the time and is no signal; it is only read where the user names it
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive rows of a track.
+    """Consecutive rows of a track."""
 
-    Args:
-        samples: (n, n_channels) values as written, NaN where the file holds none.
-        stamps: (n,) time of each row, s; None where the file states a rate.
-    """
-
-    samples: FloatArray
-    stamps: FloatArray | None = None
+    samples: FloatArray  # (n, n_channels) values as written, NaN where the file holds none
+    stamps: FloatArray | None = None  # (n,) time of each row, s; None where the file states a rate
 
 
 # (columns, first row, row after the last one or None for all) -> consecutive blocks of about `BLOCK_VALUES` values
@@ -83,13 +71,7 @@ class Track:
     locate: Callable[[int], str] = lambda row: f"row {row + 1}"
 
     def blocks(self, columns: Sequence[int] | None = None, start: int = 0, stop: int | None = None) -> Iterator[Block]:
-        """Yield the rows from `start` to before `stop` in blocks.
-
-        Args:
-            columns: numbers of the channels, from 0; all where left out.
-            start: first row.
-            stop: row after the last one; None for all.
-        """
+        """Yield the rows from `start` to before `stop` in blocks, of all columns where none are chosen."""
         wanted = range(len(self.channels)) if columns is None else columns
         yield from self.rows(wanted, start, stop)
 
@@ -165,14 +147,10 @@ def rows_in_steps(
     *,
     width: int | None = None,
 ) -> Rows:
-    """Return the rows of a source that can be read from any row on.
+    """Return the n rows of a source that can be read from any row on.
 
-    Args:
-        n: number of rows.
-        read: (source, columns, first row, row after the last one) -> the values of each column, and the stamps, s, or
-            None.
-        open_file: opens the source.
-        width: number of columns that are read at a time; that of the chosen ones where left out.
+    `read` takes the opened source, columns, the first row and the row after the last one. It returns the values of each
+    column, and the stamps, s, or None. A source that always reads more columns than the chosen ones states its `width`.
 
     Raises:
         ValueError: a column ends before row n.
@@ -197,11 +175,7 @@ def rows_in_steps(
 
 
 def rows_of_array(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
-    """Return the rows of an array, in memory or mapped to it; only the requested part is converted to float64.
-
-    Args:
-        samples: (n, n_channels) of any type of number.
-        stamps: (n,) time of each row, s.
+    """Return the rows of an array (n, n_channels); only the requested part is converted to float64.
 
     >>> rows = rows_of_array(np.arange(6, dtype=np.int16).reshape(3, 2))
     >>> [block.samples.tolist() for block in rows([1], 1, None)]

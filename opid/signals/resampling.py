@@ -117,7 +117,6 @@ def on_common_clock(
 
 
 def _is_on_clock(recording: Recording, fs: float, begin: float) -> bool:
-    """Whether its samples already lie on the common clock, to a thousandth of a sample."""
     position = (begin - recording.start_s) * recording.fs
     drift = abs(recording.fs / fs - 1) * recording.n_samples
     return abs(position - round(position)) + drift < 1e-3

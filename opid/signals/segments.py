@@ -49,13 +49,7 @@ Why = Literal["faulty", "standstill", "short", "not chosen"]
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A stretch that is not used.
-
-    Args:
-        why: the reason.
-        start_s: where it begins, s.
-        stop_s: where it ends, s.
-    """
+    """A stretch that is not used, and why."""
 
     why: Why
     start_s: float
@@ -137,7 +131,8 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     parts = [_find_steadiest(course, run) for run in runs]
     longest = max(_measure_length(course, part) for part in parts)
     near = [part for part in parts if _measure_length(course, part) >= SEGMENTS.nearly * longest]
-    chosen = max(near, key=lambda part: _measure_energy(course, part))
+    energy = np.nan_to_num(course.relative_rms) ** 2 * (course.stop_s - course.start_s)
+    chosen = max(near, key=lambda part: energy[slice(*part)].sum())
     left_out = _list_left_out(course, chosen, usable, moving)
     return _make_segment(course, chosen, _give_reason(course, chosen, left_out, cut, len(runs)), left_out)
 
@@ -161,7 +156,9 @@ def _make_course(health: Health, channels: Sequence[str]) -> _Course:
     for history, _, others in own:
         if history is main:
             continue
-        relative_rms = np.fmax(relative_rms, _pick_at(history, _divide_by_usual(history, others), main.start_s, stop_s))
+        at = np.searchsorted(history.start_s, 0.5 * (main.start_s + stop_s), "right") - 1
+        own_rms = _divide_by_usual(history, others)
+        relative_rms = np.fmax(relative_rms, own_rms[np.clip(at, 0, own_rms.size - 1)])
         sound &= _are_good_within(history, _all_of(history.sound, others), main.start_s, stop_s)
         complete &= _are_good_within(history, _all_of(history.complete, others), main.start_s, stop_s)
     return _Course(main.start_s, stop_s, relative_rms, sound, complete)
@@ -180,11 +177,6 @@ def _divide_by_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
     return np.fmax.reduce(rms / np.where(usual > 0, usual, np.inf), axis=1)
 
 
-def _pick_at(history: RmsHistory, values: FloatArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
-    index = np.searchsorted(history.start_s, 0.5 * (start_s + stop_s), "right") - 1
-    return values[np.clip(index, 0, values.size - 1)]
-
-
 def _are_good_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
     """Whether another clock has stretches in each of these, and all of them are good."""
     bad = np.concatenate([[0], np.cumsum(~good)])
@@ -197,20 +189,16 @@ def _are_good_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray,
 
 
 def _find_standstill(course: _Course) -> np.ndarray:
-    """Where all channels are far below their usual motion for several seconds."""
     relative_rms = np.nan_to_num(course.relative_rms)
+    logarithm = np.log(np.maximum(relative_rms, 1e-9))
     still = np.zeros(relative_rms.size, dtype=bool)
     for threshold in (SEGMENTS.still, SEGMENTS.idle):
         for run in _find_runs(relative_rms < threshold):
-            steady = threshold == SEGMENTS.still or _measure_scatter(relative_rms[slice(*run)]) < SEGMENTS.idle_scatter
-            still[slice(*run)] |= steady and _measure_length(course, run) >= SEGMENTS.still_s
+            own = logarithm[slice(*run)]
+            scatter = 1.4826 * np.median(np.abs(own - np.median(own)))  # robust standard deviation
+            is_steady = threshold == SEGMENTS.still or scatter < SEGMENTS.idle_scatter
+            still[slice(*run)] |= is_steady and _measure_length(course, run) >= SEGMENTS.still_s
     return still
-
-
-def _measure_scatter(relative_rms: FloatArray) -> float:
-    """Robust standard deviation of the logarithm."""
-    logarithm = np.log(np.maximum(relative_rms, 1e-9))
-    return 1.4826 * float(np.median(np.abs(logarithm - np.median(logarithm))))
 
 
 def _find_runs(good: np.ndarray) -> list[tuple[int, int]]:
@@ -221,11 +209,6 @@ def _find_runs(good: np.ndarray) -> list[tuple[int, int]]:
 
 def _measure_length(course: _Course, run: tuple[int, int]) -> float:
     return float(course.stop_s[run[1] - 1] - course.start_s[run[0]])
-
-
-def _measure_energy(course: _Course, run: tuple[int, int]) -> float:
-    inside = slice(*run)
-    return float(np.nan_to_num(course.relative_rms[inside]) ** 2 @ (course.stop_s[inside] - course.start_s[inside]))
 
 
 def _find_long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:

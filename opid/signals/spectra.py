@@ -290,15 +290,7 @@ def _separate_incoherent(
 def white_noise_rms(
     frequency_hz: FloatArray, density: FloatArray, n_blocks: float, *, fs: float, quantile: float = 0.1
 ) -> float:
-    """Return the standard deviation of the white noise whose spectrum has the same quantile as a Welch spectrum.
-
-    Args:
-        frequency_hz: (n_lines,) from 0 to half the rate, Hz.
-        density: (n_lines,) one-sided, unit^2/Hz.
-        n_blocks: number of independent averages.
-        fs: sampling rate, Hz.
-        quantile: of the lines.
-    """
+    """Return the standard deviation of the white noise whose spectrum has the same quantile as a Welch spectrum."""
     from scipy import special
 
     # the anti-aliasing filter often leaves nothing just below the Nyquist frequency

@@ -15,11 +15,10 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
-from opid.signals.column_names import split_unit
 from opid.signals.files import write_whole
 from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
-from opid.signals.units import to_si
+from opid.signals.units import split_unit, to_si
 
 LEAST_POINTS = 3  # of a backbone: fewer make no curve
 

@@ -27,14 +27,8 @@ def compare_pairs(
 ) -> tuple[tuple[PairHealth, ...], tuple[Finding, ...]]:
     """Return the figures of each two channels, and what is wrong between them: a lag, or the same signal twice.
 
-    The lag of a channel is reported once, against the first channel that moves alike.
-
-    Args:
-        names: (n,) of the channels.
-        frequency_hz: (n_lines,) Hz.
-        density: (n, n, n_lines) cross-spectra E[conj(X_i) X_j] for i <= j.
-        averages: number of independent averages.
-        fs: rate, Hz.
+    The lag of a channel is reported once, against the first channel that moves alike. `density`, (n, n, n_lines), holds
+    the cross-spectra E[conj(X_i) X_j] for i <= j of as many independent averages.
     """
     spectra = {
         (i, j): (density[i, i].real, density[j, j].real, density[i, j]) for i, j in combinations(range(len(names)), 2)
@@ -156,13 +150,7 @@ def _is_same(spectra: PairSpectra) -> bool:
 
 
 def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tuple[str, str]) -> tuple[Finding, ...]:
-    """Return the reasons why two accelerations may not be those of a spindle and the airframe above it.
-
-    Args:
-        unsprung: (n_samples,) acceleration of the spindle, m/s^2.
-        sprung: (n_samples,) acceleration of the airframe, m/s^2.
-        fs: sampling rate, Hz.
-        names: of the two channels.
+    """Return the reasons why two accelerations, m/s^2, may not be those of a spindle and the airframe above it.
 
     Raises:
         InputError: both are the same signal, one is mute, one seems to be in another unit, or values are impossible.
@@ -191,7 +179,9 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         raise InputError(mistake)
     rms = [float(np.std(samples)) for samples in pair]
     for name, samples, own, other in zip(names, pair, rms, rms[::-1], strict=True):
-        if _is_mute(samples) or own < HEALTH.mute_ratio * other:
+        # for nearly every channel the first samples suffice, and the others need not be sorted
+        is_mute = all(np.unique(each).size <= HEALTH.mute_values for each in (samples[:1000], samples))
+        if is_mute or own < HEALTH.mute_ratio * other:
             raise InputError(
                 f"the channel {name!r} is mute ({own:.3g} m/s^2 rms): check the sensor, its cable and range"
             )
@@ -274,11 +264,7 @@ def _find_unit_mistake(
 
 
 def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Finding]:
-    """Yield why all sensors of a recording may be in another unit than stated; no ratio between them shows that.
-
-    Args:
-        recording: that holds the channels.
-        names: of the accelerations, m/s^2.
+    """Yield why all sensors of a recording, m/s^2, may be in another unit; no ratio between them shows that.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> shaken = 500 * np.random.default_rng(0).standard_normal((2, 512))
@@ -304,11 +290,6 @@ def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Fin
             "the mean of every channel is 1 m/s^2, which would be gravity in g: if they are written in g and were read "
             f"as m/s^2, {unit}",
         )
-
-
-def _is_mute(samples: FloatArray) -> bool:
-    # for nearly every channel the first samples suffice, and the others need not be sorted
-    return np.unique(samples[:1000]).size <= HEALTH.mute_values and np.unique(samples).size <= HEALTH.mute_values
 
 
 def _compute_rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:

@@ -1,14 +1,20 @@
-"""Checks of channels, chunk by chunk: offset, rms, extremes, clipping, held and missing values, resolution."""
+"""Checks of channels, chunk by chunk: offset, rms, extremes, clipping, held and missing values, resolution.
+
+What is wrong with a channel, and what to do about it, is said in one sentence each.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from opid.signals.health.chunks import Chunk, RowStretches, Thinning
+from opid.signals.health.result import ChannelHealth, Kind, Sentences, Severity
 from opid.signals.health.settings import HEALTH
 from opid.signals.recording import FloatArray
+from opid.signals.units import STANDARD_GRAVITY
 
 _HELD_VALUES = 4  # runs are kept at this number of the largest values that were held
 MOST_BINS = 20000
@@ -24,23 +30,14 @@ _RESOLUTION_ROWS = 1 << 17  # rows that show the resolution
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Moments of all channels in bins of rows.
+    """Moments of all channels in bins of rows."""
 
-    Args:
-        rows: of a bin.
-        n: (n_bins, n_channels) number of values.
-        mean: (n_bins, n_channels), NaN where there is no value.
-        rms: (n_bins, n_channels) about the mean, NaN where there is no value.
-        lowest: (n_channels,) least value of all bins.
-        highest: (n_channels,) largest value of all bins.
-    """
-
-    rows: int
-    n: FloatArray
-    mean: FloatArray
-    rms: FloatArray
-    lowest: FloatArray
-    highest: FloatArray
+    rows: int  # of a bin
+    n: FloatArray  # (n_bins, n_channels) number of values
+    mean: FloatArray  # (n_bins, n_channels), NaN where there is no value
+    rms: FloatArray  # (n_bins, n_channels) about the mean, NaN where there is no value
+    lowest: FloatArray  # (n_channels,) least value of all bins
+    highest: FloatArray  # (n_channels,) largest value of all bins
 
     def moments(self, i: int) -> tuple[float, float, float]:
         """Return the mean of channel i, the rms about it and the largest distance from it; NaN without a value."""
@@ -110,16 +107,11 @@ class MomentCheck:
         self._bins.add({"n": n.T, "sum": total.T, "squares": squares.T})
         self._lowest = np.fmin(self._lowest, np.fmin.reduce(lowest, axis=1))
         self._highest = np.fmax(self._highest, np.fmax.reduce(highest, axis=1))
-        if self._envelope is not None:
-            self._add_envelope(chunk, lowest, highest)
-
-    def _add_envelope(self, chunk: Chunk, lowest: FloatArray, highest: FloatArray) -> None:
-        assert self._envelope is not None
-        if self._envelope.n_halvings >= 6:  # a stretch is a bin (2^6 units) or longer
+        if self._envelope is not None and self._envelope.n_halvings >= 6:  # a stretch is a bin (2^6 units) or longer
             self._envelope.add({"lowest": lowest.T, "highest": highest.T}, n_halvings=6)
-            return
-        units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
-        self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
+        elif self._envelope is not None:
+            units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
+            self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
 
     def bins(self, rows: int) -> Bins:
         """Return the bins; each joins one or several bins of so many rows."""
@@ -143,10 +135,7 @@ class MomentCheck:
 class RunCheck:
     """The check of one channel for runs of one value (held, clipped), missing values, and its resolution.
 
-    Args:
-        column: index of the channel in a chunk.
-        bin_rows: rows of a bin.
-        flat_rows: number of equal samples in a row that is suspicious.
+    So many equal samples in a row as `flat_rows` are suspicious.
     """
 
     def __init__(self, column: int, *, bin_rows: int, flat_rows: int) -> None:
@@ -257,8 +246,6 @@ class RunCheck:
 
 
 class _Held:
-    """The runs at one held value."""
-
     def __init__(self, value: float, bin_rows: int) -> None:
         self.value, self.samples, self.runs = value, 0, 0
         self.rows = RowStretches(near=bin_rows)
@@ -336,3 +323,127 @@ def _quantisation_step(values: FloatArray) -> float | None:
     multiples = distances / step
     regular = (multiples < 10.5) & (np.abs(multiples - np.round(multiples)) < 0.1)
     return step if regular.mean() > 0.5 else None
+
+
+# ---- sentences -------------------------------------------------------------------------------------
+
+
+def channel_sentences(
+    channel: ChannelHealth, *, clipped_at: Sequence[float], held_s: float, held_from_s: float, drift_part_s: float
+) -> Sentences:
+    """Yield what is wrong with a channel; its longest dropout lasts `held_s`, the means of parts show its drift."""
+    if channel.missing and np.isnan(channel.mean):
+        yield "fault", "no_values", "holds no value at all: leave the channel out, or export the log again"
+        return
+    if channel.missing:
+        yield (
+            "warning",
+            "missing_values",
+            f"{channel.missing} value(s) are missing, the first at {_first_s(channel, 'missing'):.4f} s: choose a "
+            "stretch without them (start_s, stop_s); `identify` leaves them out by itself",
+        )
+    if channel.mute:
+        yield from _mute_sentences(channel)
+        return
+    if channel.clipped_fraction > 0:
+        ends = " or ".join(f"{value:.5g}" for value in sorted(clipped_at))
+        yield (
+            "warning",
+            "clipped",
+            f"{channel.clipped_fraction:.2%} of the samples are clipped at {_with_unit(ends, channel.unit)}, the "
+            f"first at {_first_s(channel, 'clipped'):.3f} s: measure again with a larger range",
+        )
+    elif held_s:
+        yield (
+            "warning",
+            "held_value",
+            f"one value is held for {held_s:.3g} s from {held_from_s:.3f} s: leave this dropout out "
+            "with start_s and stop_s",
+        )
+    if channel.spikes:
+        yield (
+            "warning",
+            "spikes",
+            f"{channel.spikes} spike(s) of one sample, the first at {_first_s(channel, 'spike'):.4f} s: check the "
+            "cable, or leave them out with start_s and stop_s",
+        )
+    step = channel.quantisation_step
+    if step is not None and channel.rms < HEALTH.coarse_steps * step:
+        yield (
+            "warning",
+            "coarse_resolution",
+            f"the rms is only {channel.rms / step:.1f} steps of the resolution "
+            f"({_with_unit(f'{step:.3g}', channel.unit)}): measure with a smaller range or more bits",
+        )
+    yield from _supply_sentences(channel)
+    if channel.unit == "m/s^2":
+        yield from _offset_sentences(channel, drift_part_s)
+
+
+def _mute_sentences(channel: ChannelHealth) -> Sentences:
+    mean = _with_unit(f"{channel.mean:.4g}", channel.unit)
+    # A thermometer may well rest and a switch has two states, but an accelerometer in operation moves.
+    if channel.unit not in ("m/s^2", "?"):
+        if channel.rms == 0:
+            yield "note", "constant", f"all samples lie at {mean}"
+    elif channel.rms == 0:
+        yield "fault", "mute", f"mute, all samples lie at {mean}: check the sensor and its cable"
+    else:
+        yield (
+            "fault",
+            "few_values",
+            f"mute, it has only two or three values about {mean}: check the sensor, its cable and its range",
+        )
+
+
+def _offset_sentences(channel: ChannelHealth, drift_part_s: float) -> Sentences:
+    mean = channel.mean
+    if abs(abs(mean) / STANDARD_GRAVITY - 1) < HEALTH.gravity_tolerance:
+        yield "note", "gravity", f"the mean, {mean:.3f} m/s^2, is gravity: nothing to do, `identify` takes it off"
+    elif abs(abs(mean) - 1) < HEALTH.gravity_tolerance:
+        yield "note", "gravity_in_g", f"the mean, {mean:.3f} m/s^2, would be gravity in g: check the unit"
+    elif abs(mean) > HEALTH.most_gravities * STANDARD_GRAVITY:
+        yield (
+            "warning",
+            "false_offset",
+            f"the mean, {mean:.4g} m/s^2, is more than gravity makes: a false offset or a wrong unit; check the "
+            "sensor's zero and range, and give `offset` in its table of [channels]",
+        )
+    elif abs(mean) > HEALTH.offset_rms * channel.rms:
+        yield (
+            "note",
+            "large_offset",
+            f"the offset, {mean:.3g} m/s^2, is large beside the rms, {channel.rms:.3g} m/s^2: nothing to do, "
+            "`identify` takes it off",
+        )
+    if channel.drift > HEALTH.drift_rms * channel.rms:
+        yield (
+            "note",
+            "drift",
+            f"the offset drifts by {channel.drift:.3g} m/s^2 (means of {drift_part_s:.3g} s), as the sensor "
+            "warms up, or the vehicle tilts or brakes: nothing to do, the high-pass of `identify` takes it off",
+        )
+
+
+def _supply_sentences(channel: ChannelHealth) -> Sentences:
+    named = [line for line in channel.lines if line.name]
+    hum = float(np.sqrt(sum(line.rms**2 for line in named)))
+    if hum < 0.2 * HEALTH.hum_rms * channel.rms:
+        return
+    severity: Severity = "warning" if hum > HEALTH.hum_rms * channel.rms else "note"
+    lines = ", ".join(f"{line.frequency_hz:.4g} Hz: {line.name}" for line in named[:3])
+    lines += " and more" if len(named) > 3 else ""
+    yield (
+        severity,
+        "supply_lines",
+        f"{_with_unit(f'{hum:.2g}', channel.unit)} rms of the electric supply ({lines}): earth the shield at one end, "
+        "keep the cable away from power lines, and choose a band without these lines",
+    )
+
+
+def _with_unit(value: str, unit: str) -> str:
+    return value if unit == "?" else f"{value} {unit}"
+
+
+def _first_s(channel: ChannelHealth, kind: Kind) -> float:
+    return next((stretch.start_s for stretch in channel.stretches if stretch.kind == kind), np.nan)

@@ -28,26 +28,17 @@ LARGEST = 1e60
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Consecutive rows, channel by channel.
+    """Consecutive rows, channel by channel."""
 
-    Args:
-        values: (n_channels, lead + whole bins) in SI, NaN where a value is missing: the bin before the chunk, then the
-            bins of the chunk; the last bin of the log is filled up with NaN.
-        lead: rows of the bin before the chunk, 0 for the first chunk.
-        first: row of the log with which the chunk begins.
-        n: rows of the log in the chunk.
-        bin: rows of a bin.
-        missing: (n_channels,) whether a value of this chunk or of the one before is missing.
-        breaks: rows of the log before which the clock jumps.
-    """
-
+    # (n_channels, lead + whole bins) in SI, NaN where a value is missing: the bin before the chunk, then the bins of
+    # the chunk; the last bin of the log is filled up with NaN
     values: FloatArray
-    lead: int
-    first: int
-    n: int
-    bin: int
-    missing: np.ndarray
-    breaks: np.ndarray
+    lead: int  # rows of the bin before the chunk, 0 for the first chunk
+    first: int  # row of the log with which the chunk begins
+    n: int  # rows of the log in the chunk
+    bin: int  # rows of a bin
+    missing: np.ndarray  # (n_channels,) whether a value of this chunk or of the one before is missing
+    breaks: np.ndarray  # rows of the log before which the clock jumps
 
     @property
     def new(self) -> FloatArray:
@@ -106,17 +97,13 @@ def regroup(blocks: Iterator[Block], n_channels: int, rows: int) -> Iterator[tup
 
 def make_chunks(
     pieces: Iterable[tuple[FloatArray, np.ndarray]],
-    to_si: Sequence[Callable[[FloatArray], FloatArray]],
+    to_si: Sequence[Callable[[FloatArray], tuple[FloatArray, str]]],
     bin_rows: int,
     rows: int,
 ) -> Iterator[Chunk]:
     """Yield the chunk of each piece; it is valid until the next one.
 
-    Args:
-        pieces: samples as written, (n_channels, n), and the rows of the log before which the clock jumps.
-        to_si: conversion of each channel.
-        bin_rows: rows of a bin.
-        rows: of a chunk, at the most.
+    A piece is samples as written, (n_channels, at most `rows`), and the rows of the log before which the clock jumps.
     """
     n_channels, first = len(to_si), 0
     values = np.empty((n_channels, bin_rows + rows))
@@ -129,7 +116,7 @@ def make_chunks(
         used[:, lead + n :] = np.nan
         is_missing = np.zeros(n_channels, dtype=bool)
         for i, (own, convert) in enumerate(zip(samples, to_si, strict=True)):
-            used[i, lead : lead + n] = convert(own)
+            used[i, lead : lead + n] = convert(own)[0]
             new = used[i, lead : lead + n]
             if not (new.max() <= LARGEST and new.min() >= -LARGEST):
                 new[~(np.abs(new) <= LARGEST)] = np.nan
@@ -147,9 +134,7 @@ Items = dict[str, np.ndarray]
 class Thinning:
     """A series of at most `most` items in order of time: when there are more, each two neighbours are joined.
 
-    Args:
-        joins: name of each array of an item -> how two neighbours are joined: `np.add`, `np.fmin`, `np.fmax`.
-        most: items that are kept.
+    The arrays of an item are joined by `np.add`, `np.fmin` or `np.fmax`.
 
     >>> series = Thinning({"highest": np.fmax}, most=2)
     >>> for value in (1.0, 3.0, 2.0, 0.0, 5.0):
@@ -219,12 +204,9 @@ def _count(items: Items) -> int:
 
 
 class RowStretches:
-    """At most `most` stretches of rows in order: when there are more, stretches close together are joined.
+    """At most `most` stretches of rows in order; those that are at most `near` rows apart are joined.
 
-    Args:
-        near: stretches that are at most this far apart are joined, rows.
-        most: stretches that are kept.
-        coarse: least value of `near` after there were too many stretches, rows; it is doubled as often as needed.
+    When there are more, `near` becomes `coarse` at least, and is doubled as often as needed.
     """
 
     def __init__(self, *, near: int = 0, most: int = 20000, coarse: int = 1) -> None:
@@ -251,7 +233,6 @@ class RowStretches:
 
 
 def _merge(stretches: np.ndarray, near: int) -> np.ndarray:
-    """Join the stretches that are at most `near` rows apart."""
     if stretches.shape[0] < 2:
         return stretches
     begins = np.concatenate([[True], stretches[1:, 0] - stretches[:-1, 1] > near])

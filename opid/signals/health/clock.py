@@ -1,4 +1,4 @@
-"""Checks of a clock, block by block: its rate, jitter, gaps, and stamps that repeat or go back."""
+"""Checks of a clock, block by block: its rate, jitter, gaps, stamps that repeat or go back, and what to do."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from opid.signals.clock import (
     sum_bins,
 )
 from opid.signals.health.chunks import LARGEST, rows_of_a_bin
-from opid.signals.health.result import ClockHealth, Stretch
+from opid.signals.health.result import ClockHealth, Sentences, Stretch
 from opid.signals.health.settings import HEALTH
 from opid.signals.recording import FloatArray
 
@@ -26,14 +26,9 @@ MOST_SHOWN = 100
 
 
 class ClockCheck:
-    """The check of the stamps of a track.
+    """The check of the stamps of a track: of a stated rate and start, or by its usual (first) stamps.
 
-    Args:
-        fs: rate that the file or the user states, Hz; None where it follows from the stamps.
-        start_s: time of the first row where a rate is stated, s.
-        reconstruct: whether the user states that the rows are equally spaced.
-        usual: the first stamps, s, at most `USUAL_STAMPS`; empty where a rate is stated.
-        n_channels: number of the channels of the track.
+    The user may state that the rows are equally spaced: `reconstruct`.
     """
 
     def __init__(
@@ -80,11 +75,7 @@ class ClockCheck:
         ]
 
     def add(self, stamps: FloatArray | None, n: int) -> np.ndarray:
-        """Take the next rows and return those before which the clock jumps.
-
-        Args:
-            stamps: (n,) of the rows, s.
-        """
+        """Take the next n rows and return those before which the clock jumps."""
         first, self.n = self.n, self.n + n
         if self.is_stated or stamps is None:
             return np.empty(0, dtype=np.int64)
@@ -204,7 +195,6 @@ class ClockCheck:
         return period, max(GAP * period, period + 6 * spread, period + 1.01 * rounding) + noise, noise
 
     def _mend_stamps(self, stamps: FloatArray) -> FloatArray:
-        """The stamps; those that are no number are interpolated."""
         good = np.abs(stamps) < LARGEST  # their squares are summed
         if good.all():
             return stamps.copy()
@@ -249,3 +239,91 @@ class ClockCheck:
         if self.is_stated or not self._has_equal_steps or self._fit()[0] <= 0:
             return self._start_s
         return self._start_s + self._fit()[1]
+
+
+# ---- sentences -------------------------------------------------------------------------------------
+
+
+def clock_sentences(check: ClockCheck, health: ClockHealth) -> Sentences:
+    """Yield what is wrong with a clock."""
+    of_track = f" of {health.track!r}" if health.track else ""
+    if not HEALTH.least_fs_hz <= health.fs <= HEALTH.most_fs_hz:
+        cause = (
+            "check the stated rate (fs_hz in [log])"
+            if health.stated
+            else "check their unit (time_unit in [log], --time-unit)"
+        )
+        source = "is stated" if health.stated else "follows from the time stamps"
+        yield "warning", "implausible_rate", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}"
+    if check.unreadable:
+        yield (
+            "fault",
+            "unreadable_stamps",
+            f"{check.unreadable} time stamp(s){of_track} are no number: mend the log there",
+        )
+    if check.backward:
+        yield (
+            "fault",
+            "time_goes_back",
+            f"the time{of_track} goes back {check.backward} time(s), the first to {check.first_backward_s:.9g} s: "
+            "put the samples in order, or split the log there if two were joined",
+        )
+    yield from _spacing_sentences(check, health, of_track)
+    if stalls := check.stalls():
+        _, begin, end = max(stalls, key=lambda each: each[2] - each[1])
+        yield (
+            "note",
+            "host_stalls",
+            f"the stamps{of_track} stand still {len(stalls)} time(s), the longest for {end - begin:.3g} s "
+            f"at {begin:.6g} s, and the rows then catch up: the host stalled, and no sample counts as lost",
+        )
+    if health.n_gaps:
+        gap = health.gaps[0]
+        yield (
+            "warning",
+            "gaps",
+            f"the time{of_track} jumps from {gap.start_s:.9g} s to {gap.stop_s:.9g} s where steps of "
+            f"{1 / health.fs:.6g} s are usual ({health.n_gaps} gap(s), about {health.n_lost} sample(s) lost): choose a "
+            "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
+        )
+    usual = max(0.02, 0.5 * health.resolution_s * health.fs)
+    if not (check.is_crowded or check.is_reconstructed or health.n_gaps or check.backward) and health.jitter > usual:
+        yield (
+            "warning",
+            "uneven_steps",
+            f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: if the recorder "
+            'samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]',
+        )
+
+
+def _spacing_sentences(check: ClockCheck, health: ClockHealth, of_track: str) -> Sentences:
+    if check.is_reconstructed and not health.stated:
+        yield (
+            "note",
+            "rows_equally_spaced",
+            f"the rows{of_track} are assumed to be equally spaced at {health.fs:.6g} Hz, the stamps lie up to "
+            f"{check.stray_s:.2g} s off: nothing to do unless samples were lost",
+        )
+    elif health.repeated == health.n_samples - 1 and health.n_samples > 1:
+        yield (
+            "fault",
+            "no_clock",
+            f"all {health.n_samples} time stamps{of_track} are {health.start_s:.9g} s, which is no clock: state the "
+            "rate (fs_hz in [log])",
+        )
+    elif check.is_crowded:
+        rows = health.n_samples / (health.n_samples - health.repeated)
+        yield (
+            "fault",
+            "shared_stamps",
+            f"about {rows:.1f} rows{of_track} share a time stamp, as if a host empties a buffer or rounds its stamps: "
+            f'write `clock = "reconstructed"` in [log], which assumes equally spaced rows at {health.fs:.6g} Hz',
+        )
+    elif check.repeated:
+        yield (
+            "fault",
+            "repeated_stamps",
+            f"{check.repeated} time stamp(s){of_track} stand twice in a row, the first at "
+            f"{check.first_repeated_s:.9g} s: remove the repeated samples, write the time with more digits, or write "
+            '`clock = "reconstructed"` in [log] if the rows are equally spaced',
+        )

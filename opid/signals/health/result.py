@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
@@ -31,6 +31,8 @@ Code = Literal[
     "remark", "channels_chosen", "left_out", "several_recorders", "unknown_start", "same_log",
 ]  # fmt: skip
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
+Sentences = Iterator[tuple[Severity, Code, str]]
+"""How severe each fault is, its code, and what was found and what to do."""
 
 
 @dataclass(frozen=True)

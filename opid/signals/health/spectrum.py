@@ -295,13 +295,8 @@ def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *,
     """Return the narrow peaks of a spectrum, the strongest first; electric supplies and their harmonics have names.
 
     The half-width of a resonance is zeta f. Where that of a resonance of 1 % damping is below the distance of the
-    spectrum's lines, a peak may be a line or a resonance: it is not resolved.
-
-    Args:
-        frequency_hz: (n_lines,) evenly spaced from 0, Hz.
-        psd: (n_lines,) under a Hann window, unit^2/Hz.
-        averages: (n_lines,) number of periodograms of equal power that scatter like it.
-        fs: rate, Hz.
+    spectrum's lines, a peak may be a line or a resonance: it is not resolved. `averages` is the number of periodograms
+    under a Hann window of equal power that scatter like each line.
     """
     if psd.size < 40 or averages.max() <= 0 or not np.isfinite(psd).all() or psd.max() <= 0:
         return ()

@@ -15,6 +15,7 @@ from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import Any
 
 from opid.errors import InputError, missing_library, nearest
 from opid.signals.clock import mark_clocks
@@ -46,38 +47,21 @@ _FOREIGN = {
 
 @dataclass(frozen=True)
 class Format:
-    """A format that can be read.
+    """A format that can be read."""
 
-    Args:
-        name: its usual name.
-        open: (path, settings) -> `Log`.
-        needs: distribution that must be installed, None for none.
-        extra: of opid that installs it.
-        magic: such files begin with one of these; empty where their beginning shows nothing.
-        text: whether it is a text, which may be compressed (.gz).
-    """
-
-    name: str
+    name: str  # its usual name
     open: Opener
-    needs: str | None = None
-    extra: str | None = None
-    magic: tuple[bytes, ...] = ()
-    text: bool = False
+    needs: str | None = None  # distribution that must be installed, None for none
+    extra: str | None = None  # of opid that installs it
+    magic: tuple[bytes, ...] = ()  # such files begin with one of these; empty where their beginning shows nothing
+    text: bool = False  # whether it is a text, which may be compressed (.gz)
 
 
 _READERS: dict[str, Format] = {}
 _WRITERS: dict[str, Writer] = {}
 
 
-def reader(
-    *endings: str,
-    name: str,
-    needs: str | None = None,
-    extra: str | None = None,
-    magic: tuple[bytes, ...] = (),
-    text: bool = False,
-    apart: bool = False,
-) -> Callable[[Opener], Opener]:
+def reader(*endings: str, name: str, apart: bool = False, **form: Any) -> Callable[[Opener], Opener]:
     """Register the decorated function (path, settings) -> `Log` as the reader of files with these `endings` (".csv").
 
     The other arguments are those of `Format`. Where a library parses the file (`needs`, or `apart`), it does so in a
@@ -86,8 +70,8 @@ def reader(
 
     def register(function: Opener) -> Opener:
         where = f"{function.__module__}:{function.__name__}"
-        opener = partial(open_apart, where) if needs or apart else function
-        _READERS.update(dict.fromkeys(endings, Format(name, opener, needs, extra, magic, text)))
+        opener = partial(open_apart, where) if "needs" in form or apart else function
+        _READERS.update(dict.fromkeys(endings, Format(name, opener, **form)))
         return function
 
     return register
@@ -261,20 +245,13 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
         def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
             with _in_one_sentence(file, form):
                 yield from track.rows(columns, start, stop)
-            if _has_changed(file, before):
+            after = file.stat() if file.exists() else None  # it may have been deleted
+            if after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
                 raise InputError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
 
         return replace(track, rows=rows)
 
     return replace(log, tracks=tuple(map(watch, log.tracks)))
-
-
-def _has_changed(file: Path, before: os.stat_result) -> bool:
-    try:
-        after = file.stat()
-    except OSError:  # it was deleted
-        return True
-    return (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
 
 
 @contextmanager

@@ -31,18 +31,12 @@ from opid.signals.log import Block, Log, LogSettings, Rows, Track
 
 @dataclass(frozen=True)
 class ReadingBounds:
-    """How much time and memory a library may use to open a file, and again for each block of it.
+    """How much time and memory a library may use to open a file, and again for each block of it."""
 
-    Args:
-        seconds: of the processor for a file of any size: some libraries need seconds to load.
-        bytes_per_s: bytes of the file for a further second; the slowest library parses ten times as many.
-        memory_bytes: in addition to what the process uses before it opens the file, for a file of any size.
-        memory_per_byte: further memory for each byte of the file: a file that is read whole is held several times.
-    """
-
-    seconds: float = 20.0
-    bytes_per_s: float = 5e5
-    memory_bytes: int = 2 << 30
+    seconds: float = 20.0  # of the processor for a file of any size: some libraries need seconds to load
+    bytes_per_s: float = 5e5  # bytes of the file for a further second; the slowest library parses ten times as many
+    memory_bytes: int = 2 << 30  # in addition to what the process uses before it opens the file, for a file of any size
+    # further memory for each byte of the file: a file that is read whole is held several times
     memory_per_byte: int = 8
 
 
@@ -56,12 +50,7 @@ class ReadingEndedError(Exception):
 
 
 def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
-    """Open a log in a process of its own, which also reads its blocks.
-
-    Raises:
-        ReadingEndedError: the bounds were exceeded, or the library broke down.
-        RuntimeError: in place of any other exception of the opener.
-    """
+    """Open a log in a process of its own, which also reads its blocks; of any other error it raises RuntimeError."""
     process = _idle.pop() if _idle else _Process()
     try:
         log = process.ask("open", os.getcwd(), opener, path, settings, BOUNDS)
@@ -164,13 +153,9 @@ def end_processes() -> None:
         process.end()
 
 
-def _leave_all() -> None:
-    _idle.clear()
-    _every.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_all)  # they only answer the process that started them
+if hasattr(os, "register_at_fork"):  # they only answer the process that started them
+    os.register_at_fork(after_in_child=_idle.clear)
+    os.register_at_fork(after_in_child=_every.clear)
 
 
 def _make_rows(own: _Owner, track: int) -> Rows:
@@ -274,22 +259,19 @@ def _nowhere(*_: object) -> Any:
 
 
 def _bound_memory(n_bytes: int) -> None:
-    with suppress(ImportError, OSError, ValueError):
-        import resource
-
+    with suppress(OSError):  # macOS has no such file
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-        _set_bound(resource.RLIMIT_AS, pages * resource.getpagesize() + n_bytes)
+        _set_bound("RLIMIT_AS", pages * os.sysconf("SC_PAGE_SIZE") + n_bytes)
 
 
 def _bound_time(seconds: float) -> None:
-    with suppress(ImportError):
+    _set_bound("RLIMIT_CPU", int(time.process_time() + seconds) + 1)
+
+
+def _set_bound(name: str, bound: int) -> None:
+    with suppress(ImportError, OSError, ValueError):
         import resource
 
-        _set_bound(resource.RLIMIT_CPU, int(time.process_time() + seconds) + 1)
-
-
-def _set_bound(kind: int, bound: int) -> None:
-    import resource
-
-    hard = resource.getrlimit(kind)[1]
-    resource.setrlimit(kind, (bound if hard == resource.RLIM_INFINITY else min(bound, hard), hard))
+        kind = getattr(resource, name)
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (bound if hard == resource.RLIM_INFINITY else min(bound, hard), hard))

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import seconds_per_unit, time_name
 from opid.signals.files import write_whole
 from opid.signals.log import AS_WRITTEN, Block, Log, LoggedChannel, LogSettings, Track, rows_from_start
 from opid.signals.logs import reader, writer
@@ -24,7 +23,6 @@ from opid.signals.logs.text.header import (
     STAMP,
     TEXT,
     UNREAD,
-    Column,
     TextHeader,
     cells_or_text,
     columns_of,
@@ -48,7 +46,7 @@ from opid.signals.logs.text.table import (
     with_encoding,
 )
 from opid.signals.recording import Channel, Recording
-from opid.signals.units import si_unit
+from opid.signals.units import seconds_per_unit, si_unit, time_name
 
 _ROWS_AT_ONCE = 1 << 16
 _HEAD_LINES = 1000
@@ -88,7 +86,9 @@ def _make_log(
     time = _find_time_column(path, header, settings)
     if time is None and settings.fs_hz is None:
         raise _no_time_column(path, header, settings)
-    own = [i for i, each in enumerate(columns) if i != time and _is_channel(each)]
+    # a column that has a name may be empty so far
+    empty = [each.kind == EMPTY and not each.name.startswith("column ") for each in columns]
+    own = [i for i, each in enumerate(columns) if i != time and (each.kind == NUMBER or empty[i])]
     if columns[0].kind == INDEX and time != 0:
         remarks = (*remarks, "the first column has no name and counts the rows: it is left out")
     if not own:
@@ -148,11 +148,6 @@ def _read_first_cells(head: Sequence[str], header: TextHeader) -> list[str]:
     rows = rows_of(head[header.first_line - 1 :], header.delimiter)
     cells = cells_or_text(rows[0], header.delimiter) if rows else []
     return cells[: len(header.columns)]
-
-
-def _is_channel(column: Column) -> bool:
-    """Whether a column holds numbers, or is empty so far and has a name."""
-    return column.kind == NUMBER or (column.kind == EMPTY and not column.name.startswith("column "))
 
 
 def _find_time_column(path: Path, header: TextHeader, settings: LogSettings) -> int | None:
@@ -249,7 +244,6 @@ def _where(path: Path, header: TextHeader) -> str:
 
 
 def _read_timed_blocks(table: TextTable, wanted: Sequence[int], time: int, factor: float) -> Iterator[Block]:
-    """Blocks of a table whose time column counts seconds or parts of them."""
     for number, lines in table_lines(table):
         values = numbers_of(table, number, lines, [*wanted, time])
         written = values[:, -1]

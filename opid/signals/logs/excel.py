@@ -31,7 +31,6 @@ def open_excel(path: Path, settings: LogSettings) -> Log:
 
 
 def _read_lines(sheet: object) -> tuple[list[str], bool]:
-    """The rows of a sheet as lines whose cells are separated by tabs, and whether it holds numbers."""
     lines, has_numbers = [], False
     for row in sheet.iter_rows():  # type: ignore[attr-defined]
         has_numbers = has_numbers or any(type(cell) in (int, float) for cell in row)

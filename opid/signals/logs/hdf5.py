@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
 from opid.signals.files import write_whole
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader, writer
 from opid.signals.logs.named_arrays import NamedArray, NamedGroup, tracks_of
 from opid.signals.recording import Recording
+from opid.signals.units import NAME_KEYS, UNIT_KEYS
 
 if TYPE_CHECKING:
     import h5py
@@ -169,7 +169,6 @@ def _read(name: str, file: Any, key: tuple[slice, ...]) -> np.ndarray:
 def _read_recording(
     path: Path, group: h5py.Group, numbers: dict[str, float], texts: dict[str, tuple[str, ...]]
 ) -> NamedGroup:
-    """The group of a recording that `write_hdf5` wrote."""
     layout = numbers["opid_layout"]
     if layout != _LAYOUT:
         raise InputError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")

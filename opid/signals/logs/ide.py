@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -13,14 +12,12 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import GAP, JITTER_LIMIT
-from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
 
 _EBML = b"\x1a\x45\xdf\xa3"
 _BLOCK = "ChannelDataBlock"
-_EXPRESSIONS = ("SampleRate", "TimeCodeScale")  # texts that the library would evaluate
-_PLAIN = re.compile(r"\s*[\d.eE+-]{1,24}\s*(/\s*[\d.eE+-]{1,24}\s*)?")
 _TICK_S = 1 / 32768
 _SET = datetime(2000, 1, 1, tzinfo=UTC)  # such recorders are younger: a clock that shows less was never set
 _TICKS_OF_ROUNDING = 1.25  # between blocks: the last stamp of one and the first of the next are whole ticks
@@ -57,8 +54,6 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
     from idelib.importer import openFile
 
     with path.open("rb") as stream:
-        _require_plain_numbers(path, stream)
-        stream.seek(0)
         dataset = openFile(stream, quiet=True)
         blocks = _find_blocks(path, dataset)
         held = {number: channel for number, channel in dataset.channels.items() if number in blocks}
@@ -74,21 +69,6 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
 # ---- content of the file ---------------------------------------------------------------------------
 
 
-def _require_plain_numbers(path: Path, stream: Any) -> None:
-    """Raise an error where a rate or a scale is no number or fraction: the library would evaluate its text as code."""
-    from idelib.dataset import loadSchema
-
-    for element in loadSchema("mide_ide.xml").load(stream, headers=True):
-        if element.name == _BLOCK:
-            return
-        for part in _walk(element):
-            if part.name in _EXPRESSIONS and not _PLAIN.fullmatch(_as_text(part.value)):
-                raise InputError(
-                    f"{path} states {_as_text(part.value)[:40]!r} as a {part.name}, where a number is needed: "
-                    "it is damaged; copy it from the recorder again"
-                )
-
-
 def _read_zero(dataset: Any) -> datetime | None:
     """When the recorder's clock began; None where it was not set."""
     since_1970_s = dataset.sessions[0].utcStartTime if dataset.sessions else None
@@ -96,17 +76,6 @@ def _read_zero(dataset: Any) -> datetime | None:
         return None
     zero = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=since_1970_s)
     return zero if zero >= _SET else None
-
-
-def _walk(element: Any) -> Iterator[Any]:
-    yield element
-    if isinstance(element.value, list):
-        for part in element.value:
-            yield from _walk(part)
-
-
-def _as_text(value: Any) -> str:
-    return value.decode("latin-1") if isinstance(value, bytes | bytearray) else str(value)
 
 
 def _find_blocks(path: Path, dataset: Any) -> dict[int, list[_StampedBlock]]:
@@ -137,21 +106,12 @@ def _find_blocks(path: Path, dataset: Any) -> dict[int, list[_StampedBlock]]:
 
 
 def _add_block(element: Any, modulus: dict[int, int], found: dict[int, list[_StampedBlock]]) -> int | None:
-    number: int | None = None
-    start: tuple[int, bool] | None = None
-    end: tuple[int, bool] | None = None
-    payload: Any = None
-    for part in element:
-        if part.name == "ChannelIDRef":
-            number = part.value
-        elif part.name in ("StartTimeCodeAbs", "StartTimeCodeAbsMod"):
-            start = part.value, part.name.endswith("Mod")
-        elif part.name in ("EndTimeCodeAbs", "EndTimeCodeAbsMod"):
-            end = part.value, part.name.endswith("Mod")
-        elif part.name == "ChannelDataPayload":
-            payload = part
-    if number is None or start is None or payload is None:
+    parts = {part.name: part for part in element}
+    start, end = (parts.get(f"{which}TimeCodeAbs", parts.get(f"{which}TimeCodeAbsMod")) for which in ("Start", "End"))
+    payload = parts.get("ChannelDataPayload")
+    if "ChannelIDRef" not in parts or start is None or payload is None:
         return None
+    number = parts["ChannelIDRef"].value
     blocks = found.setdefault(number, [])
     wrap = modulus.get(number, 1 << 24)
     first = _unwrap(start, blocks[-1][-1] if blocks else 0, wrap)
@@ -160,10 +120,10 @@ def _add_block(element: Any, modulus: dict[int, int], found: dict[int, list[_Sta
     return number
 
 
-def _unwrap(stamp: tuple[int, bool], before: int, wrap: int) -> int:
+def _unwrap(stamp: Any, before: int, wrap: int) -> int:
     """The ticks of a stamp that is not before another; those of old recorders begin again at 0 now and then."""
-    ticks, wraps = stamp
-    if not wraps or ticks >= wrap or wrap <= 0:
+    ticks = stamp.value
+    if not stamp.name.endswith("Mod") or ticks >= wrap or wrap <= 0:
         return ticks
     return ticks + -(-max(before - ticks, 0) // wrap) * wrap
 
@@ -186,6 +146,7 @@ def _read_sensor(path: Path, dataset: Any, channel: Any, blocks: Sequence[_Stamp
     kept = counts > 0
     tick_s = dataset._parsers[_BLOCK].timeScalars.get(channel.id, _TICK_S * 1e6) * 1e-6
     calibrations = channel.getSession()._fullXform.polys
+    correcting = [getattr(each, "channelId", None) for each in calibrations]
     return _Sensor(
         path,
         dtype,
@@ -194,14 +155,9 @@ def _read_sensor(path: Path, dataset: Any, channel: Any, blocks: Sequence[_Stamp
         starts[kept] * tick_s,
         ends[kept] * tick_s,
         calibrations,
-        any(_compensates(dataset, each) for each in calibrations),
+        # whether a channel that corrects a calibration was recorded as well
+        any(len(dataset.channels[number].getSession()) for number in correcting if number in dataset.channels),
     )
-
-
-def _compensates(dataset: Any, calibration: Any) -> bool:
-    """Whether the channel that corrects a calibration was recorded as well."""
-    number = getattr(calibration, "channelId", None)
-    return number in dataset.channels and len(dataset.channels[number].getSession()) > 0
 
 
 # ---- clock and rows of a sensor --------------------------------------------------------------------
@@ -217,10 +173,16 @@ def _make_track(name: str, sensor: _Sensor, channel: Any) -> Track:
     channels = tuple(LoggedChannel(plain, unit) for plain, unit in zip(make_distinct(own), units, strict=True))
     n = int(sensor.rows[-1])
     line = _fit_uniform_clock(sensor)
-    if line is None:
-        return Track(channels, _make_rows(sensor, with_stamps=True), n_samples=n, name=name)
-    fs, start_s = line
-    return Track(channels, _make_rows(sensor, with_stamps=False), fs=fs, start_s=start_s, n_samples=n, name=name)
+    fs, start_s = line or (None, 0.0)
+
+    def read(stream: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
+        raw = _read_raw(stream, sensor, first, last)
+        values = [np.empty(last - first) for _ in columns]
+        for column, own in zip(columns, values, strict=True):
+            sensor.calibrations[column].inplace(raw[str(column)], out=own, noBivariates=not sensor.is_compensated)
+        return values, _interpolate_stamps(sensor, first, last) if line is None else None
+
+    return Track(channels, rows_in_steps(n, read, lambda: sensor.path.open("rb")), fs, start_s, n, name)
 
 
 def _fit_uniform_clock(sensor: _Sensor) -> tuple[float, float] | None:
@@ -244,19 +206,6 @@ def _fit_uniform_clock(sensor: _Sensor) -> tuple[float, float] | None:
     early, late = ((np.median(rows[part]), np.median(times[part])) for part in (slice(third), slice(-third, None)))
     slope = (late[1] - early[1]) / (late[0] - early[0])
     return 1 / float(slope), float(np.median(times - slope * rows))
-
-
-def _make_rows(sensor: _Sensor, *, with_stamps: bool) -> Rows:
-    def read(stream: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
-        raw = _read_raw(stream, sensor, first, last)
-        values = []
-        for column in columns:
-            values.append(np.empty(last - first))
-            calibration = sensor.calibrations[column]
-            calibration.inplace(raw[str(column)], out=values[-1], noBivariates=not sensor.is_compensated)
-        return values, _interpolate_stamps(sensor, first, last) if with_stamps else None
-
-    return rows_in_steps(int(sensor.rows[-1]), read, lambda: sensor.path.open("rb"))
 
 
 def _read_raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:

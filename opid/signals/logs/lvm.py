@@ -168,7 +168,8 @@ def _find_clocks(file: _File, segment: _Segment) -> list[_Clock]:
     n = segment.n_channels
     if file.x_columns != "multi":
         # one column of X is that of the first channel
-        periods = [_read_period(file, segment, channel) for channel in range(n)]
+        stated = [number_of(segment.entry("Delta_X", channel), file.decimal) for channel in range(n)]
+        periods = [each if each is not None and np.isfinite(each) and each > 0 else None for each in stated]
         usual = next((period for period in periods if period is not None), None)
         of_period: dict[float | None, list[int]] = {periods[0] or usual: []}
         for channel, period in enumerate(periods):
@@ -184,12 +185,6 @@ def _find_clocks(file: _File, segment: _Segment) -> list[_Clock]:
         key = tuple(segment.entry(each, channel) for each in ("X0", "Delta_X", "Samples", "Date", "Time"))
         alike.setdefault(key if key[1] else (str(channel),), []).append(channel)
     return [_Clock(2 * own[0], tuple(2 * each + 1 for each in own), tuple(own)) for own in alike.values()]
-
-
-def _read_period(file: _File, segment: _Segment, channel: int) -> float | None:
-    """The period that is stated for a channel, s; None where there is none."""
-    period = number_of(segment.entry("Delta_X", channel), file.decimal)
-    return period if period is not None and np.isfinite(period) and period > 0 else None
 
 
 def _put_on_one_axis(
@@ -326,7 +321,6 @@ def _cut_at_end(file: _File, number: int, values: FloatArray, *, ended: bool) ->
 
 
 def _read_begin(segment: _Segment, clock: _Clock) -> int | None:
-    """When a segment began, ns; None where it does not say so."""
     stamp = f"{segment.entry('Date', clock.channels[0])} {segment.entry('Time', clock.channels[0])}"
     try:
         return int(nanoseconds([stamp])[0])
@@ -335,7 +329,6 @@ def _read_begin(segment: _Segment, clock: _Clock) -> int | None:
 
 
 def _find_offset(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> float:
-    """How much later than the first segment this one began, s."""
     begin = _read_begin(segment, clock)
     if begin is None or begun is None:
         raise InputError(

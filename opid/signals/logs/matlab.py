@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.hdf5 import SIGNATURE, members, open_file
 from opid.signals.logs.named_arrays import DEEPEST, NamedArray, NamedGroup, groups_of_values, tracks_of
+from opid.signals.units import NAME_KEYS, UNIT_KEYS
 
 if TYPE_CHECKING:
     import h5py
@@ -58,7 +58,6 @@ def open_matlab(path: Path, settings: LogSettings) -> Log:
 
 
 def _read_variables(path: Path) -> dict[str, Any]:
-    """The variables that may be signals or describe them."""
     from scipy.io import loadmat, whosmat
 
     listed = whosmat(path, appendmat=False)

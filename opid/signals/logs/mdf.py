@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 
 _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
@@ -37,11 +37,11 @@ def open_mdf(path: Path, settings: LogSettings) -> Log:
         _require_finished(path, stream.read(_HEADER_BYTES))
     tracks = []
     with _open(path) as file:
-        names = make_distinct((_name_group(group) for group in file.groups), unnamed="group")
-        for index, name in enumerate(names):
-            numbers = _find_channels(file, index)
-            if numbers:
-                tracks.append(_make_track(path, file, index, numbers, name))
+        headers = [group.channel_group for group in file.groups]
+        names = (getattr(each, "acq_name", "") or getattr(each, "comment", "") or "" for each in headers)
+        for index, name in enumerate(make_distinct(map(str, names), unnamed="group")):
+            if channels := _find_channels(file, index):
+                tracks.append(_make_track(path, file, index, channels, name))
         zero = _read_zero(file.header)
     return Log(path, "MDF", tuple(tracks), zero)
 
@@ -84,10 +84,6 @@ def _open(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _name_group(group: Any) -> str:
-    return str(getattr(group.channel_group, "acq_name", "") or getattr(group.channel_group, "comment", "") or "")
-
-
 def _find_channels(file: Any, group: int) -> dict[int, LoggedChannel]:
     """The channels of a group that hold one number for each record, by their indices in the group."""
     held = file.groups[group]
@@ -114,31 +110,22 @@ def _may_be_number(held: Any, index: int) -> bool:
     )
 
 
-def _make_track(path: Path, file: Any, group: int, numbers: Mapping[int, LoggedChannel], name: str) -> Track:
-    names = make_distinct(channel.name for channel in numbers.values())
-    channels = tuple(replace(channel, name=own) for own, channel in zip(names, numbers.values(), strict=True))
+def _make_track(path: Path, file: Any, group: int, channels: Mapping[int, LoggedChannel], name: str) -> Track:
+    names = make_distinct(channel.name for channel in channels.values())
     n = int(file.groups[group].channel_group.cycles_nr)
-    return Track(channels, _make_rows(path, group, tuple(numbers), n, _has_time(file, group)), n_samples=n, name=name)
-
-
-def _has_time(file: Any, group: int) -> bool:
     master = file.masters_db.get(group)
-    if master is None:
-        return False
-    kind = getattr(file.groups[group].channels[master], "sync_type", _TIME)  # in version 3 it always is the time
-    return kind in (_NO_MASTER, _TIME)
+    # in version 3 the master always is the time
+    kind = None if master is None else getattr(file.groups[group].channels[master], "sync_type", _TIME)
+    indices = tuple(channels)
 
-
-def _make_rows(path: Path, group: int, indices: Sequence[int], n: int, has_time: bool) -> Rows:
     def read(file: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
         records = {"record_offset": first, "record_count": last - first}
-        stamps = np.array(file.get_master(group, **records), dtype=np.float64) if has_time else None
-        return [_read_values(file, group, indices[column], records) for column in columns], stamps
+        # the library would leave out values that are marked as invalid
+        wanted = {"group": group, "samples_only": True, "ignore_invalidation_bits": True, **records}
+        found = [file.get(index=indices[column], **wanted) for column in columns]
+        values = [own if invalid is None else np.where(invalid, np.nan, own) for own, invalid in found]
+        has_time = kind in (_NO_MASTER, _TIME)
+        return values, np.array(file.get_master(group, **records), dtype=np.float64) if has_time else None
 
-    return rows_in_steps(n, read, partial(_open, path))
-
-
-def _read_values(file: Any, group: int, index: int, records: Mapping[str, int]) -> np.ndarray:
-    """The physical values of some records, NaN where they are marked as invalid; the library would leave these out."""
-    values, invalid = file.get(group=group, index=index, samples_only=True, ignore_invalidation_bits=True, **records)
-    return values if invalid is None else np.where(invalid, np.nan, values)
+    logged = tuple(replace(channel, name=own) for own, channel in zip(names, channels.values(), strict=True))
+    return Track(logged, rows_in_steps(n, read, partial(_open, path)), n_samples=n, name=name)

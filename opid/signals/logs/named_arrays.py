@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import (
+from opid.signals.log import LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
+from opid.signals.units import (
     INTERVAL_NAMES,
     NAME_KEYS,
     RATE_NAMES,
@@ -26,7 +27,6 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
 
 CONSTANTS = 16
 """Arrays of fewer rows are constants (a range, a position) where there are longer arrays."""
@@ -44,42 +44,27 @@ _PLAIN = ("data", "samples", "signal", "values", "value", "y")
 
 @dataclass(frozen=True, eq=False)
 class NamedArray:
-    """Numbers of a file under one name, not yet read.
+    """Numbers of a file under one name, not yet read."""
 
-    Args:
-        name: as it is written.
-        shape: (n,) or (n, m).
-        read: (opened file, one slice for each dimension) -> the numbers there.
-        numbers: stated with it, like its rate.
-        texts: stated with it, like its unit and the names of its columns.
-        time_axis: the dimension that is the time, where that is known.
-    """
-
-    name: str
-    shape: tuple[int, ...]
+    name: str  # as it is written
+    shape: tuple[int, ...]  # (n,) or (n, m)
+    # (opened file, one slice for each dimension) -> the numbers there
     read: Callable[[Any, tuple[slice, ...]], np.ndarray]
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)  # stated with it, like its rate
+    # stated with it, like its unit and the names of its columns
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    time_axis: int | None = None
+    time_axis: int | None = None  # the dimension that is the time, where that is known
 
 
 @dataclass(frozen=True, eq=False)
 class NamedGroup:
-    """Arrays that stand together: a MATLAB struct, an HDF5 group, or the file itself.
+    """Arrays that stand together: a MATLAB struct, an HDF5 group, or the file itself."""
 
-    Args:
-        name: empty for the file itself.
-        arrays: in the order of the file.
-        numbers: stated for all of them: the rate, `start_s`.
-        texts: stated for all of them: names and units.
-        alone: whether it is a recording of its own that is never joined with others.
-    """
-
-    name: str
-    arrays: tuple[NamedArray, ...]
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    alone: bool = False
+    name: str  # empty for the file itself
+    arrays: tuple[NamedArray, ...]  # in the order of the file
+    numbers: Mapping[str, float] = field(default_factory=dict)  # stated for all of them: the rate, `start_s`
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # stated for all of them: names and units
+    alone: bool = False  # whether it is a recording of its own that is never joined with others
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +78,6 @@ class _Column:
 
 @dataclass(frozen=True, eq=False)
 class _Bundle:
-    """Columns that share a clock."""
-
     group: NamedGroup
     n: int
     time: _Column | None
@@ -154,7 +137,8 @@ def tracks_of(
         channels = tuple(LoggedChannel(column.name, column.unit) for column in bundle.columns)
         rate = "stamps" if bundle.time else f"{bundle.n} samples" if bundle.fs is None else f"{bundle.fs:g} Hz"
         name = bundle.group.name if stated else f"{bundle.group.name} {rate}".strip()
-        rows = _make_rows(bundle, open_file, _find_time_unit(path, bundle, settings))
+        unit = None if bundle.time is None or settings.fs_hz else settings.time_unit or bundle.time.unit
+        rows = _make_rows(bundle, open_file, seconds_per_unit(unit, where=str(path)))
         fs = None if bundle.time else bundle.fs
         name = name if len(bundles) > 1 else ""
         tracks.append(Track(channels, rows, fs, bundle.start_s, bundle.n, name, locate=lambda row: f"sample {row + 1}"))
@@ -339,12 +323,6 @@ def _rename(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bu
 
 
 # ---- rows ----------------------------------------------------------------------------------------
-
-
-def _find_time_unit(path: Path, bundle: _Bundle, settings: LogSettings) -> float:
-    if bundle.time is None or settings.fs_hz:
-        return 1.0
-    return seconds_per_unit(settings.time_unit or bundle.time.unit, where=str(path))
 
 
 def _make_rows(bundle: _Bundle, open_file: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:

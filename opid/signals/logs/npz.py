@@ -47,7 +47,6 @@ def _is_pickled(archive: Any, name: str) -> bool:
 
 
 def _plain(values: np.ndarray) -> Any:
-    """The values, with fields as a dictionary and a single text as a str."""
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if values.dtype.names:

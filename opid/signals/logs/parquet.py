@@ -18,7 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import (
+from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_at_once, rows_from_start
+from opid.signals.logs import reader
+from opid.signals.recording import FloatArray
+from opid.signals.units import (
     UNIT_KEYS,
     find_value,
     require_names,
@@ -28,9 +31,6 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Rows, Track, rows_at_once
-from opid.signals.logs import reader
-from opid.signals.recording import FloatArray
 
 if TYPE_CHECKING:
     import pyarrow
@@ -41,8 +41,6 @@ _BUFFER_BYTES = 1 << 20  # of each column, so that a file of one row group is no
 
 @dataclass(frozen=True)
 class _Time:
-    """The column of the stamps."""
-
     column: int  # its index in the file
     seconds: float  # in one unit of it
     first: int = 0  # subtracted, in its unit
@@ -73,7 +71,8 @@ def open_parquet(path: Path, settings: LogSettings) -> Log:
         numbers.append(number)
     fs = (settings.fs_hz or stated_rate(_find_numbers(metadata))) if time is None else None
     fs = None if fs is None else require_rate(fs, where=str(path))
-    return Log(path, "Parquet", (Track(tuple(channels), _make_rows(path, numbers, time, n), fs, 0.0, n),))
+    rows = rows_from_start(lambda columns: _read_blocks(path, [numbers[column] for column in columns], time))
+    return Log(path, "Parquet", (Track(tuple(channels), rows, fs, 0.0, n),))
 
 
 def _open(path: Path) -> Any:
@@ -159,7 +158,6 @@ def _decode(metadata: Mapping[bytes, bytes]) -> dict[str, str]:
 
 
 def _find_numbers(metadata: Mapping[str, str]) -> dict[str, float]:
-    """The metadata that are numbers, those in pandas' `DataFrame.attrs` included."""
     found = {}
     for key, value in [*_read_frame_attributes(metadata).items(), *metadata.items()]:
         with suppress(TypeError, ValueError):
@@ -183,48 +181,18 @@ def _read_frame_attributes(metadata: Mapping[str, str]) -> dict[str, Any]:
 # ---- rows ----------------------------------------------------------------------------------------
 
 
-def _make_rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Rows:
-    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-        end = n if stop is None else min(stop, n)
-        wanted = [numbers[column] for column in columns]
-        with _open(path) as file:
-            schema = file.schema_arrow
-            read = [schema.names[number] for number in dict.fromkeys([*wanted, *([time.column] if time else [])])]
-            first, groups = _choose_groups(file.metadata, start, end)
-            if start >= end or not read:
-                return
-            size = rows_at_once(len(read))
-            for batch in file.iter_batches(batch_size=size, row_groups=groups, columns=read):
-                inside = slice(max(start - first, 0), max(end - first, 0))
-                first += batch.num_rows
-                batch = batch.slice(inside.start, max(0, min(inside.stop, batch.num_rows) - inside.start))
-                if batch.num_rows:
-                    samples = np.empty((batch.num_rows, len(wanted)))
-                    for index, number in enumerate(wanted):
-                        samples[:, index] = _read_values(batch.column(schema.names[number]))
-                    stamps = None
-                    if time is not None:
-                        stamps = _read_values(batch.column(schema.names[time.column]), time.first) * time.seconds
-                    yield Block(samples, stamps)
-                if first >= end:
-                    return
-        if first < end:
-            raise InputError(f"{path} says that it holds {n} rows, {first} are there: export the log again")
-
-    return rows
-
-
-def _choose_groups(metadata: Any, start: int, end: int) -> tuple[int, list[int]]:
-    """The row groups that hold the wanted rows, and the index of their first row."""
-    begin, first = 0, 0
-    wanted: list[int] = []
-    for group in range(metadata.num_row_groups):
-        n = metadata.row_group(group).num_rows
-        if begin < end and begin + n > start:
-            first = first if wanted else begin
-            wanted.append(group)
-        begin += n
-    return first, wanted
+def _read_blocks(path: Path, wanted: Sequence[int], time: _Time | None) -> Iterator[Block]:
+    with _open(path) as file:
+        names = file.schema_arrow.names
+        read = [names[number] for number in dict.fromkeys([*wanted, *([time.column] if time else [])])]
+        for batch in file.iter_batches(batch_size=rows_at_once(len(read)), columns=read):
+            samples = np.empty((batch.num_rows, len(wanted)))
+            for index, number in enumerate(wanted):
+                samples[:, index] = _read_values(batch.column(names[number]))
+            stamps = None
+            if time is not None:
+                stamps = _read_values(batch.column(names[time.column]), time.first) * time.seconds
+            yield Block(samples, stamps)
 
 
 def _read_values(column: pyarrow.Array, first: int = 0) -> FloatArray:

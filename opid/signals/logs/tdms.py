@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.signals.column_names import require_rate, seconds_per_unit, split_unit, stated_rate, time_name
-from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
+from opid.signals.units import require_rate, seconds_per_unit, split_unit, stated_rate, time_name
 
 _UNSET_YEAR = 1904  # LabVIEW's zero of time
 
@@ -134,7 +134,6 @@ def _find_clocks(
 
 
 def _find_wanted_time(channels: Mapping[str, Any], settings: LogSettings) -> str | None:
-    """The channel of a group that the user says holds the time stamps, by its name or its number."""
     if isinstance(settings.time, int):
         return dict(enumerate(channels, start=1)).get(settings.time)
     return settings.time if settings.time in channels else None
@@ -180,21 +179,15 @@ def _make_track(
     if clock.increment_s is not None:
         stated = stated_rate({"dt": clock.increment_s})
         fs = settings.fs_hz or require_rate(stated or 0.0, where=f"{path} group {clock.group!r}")
-    rows = _make_rows(path, clock, tuple(channel.name for channel in channels), origin, settings)
-    return Track(channels, rows, fs=fs, start_s=clock.start_s, n_samples=clock.n, name=name)
 
-
-def _make_rows(
-    path: Path, clock: _Clock, names: Sequence[str], origin: np.datetime64 | None, settings: LogSettings
-) -> Rows:
     def read(file: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
         group = file[clock.group]
         stamps = None
         if clock.time is not None:
             stamps = _read_stamps(path, group[clock.time], first, last - first, origin, settings)
-        return [group[names[column]].read_data(first, last - first) for column in columns], stamps
+        return [group[channels[column].name].read_data(first, last - first) for column in columns], stamps
 
-    return rows_in_steps(clock.n, read, partial(_open, path))
+    return Track(channels, rows_in_steps(clock.n, read, partial(_open, path)), fs, clock.start_s, clock.n, name)
 
 
 def _read_stamps(

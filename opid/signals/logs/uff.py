@@ -17,11 +17,11 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import plain_number
-from opid.signals.column_names import require_names, require_rate, seconds_per_unit, split_unit
 from opid.signals.files import write_whole
 from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Rows, Track, rows_of_array
 from opid.signals.logs import reader, writer
 from opid.signals.recording import Recording
+from opid.signals.units import require_names, require_rate, seconds_per_unit, split_unit
 
 _MAGIC = (b"    -1\n", b"    -1\r", b"    -1 ")
 _TIME = 17  # specific data type of the abscissa
@@ -71,9 +71,9 @@ def open_uff(path: Path, settings: LogSettings) -> Log:
     for index, ((fs, start_s, n, own), sets) in enumerate(clocks.items(), start=1):
         name = f"set {own + 1}" if own is not None else f"clock {index}"
         rows = _make_rows(path, [histories[number] for number in sets], sets, settings)
-        own_channels = tuple(channels[number] for number in sets)
+        logged = tuple(channels[number] for number in sets)
         name = name if len(clocks) > 1 else ""
-        tracks.append(Track(own_channels, rows, fs, start_s, n, name, locate=lambda row: f"sample {row + 1}"))
+        tracks.append(Track(logged, rows, fs, start_s, n, name, locate=lambda row: f"sample {row + 1}"))
     return Log(path, "UFF58", tuple(tracks))
 
 
@@ -135,10 +135,9 @@ def _read_header(path: Path, file: Any, number: int) -> dict[str, Any]:
 
 
 def _is_history(header: Mapping[str, Any]) -> bool:
-    if header["ord_data_type"] not in (2, 4):  # real numbers
-        return False
-    time = header["abscissa_spec_data_type"] == _TIME
-    return header["func_type"] == 1 or (header["func_type"] == 0 and time)
+    """Whether a data set holds real numbers over the time."""
+    is_general = header["func_type"] == 0 and header["abscissa_spec_data_type"] == _TIME
+    return header["ord_data_type"] in (2, 4) and (header["func_type"] == 1 or is_general)
 
 
 def _describe_contents(kinds: Sequence[int], headers: Mapping[int, Mapping[str, Any]]) -> str:
@@ -151,7 +150,6 @@ def _describe_contents(kinds: Sequence[int], headers: Mapping[int, Mapping[str, 
 def _name_channels(
     path: Path, histories: Mapping[int, Mapping[str, Any]], settings: LogSettings
 ) -> dict[int, LoggedChannel]:
-    """Name and unit of each time history."""
     lines = [str(header["id1"]).strip() for header in histories.values()]
     positions = [_describe_position(header) for header in histories.values()]
     candidates = [lines, positions, [f"channel_{number}" for number in range(1, len(histories) + 1)]]
@@ -190,11 +188,11 @@ def _read_clock(
     seconds = _find_time_unit(path, header, settings)
     increment_s = header["abscissa_inc"] * seconds
     fs = require_rate(settings.fs_hz or (1 / increment_s if increment_s else 0.0), where=where)
+    start_s = header["abscissa_min"] * seconds
     if settings.fs_hz:
-        return fs, header["abscissa_min"] * seconds, n, None
+        return fs, start_s, n, None
     digits = f"{increment_s:.5e}"  # as most programs write it: it may be wrong by half of the last digit
     plain = plain_number(fs, fs * 0.5e-5 / float(digits[:7])) if float(digits) == increment_s else fs
-    start_s = header["abscissa_min"] * seconds
     if not np.isfinite(start_s):
         raise InputError(f"{where} begins at {start_s} s: export the log again")
     exact = _REMARK.fullmatch(str(header["id2"]).strip())

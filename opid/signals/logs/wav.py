@@ -16,10 +16,10 @@ from typing import BinaryIO
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.column_names import require_names, require_rate, split_unit
-from opid.signals.log import Log, LoggedChannel, LogSettings, Rows, Track, rows_in_steps
+from opid.signals.log import Log, LoggedChannel, LogSettings, Track, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
+from opid.signals.units import require_names, require_rate, split_unit
 
 MOST_CHUNKS = 10_000
 """A file with more chunks before its samples is damaged."""
@@ -60,8 +60,14 @@ def open_wav(path: Path, settings: LogSettings) -> Log:
     channels = tuple(LoggedChannel(*split_unit(name)) for name in names)
     n = size // form.frame
     scale = (settings.full_scale or 1.0) / (1.0 if form.code == _FLOAT else 2.0 ** (8 * form.width - 1))
-    track = Track(channels, _make_rows(path, form, begin, n, scale), fs, 0.0, n, locate=lambda row: f"sample {row + 1}")
-    return Log(path, "WAV", (track,))
+
+    def read(file: BinaryIO, columns: Sequence[int], first: int, last: int) -> tuple[list[FloatArray], None]:
+        file.seek(begin + first * form.frame)
+        values = _decode_samples(_read_exactly(path, file, (last - first) * form.frame), form)
+        return [values[:, column] * scale for column in columns], None
+
+    rows = rows_in_steps(n, read, lambda: path.open("rb"), width=form.n_channels)
+    return Log(path, "WAV", (Track(channels, rows, fs, 0.0, n, locate=lambda row: f"sample {row + 1}"),))
 
 
 def _read_header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
@@ -122,15 +128,6 @@ def _read_exactly(path: Path, file: BinaryIO, size: int) -> bytes:
     if len(data) < size:
         raise InputError(f"{path} is cut off: {size} bytes were to follow, {len(data)} do; copy it again")
     return data
-
-
-def _make_rows(path: Path, form: _Form, begin: int, n: int, scale: float) -> Rows:
-    def read(file: BinaryIO, columns: Sequence[int], first: int, last: int) -> tuple[list[FloatArray], None]:
-        file.seek(begin + first * form.frame)
-        values = _decode_samples(_read_exactly(path, file, (last - first) * form.frame), form)
-        return [values[:, column] * scale for column in columns], None
-
-    return rows_in_steps(n, read, lambda: path.open("rb"), width=form.n_channels)
 
 
 def _decode_samples(raw: bytes, form: _Form) -> FloatArray:

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from opid.errors import InputError
-from opid.signals.column_names import split_unit, time_name
 from opid.signals.log import LogSettings
 from opid.signals.logs.text.stamps import is_stamp, looks_dated
 from opid.signals.logs.text.table import BLANKS, COMMENTS, MOST_COLUMNS, cells_of, has_thousands_mark, is_row, number_of
-from opid.signals.units import si_unit
+from opid.signals.units import si_unit, split_unit, time_name
 
 EXAMPLE = "`time [s],lower_z [m/s^2],upper_z [m/s^2]`"
 
@@ -31,36 +30,22 @@ _UNDERSCORE_UNITS = frozenset(("mg", "ug", "mm", "mV", "kN", "Hz", "kHz", "rpm",
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a text.
+    """A column of a text."""
 
-    Args:
-        name: as its header calls it.
-        unit: as it is written; None where none is.
-        kind: what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT`, `EMPTY` or `INDEX`.
-    """
-
-    name: str
-    unit: str | None
-    kind: str = NUMBER
+    name: str  # as its header calls it
+    unit: str | None  # as it is written; None where none is
+    kind: str = NUMBER  # what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT`, `EMPTY` or `INDEX`
 
 
 @dataclass(frozen=True)
 class TextHeader:
-    """What was found above the numbers.
+    """What was found above the numbers."""
 
-    Args:
-        columns: all columns.
-        delimiter: between them.
-        decimal: "." or ",".
-        line: number of the header's line, 0 where there is none.
-        first_line: number of the first line of numbers.
-    """
-
-    columns: tuple[Column, ...]
-    delimiter: str
-    decimal: str
-    line: int
-    first_line: int
+    columns: tuple[Column, ...]  # all columns
+    delimiter: str  # between them
+    decimal: str  # "." or ","
+    line: int  # number of the header's line, 0 where there is none
+    first_line: int  # number of the first line of numbers
 
 
 def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHeader:
@@ -280,7 +265,6 @@ def _split_header(text: str, kinds: Sequence[str], delimiter: str) -> list[str] 
 
 
 def _is_counting(cells: Sequence[str]) -> bool:
-    """Whether cells are whole numbers that increase by one."""
     if len(cells) < 2 or not all(re.fullmatch(r"\d{1,15}", cell, re.ASCII) for cell in cells):
         return False
     return [int(cell) for cell in cells] == list(range(int(cells[0]), int(cells[0]) + len(cells)))
@@ -306,7 +290,6 @@ def _are_units(cells: Sequence[str]) -> bool:
 def _read_header_alone(
     path: Path, numbered: Sequence[tuple[int, str]], delimiter: str, decimal: str, settings: LogSettings
 ) -> TextHeader:
-    """The header of a text without numbers, which is its first line."""
     at, text = numbered[0]
     text = text.lstrip().lstrip("#%/ ")
     cells = list(settings.names) or cells_or_text(text, delimiter)

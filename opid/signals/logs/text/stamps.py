@@ -65,10 +65,7 @@ def moment(cell: str) -> datetime | None:
 
 
 def nanoseconds(cells: Sequence[str]) -> NDArray[np.int64]:
-    """Return stamps as nanoseconds since 1970, or since midnight where they have no date.
-
-    Args:
-        cells: (n,) stamps as they are written, all in one form.
+    """Return stamps, all in one form, as nanoseconds since 1970, or since midnight where they have no date.
 
     Raises:
         ValueError: a cell that is no stamp; the argument of the error is its index.
@@ -107,11 +104,7 @@ def _nanoseconds(cell: str, at: int) -> int:
 
 
 def past_midnight(stamps: NDArray[np.int64], before: int | None) -> NDArray[np.int64]:
-    """Return times of day that continue past midnight: one that is half a day or more earlier is of the next day.
-
-    Args:
-        stamps: (n,) times of day, ns.
-        before: the last stamp before them, ns; None where they are the first.
+    """Return times of day, ns, that continue past midnight: one half a day or more earlier is of the next day.
 
     >>> hour = DAY_NS // 24
     >>> (past_midnight(np.array([23 * hour, 0, hour]), None) / hour).tolist()

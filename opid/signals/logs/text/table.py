@@ -11,6 +11,7 @@ import gzip
 import io
 import re
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice, repeat
 from pathlib import Path
@@ -65,28 +66,17 @@ _INFINITE = frozenset(("inf", "+inf", "-inf", "infinity", "+infinity", "-infinit
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table of numbers in a text.
+    """A table of numbers in a text."""
 
-    Args:
-        path: the file.
-        encoding: of the text; None where its first bytes decide.
-        delimiter: one character, `BLANKS` for any number of blanks.
-        decimal: "." or ",".
-        first_line: number of the first line of numbers, counted from 1.
-        names: of all columns, for messages.
-        more: whether other cells may follow those of the columns, like the comments of a LabVIEW file.
-        time: index of the column with the time, for messages.
-        content: all lines of the text, header included, where they are in memory; None where they are in the file.
-    """
-
-    path: Path
-    encoding: str | None
-    delimiter: str
-    decimal: str
-    first_line: int
-    names: tuple[str, ...]
-    more: bool = False
-    time: int | None = None
+    path: Path  # the file
+    encoding: str | None  # of the text; None where its first bytes decide
+    delimiter: str  # one character, `BLANKS` for any number of blanks
+    decimal: str  # "." or ","
+    first_line: int  # number of the first line of numbers, counted from 1
+    names: tuple[str, ...]  # of all columns, for messages
+    more: bool = False  # whether other cells may follow those of the columns, like the comments of a LabVIEW file
+    time: int | None = None  # index of the column with the time, for messages
+    # all lines of the text, header included, where they are in memory; None where they are in the file
     content: tuple[str, ...] | None = None
 
 
@@ -137,31 +127,24 @@ def lines_of(
 
 def with_encoding(path: Path, settings: LogSettings) -> tuple[LogSettings, tuple[str, ...]]:
     """Return the settings, with the encoding that was found in the text where they state none; and a remark on it."""
-    encoding = None if settings.encoding else encoding_of(path)
-    if encoding is None:
+    if settings.encoding or not _is_western(path):
         return settings, ()
-    return replace(settings, encoding=encoding), (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+    return replace(settings, encoding="cp1252"), ("the text is no UTF-8 and is read as cp1252 (Western Windows)",)
 
 
-def encoding_of(path: Path) -> str | None:
-    """Return "cp1252" (Windows in Western Europe) where the beginning of a text is written so; None for any other.
-
-    Such a text is no UTF-8, has no UTF-8 characters, and consists of ASCII and characters that are usual in headers.
-    """
+def _is_western(path: Path) -> bool:
+    """Whether the beginning of a text is no UTF-8, but ASCII and signs of Western Windows that are usual in headers."""
     with _open(path) as file:
         head = file.read(HEAD_BYTES)
-    try:
+    with suppress(UnicodeDecodeError):
         codecs.getincrementaldecoder("utf-8")().decode(head)  # the last character may be cut
-        return None
-    except UnicodeDecodeError:
-        pass
+        return False
     if any(map(head.startswith, _MARKS)) or not head.decode("utf-8", "ignore").isascii():
-        return None
-    try:
+        return False
+    with suppress(UnicodeDecodeError):
         text = head.decode("cp1252")
-    except UnicodeDecodeError:
-        return None
-    return "cp1252" if all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text else None
+        return all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text
+    return False
 
 
 def _open(path: Path) -> IO[bytes] | gzip.GzipFile:
@@ -200,7 +183,9 @@ def _describe_undecoded(
 def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
     """Yield the lines of a table in blocks, each with the number of its first line."""
     number = 1
-    for lines in lines_of(table.path, table.encoding) if table.content is None else _split_blocks(table.content):
+    held = table.content or ()
+    in_memory = (list(held[first : first + _LINES_AT_ONCE]) for first in range(0, len(held), _LINES_AT_ONCE))
+    for lines in lines_of(table.path, table.encoding) if table.content is None else in_memory:
         skipped = max(0, min(table.first_line - number, len(lines)))
         if skipped < len(lines):
             yield number + skipped, lines[skipped:]
@@ -252,7 +237,8 @@ def numbers_of(table: TextTable, number: int, lines: Sequence[str], columns: Seq
     if not rows:
         return np.empty((0, len(columns)))
     if not columns:
-        require_cells(table, number, lines)
+        if not _is_even(table, rows):
+            list(_number_rows(table, number, lines))  # raises an error at the first row with a wrong number of cells
         return np.empty((len(rows), 0))
     values = _parse(table, rows, columns)
     if values is None:
@@ -268,13 +254,6 @@ def column_of(table: TextTable, number: int, lines: Sequence[str], column: int) 
         separator = None if table.delimiter == BLANKS else table.delimiter
         return [row.split(separator, column + 1)[column] for row in rows]
     return [cells[column] for _, cells in _number_rows(table, number, lines)]
-
-
-def require_cells(table: TextTable, number: int, lines: Sequence[str]) -> None:
-    """Raise an error that names the first line with too few or too many cells, if there is one."""
-    if not _is_even(table, rows_of(lines, table.delimiter)):
-        for _ in _number_rows(table, number, lines):
-            pass
 
 
 def number_of(cell: str, decimal: str) -> float | None:
@@ -310,11 +289,6 @@ def has_thousands_mark(cell: str, decimal: str, *, allow_ambiguous: bool = False
     (True, True, False)
     """
     return bool(_THOUSANDS[decimal].fullmatch(cell) or (allow_ambiguous and _GROUPED.fullmatch(cell)))
-
-
-def _split_blocks(lines: Sequence[str]) -> Iterator[list[str]]:
-    for first in range(0, len(lines), _LINES_AT_ONCE):
-        yield list(lines[first : first + _LINES_AT_ONCE])
 
 
 # ---- all cells at once ---------------------------------------------------------------------------
