@@ -34,17 +34,11 @@ METHODS = ("quadrature", "laplace", "transitional")
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """The posterior of one class as functions of theta, (n, n_parameters) -> (n,).
+    """The posterior of one class as functions of theta, (n, n_parameters) -> (n,)."""
 
-    Args:
-        likelihood: logarithm of p(D | theta); only asked where the prior is not zero.
-        prior: logarithm of p(theta).
-        posterior: their sum.
-    """
-
-    likelihood: LogDensity
-    prior: LogDensity
-    posterior: LogDensity
+    likelihood: LogDensity  # logarithm of p(D | theta); only asked where the prior is not zero
+    prior: LogDensity  # logarithm of p(theta)
+    posterior: LogDensity  # their sum
 
 
 def density_of(data: BackboneData, model_class: ModelClass) -> Density:

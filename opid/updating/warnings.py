@@ -108,17 +108,11 @@ def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """The misfit of a law to the growth of the frequencies of one mode, as far as all of its curves share it.
+    """The misfit of a law to the growth of the frequencies of one mode, as far as all of its curves share it."""
 
-    Args:
-        mode: its number, from 1.
-        fraction: of the measured growth of lambda, both as rms over the points.
-        probability: of such a misfit by chance if the law is right.
-    """
-
-    mode: int
-    fraction: float
-    probability: float
+    mode: int  # its number, from 1
+    fraction: float  # of the measured growth of lambda, both as rms over the points
+    probability: float  # of such a misfit by chance if the law is right
 
 
 def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:

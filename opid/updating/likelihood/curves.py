@@ -26,43 +26,28 @@ N_NODES = 12  # amplitudes at which the model is solved for one mode; between th
 
 @dataclass(frozen=True, eq=False)
 class ModeData:
-    """The curves of one mode, ready to be compared with a model that is solved at a few amplitudes.
+    """The curves of one mode, ready to be compared with a model that is solved at a few amplitudes."""
 
-    Args:
-        mode: its number, from 1.
-        parts: controlled sensor and (n_nodes,) amplitudes, m, at which the model is solved for it.
-        between: (n_points, n_nodes of all parts) matrix that takes values at the nodes to the measured points.
-        curve: (n_points,) number of the curve of each point, from 0.
-        eigenvalue: (n_points,) measured lambda, 1/s^2.
-        sensor: (n_points,) name of the controlled sensor of each point.
-        amplitude: (n_points,) of that sensor, m.
-        relative_amplitude: (n_points,) of the controlled sensor, of the largest of any curve with the same one.
-        growth: (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude.
-        shapes: (n_points, n_sensors) measured shapes of unit length.
-        free: (n_sensors - 1,) columns of the shapes without that of the largest entry, which the unit length fixes.
-        rows: (n_sensors,) rows of these sensors in the system.
-        linear: lambda of the mode without nonlinearity, 1/s^2.
-        cov: coefficient of variation of lambda over the curves; nan where it is not known.
-        frequency_noise: noise model of lambda / linear, for the recommended form.
-        shape_noise: noise model of the free entries of the shapes.
-    """
-
-    mode: int
+    mode: int  # its number, from 1
+    # controlled sensor and (n_nodes,) amplitudes, m, at which the model is solved for it
     parts: tuple[tuple[str, FloatArray], ...]
-    between: FloatArray
-    curve: IntArray
-    eigenvalue: FloatArray
-    sensor: NDArray[np.str_]
-    amplitude: FloatArray
+    between: FloatArray  # (n_points, n_nodes of all parts) matrix that takes values at the nodes to the measured points
+    curve: IntArray  # (n_points,) number of the curve of each point, from 0
+    eigenvalue: FloatArray  # (n_points,) measured lambda, 1/s^2
+    sensor: NDArray[np.str_]  # (n_points,) name of the controlled sensor of each point
+    amplitude: FloatArray  # (n_points,) of that sensor, m
+    # (n_points,) of the controlled sensor, of the largest of any curve with the same one
     relative_amplitude: FloatArray
+    # (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude
     growth: FloatArray
-    shapes: FloatArray
+    shapes: FloatArray  # (n_points, n_sensors) measured shapes of unit length
+    # (n_sensors - 1,) columns of the shapes without that of the largest entry, which the unit length fixes
     free: IntArray
-    rows: IntArray
-    linear: float
-    cov: float
-    frequency_noise: CurveNoise | None
-    shape_noise: CurveNoise | None
+    rows: IntArray  # (n_sensors,) rows of these sensors in the system
+    linear: float  # lambda of the mode without nonlinearity, 1/s^2
+    cov: float  # coefficient of variation of lambda over the curves; nan where it is not known
+    frequency_noise: CurveNoise | None  # noise model of lambda / linear, for the recommended form
+    shape_noise: CurveNoise | None  # noise model of the free entries of the shapes
 
 
 @dataclass(frozen=True, eq=False)

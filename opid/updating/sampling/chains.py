@@ -90,17 +90,11 @@ class Diagnostics:
 
 @dataclass(frozen=True)
 class Pressure:
-    """A prior that the posterior presses against.
+    """A prior that the posterior presses against."""
 
-    Args:
-        parameter: its number, from 1.
-        side: "lower" or "upper".
-        sentence: the warning, without the name of the parameter at its beginning.
-    """
-
-    parameter: int
-    side: Literal["lower", "upper"]
-    sentence: str
+    parameter: int  # its number, from 1
+    side: Literal["lower", "upper"]  # "lower" or "upper"
+    sentence: str  # the warning, without the name of the parameter at its beginning
 
 
 # ---- checks of every sampler -----------------------------------------------------------------------

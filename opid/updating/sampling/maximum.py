@@ -18,23 +18,14 @@ Support = Sequence[tuple[float, float]] | FloatArray | None  # (lower, upper) of
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """The maximum of a log density, with its slope and curvature there.
+    """The maximum of a log density, with its slope and curvature there."""
 
-    Args:
-        theta: (n_parameters,).
-        log_density: at theta.
-        gradient: (n_parameters,) of the log density; 0 except at a bound.
-        hessian: (n_parameters, n_parameters) of the log density, by central differences.
-        at_bound: (n_parameters,) -1 at the lower bound, 1 at the upper one, 0 between.
-        n_evaluations: rows of theta.
-    """
-
-    theta: FloatArray
-    log_density: float
-    gradient: FloatArray
-    hessian: FloatArray
-    at_bound: FloatArray
-    n_evaluations: int
+    theta: FloatArray  # (n_parameters,)
+    log_density: float  # at theta
+    gradient: FloatArray  # (n_parameters,) of the log density; 0 except at a bound
+    hessian: FloatArray  # (n_parameters, n_parameters) of the log density, by central differences
+    at_bound: FloatArray  # (n_parameters,) -1 at the lower bound, 1 at the upper one, 0 between
+    n_evaluations: int  # rows of theta
 
     @property
     def covariance(self) -> FloatArray:

@@ -18,25 +18,15 @@ from opid.updating.structure.reduction import SHIFT, lowest_modes
 
 @dataclass(frozen=True, eq=False)
 class RitzModel:
-    """(K0 + sum theta_i K_i) c = lambda c in mass-orthonormal Ritz vectors.
+    """(K0 + sum theta_i K_i) c = lambda c in mass-orthonormal Ritz vectors."""
 
-    Args:
-        stiffness: (n, n) K0.
-        parts: (n_parameters, n, n) K_i.
-        sensor_rows: (n_sensors, n) motion of the sensors.
-        names: of the parameters.
-        sensors: names of the sensors.
-        n_modes: number of its lowest modes that are right.
-        worst: estimated largest relative error of an eigenvalue over the box it was made for.
-    """
-
-    stiffness: FloatArray
-    parts: FloatArray
-    sensor_rows: FloatArray
-    names: tuple[str, ...]
-    sensors: tuple[str, ...]
-    n_modes: int
-    worst: float
+    stiffness: FloatArray  # (n, n) K0
+    parts: FloatArray  # (n_parameters, n, n) K_i
+    sensor_rows: FloatArray  # (n_sensors, n) motion of the sensors
+    names: tuple[str, ...]  # of the parameters
+    sensors: tuple[str, ...]  # names of the sensors
+    n_modes: int  # number of its lowest modes that are right
+    worst: float  # estimated largest relative error of an eigenvalue over the box it was made for
 
 
 def ritz_model(
