@@ -9,8 +9,15 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import curves_of, named_points, residuals, where_it_fails, where_modes_interact
-from opid.updating.likelihood.curves import BackboneData, ModeData
+from opid.updating.likelihood.backbones import (
+    BackboneData,
+    ModeData,
+    curves_of,
+    named_points,
+    residuals,
+    where_it_fails,
+    where_modes_interact,
+)
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, presses_against

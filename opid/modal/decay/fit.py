@@ -319,7 +319,6 @@ def _refine(
     tame: tuple[FloatArray, FloatArray],
     derivative: int,
 ) -> _Fit:
-    """Fit the coefficients and the start of each decay to amplitude and phase over all of the time."""
     from scipy.optimize import least_squares
 
     low = min(float(each.log_amplitude.min()) for each in decays) - 0.7

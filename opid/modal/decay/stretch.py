@@ -180,7 +180,6 @@ def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
 
 
 def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
-    """Return the first sample after the last one that is clipped."""
     last = -1
     n = MODAL.clipped_samples
     for at_limit in (part >= part.max(), part <= part.min()):

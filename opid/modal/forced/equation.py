@@ -241,7 +241,6 @@ def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
 
 
 def _noise_of_lines(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
-    """Return the standard deviation of a line by the sensor's noise."""
     # simulated tests without noise need finite weights, too
     least = 1e-7 * float(np.abs(spectrum).max())
     return max(float(np.sqrt(find_noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)

@@ -110,11 +110,7 @@ def level_shifts(
 
 
 def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
-    """Return the numbers of the modes that the levels show to be nonlinear.
-
-    Args:
-        shifts: from `level_shifts`.
-    """
+    """Return the numbers of the modes that the `shifts` from `level_shifts` show to be nonlinear."""
     return tuple(shift.mode for shift in shifts if shift.nonlinear)
 
 

@@ -16,7 +16,7 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
 from opid.updating.sampling.chains import LogDensity, posterior_density
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.ritz import RitzModel, ritz_modes
+from opid.updating.structure.reduction import RitzModel, ritz_modes
 
 OneCov = float | Literal["scatter", "inferred"]
 OneShapeStd = float | Literal["paper", "inferred"]
@@ -219,7 +219,6 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
 
 
 def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
-    """Return the coefficient of variation of the eigenvalue of a mode: as given, else that of its curves."""
     if not isinstance(cov, str):
         return _positive(f"cov of mode {mode}", cov)
     if eigenvalue.size < 2:

@@ -128,18 +128,12 @@ def curve_noise(
     offset: float,
     expected: float,
 ) -> CurveNoise:
-    """Return the noise model of some curves; channels have offsets and noise levels of their own.
+    """Return the noise model of measured curves, (n_points, n_channels); channels have offsets and levels of their own.
 
-    Args:
-        values: (n_points, n_channels) measured.
-        between: (n_points, n_nodes) takes values at the nodes of the model to the points.
-        curve: (n_points,) number of the curve of each point, from 0.
-        growth: (n_points,) h, 0 in the linear range.
-        common_std: prior standard deviation of the error b_0 that all curves share.
-        common_growth: prior standard deviation of b_1 in units of `common_std`; 0 for none.
-        own_growth: standard deviation of p_c over sigma.
-        offset: expected standard deviation of a curve's offset.
-        expected: expected standard deviation of a point's noise.
+    `between`, (n_points, n_nodes), takes values at the nodes of the model to the points, `curve`, (n_points,), numbers
+    their curves from 0, and `growth`, (n_points,), is h, 0 in the linear range. `common_std` is the prior standard
+    deviation of b_0, `common_growth` that of b_1 in units of it. `offset` and `expected` are the expected standard
+    deviations of a curve's offset and of a point's noise.
     """
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))

@@ -357,14 +357,6 @@ def _far_off(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
 # ---- ArviZ -----------------------------------------------------------------------------------------
 
 
-def inference_groups(chain: Chain, names: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
-    """Return the groups of ArviZ's schema, each variable (n_chains, n), by the names of the parameters."""
-    if len(names) != chain.n_parameters or len(set(names)) < len(names):
-        raise InputError(f"names are {list(names)}: give {chain.n_parameters} different one(s), one a parameter")
-    posterior = {name: np.array(chain.samples[:, :, k]) for k, name in enumerate(names)}
-    return {"posterior": posterior, "sample_stats": {"lp": np.array(chain.log_density)}}
-
-
 def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
     """Return ArviZ's own object where ArviZ is installed (`pip install '.[bayes]'`), otherwise a dict of its groups.
 
@@ -378,7 +370,10 @@ def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
     Raises:
         InputError: a name missing or given twice.
     """
-    groups = inference_groups(chain, names)
+    if len(names) != chain.n_parameters or len(set(names)) < len(names):
+        raise InputError(f"names are {list(names)}: give {chain.n_parameters} different one(s), one a parameter")
+    posterior = {name: np.array(chain.samples[:, :, k]) for k, name in enumerate(names)}
+    groups = {"posterior": posterior, "sample_stats": {"lp": np.array(chain.log_density)}}
     try:
         import arviz
     except ImportError:
