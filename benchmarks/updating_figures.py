@@ -22,13 +22,11 @@ import numpy as np
 from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.identification import update_study
-from opid.updating.likelihood.backbones import log_likelihood
-from opid.updating.likelihood.curves import BackboneData, backbone_data
+from opid.updating.identification import predict, update_study
+from opid.updating.likelihood.backbones import BackboneData, backbone_data, log_likelihood
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import PAPER_CLASSES, Prior
 from opid.updating.posterior import update_class
-from opid.updating.prediction import predict
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.measured import synthetic_backbones

@@ -14,7 +14,6 @@ from opid.updating.sampling.chains import (
     diagnose,
     effective_samples,
     evaluate,
-    inference_groups,
     presses_against,
     split_r_hat,
     spread_starts,
@@ -229,9 +228,9 @@ def test_without_arviz_the_groups_are_plain(monkeypatch, three_columns):
     np.testing.assert_array_equal(groups["posterior"]["b"], three_columns[:, :, 1])
     np.testing.assert_array_equal(groups["sample_stats"]["lp"], chain.log_density)
     with pytest.raises(InputError, match="give 3 different"):
-        inference_groups(chain, ["a", "b"])
+        to_inference_data(chain, ["a", "b"])
     with pytest.raises(InputError, match="give 3 different"):
-        inference_groups(chain, ["a", "b", "b"])
+        to_inference_data(chain, ["a", "b", "b"])
 
 
 @pytest.mark.filterwarnings("ignore::FutureWarning")

@@ -123,7 +123,7 @@ class Written:
 
 
 def test_the_options_are_those_of_the_library():
-    from opid.updating.likelihood.curves import FORMS
+    from opid.updating.likelihood.backbones import FORMS
     from opid.updating.study import FEWEST_SAMPLES, SAMPLERS
 
     options = {option.name: option for option in cli.main.commands["update"].params}

@@ -7,8 +7,13 @@ from scipy import integrate, special, stats
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating.sampling.chains import spread_starts
-from opid.updating.sampling.evidence import laplace, laplace_of_samples, log_probability_inside, quadrature
-from opid.updating.sampling.maximum import maximum_a_posteriori
+from opid.updating.sampling.evidence import (
+    laplace,
+    laplace_of_samples,
+    log_probability_inside,
+    maximum_a_posteriori,
+    quadrature,
+)
 from opid.updating.sampling.samplers import metropolis
 
 LOW, HIGH = np.array([0.0, 0.0, -20.0]), np.array([10.0, 10.0, 20.0])

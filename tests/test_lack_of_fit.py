@@ -6,8 +6,7 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.updating.likelihood.backbones import log_likelihood
-from opid.updating.likelihood.curves import backbone_data
+from opid.updating.likelihood.backbones import backbone_data, log_likelihood
 from opid.updating.settings import UPDATING
 from opid.updating.warnings import LackOfFit, lack_of_fit, unexplained_fraction, warnings_of_fit
 

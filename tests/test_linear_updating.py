@@ -10,10 +10,9 @@ from opid.updating.likelihood.linear import linear_data, log_likelihood, log_pos
 from opid.updating.linear_updating import _find_peak, update_linear
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
-from opid.updating.sampling.maximum import maximum_a_posteriori
+from opid.updating.sampling.evidence import maximum_a_posteriori
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes, modal_assurance
-from opid.updating.structure.ritz import ritz_model, ritz_modes
+from opid.updating.structure.reduction import lowest_modes, modal_assurance, ritz_model, ritz_modes
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 TRUTH = np.array(list(UPDATED.values()))

@@ -9,9 +9,11 @@ import pytest
 from opid.errors import NotDeterminedError
 from opid.json_values import plain
 from opid.mechanics.backbones.family import backbone_family
-from opid.updating import prediction, warnings
+from opid.updating import identification, warnings
+from opid.updating.identification import predict
 from opid.updating.likelihood import backbones
 from opid.updating.likelihood.backbones import (
+    backbone_data,
     curves_of,
     likelihood_function,
     log_likelihood,
@@ -20,11 +22,9 @@ from opid.updating.likelihood.backbones import (
     where_modes_interact,
     without_interactions,
 )
-from opid.updating.likelihood.curves import backbone_data
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
-from opid.updating.prediction import predict
 from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import reduce
 from opid.updating.warnings import warnings_of_choice, warnings_of_curves
@@ -140,7 +140,7 @@ def predicted(request, measured):
 
 def test_the_rest_of_a_band_is_kept(predicted, measured, monkeypatch):
     data, found, whole = predicted
-    with_holes(monkeypatch, prediction, between(1.6e-3, 1.8e-3))
+    with_holes(monkeypatch, identification, between(1.6e-3, 1.8e-3))
     bands = predict(data, found, measured, rng=np.random.default_rng(0))
     gap = (whole[0].amplitude > 1.6e-3) & (whole[0].amplitude < 1.8e-3)
     assert np.isnan([bands[0].low_hz[gap], bands[0].frequency_hz[gap], bands[0].high_hz[gap]]).all()
@@ -156,7 +156,7 @@ def test_the_rest_of_a_band_is_kept(predicted, measured, monkeypatch):
 def test_a_few_draws_that_fail_leave_the_band(predicted, measured, monkeypatch):
     data, found, whole = predicted
     edge = np.quantile(found.samples, 0.9) * made.CUBIC.scales[0]
-    with_holes(monkeypatch, prediction, lambda c, a: between(1.6e-3, 1.8e-3)(c, a) & (c > edge)[:, None])
+    with_holes(monkeypatch, identification, lambda c, a: between(1.6e-3, 1.8e-3)(c, a) & (c > edge)[:, None])
     bands = predict(data, found, measured, rng=np.random.default_rng(0))
     assert np.isfinite(bands[0].frequency_hz).all()
     np.testing.assert_allclose(bands[0].frequency_hz, whole[0].frequency_hz, rtol=1e-3)
@@ -165,12 +165,12 @@ def test_a_few_draws_that_fail_leave_the_band(predicted, measured, monkeypatch):
 def test_one_mode_without_a_band_leaves_the_other_and_none_is_told(predicted, measured, monkeypatch):
     data, found, whole = predicted
     with monkeypatch.context() as patched:
-        with_holes(patched, prediction, lambda c, a: np.full((len(c), len(a)), a.max() > 1.7e-3))
+        with_holes(patched, identification, lambda c, a: np.full((len(c), len(a)), a.max() > 1.7e-3))
         bands = predict(data, found, measured, rng=np.random.default_rng(0))
     assert np.isnan(bands[0].frequency_hz).all()
     assert np.isnan(bands[0].coverage)
     np.testing.assert_array_equal(bands[1].low_hz, whole[1].low_hz)
-    with_holes(monkeypatch, prediction, between(0.0, 1.0))
+    with_holes(monkeypatch, identification, between(0.0, 1.0))
     with pytest.raises(
         NotDeterminedError, match=r"most draws of 'cubic' have no backbone of mode 2 at .* or mode 3 at"
     ):

@@ -7,11 +7,10 @@ import pytest
 from opid.errors import InputError, NotDeterminedError
 from opid.updating import posterior
 from opid.updating.likelihood import backbones as likelihood
-from opid.updating.likelihood.curves import backbone_data
+from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.model_class import Prior
 from opid.updating.posterior import density_of, update_class
-from opid.updating.sampling.evidence import Evidence
-from opid.updating.sampling.maximum import maximum_a_posteriori
+from opid.updating.sampling.evidence import Evidence, maximum_a_posteriori
 from opid.updating.warnings import warnings_of_choice, warnings_of_classes
 
 

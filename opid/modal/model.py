@@ -138,14 +138,7 @@ def simulate(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_p
 def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_point: str) -> Response:
     """Return the motion of the modal coordinates, m kg^1/2, under a force on one of the sensors.
 
-    Args:
-        model: the model.
-        force: (n,) force, N.
-        fs: sampling rate, Hz.
-        drive_point: name of the sensor where and in whose direction the force acts.
-
-    Raises:
-        InputError: as `simulate`.
+    Arguments and errors are those of `simulate`: `model`, `force`, `fs`, `drive_point`.
     """
     series = np.asarray(force, dtype=np.float64)
     if series.ndim != 1 or series.size < 2 or not np.isfinite(series).all():
@@ -224,7 +217,6 @@ def compare_models(measured: FloatArray, nonlinear: FloatArray, linear: FloatArr
 
 
 def _filter(recording: Recording, sensors: list[str], band_hz: tuple[float, float]) -> Recording:
-    """Return some channels within a band; the filter delays nothing."""
     samples = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
     spectrum = fft.rfft(samples, axis=0)
     frequency = fft.rfftfreq(len(samples), 1 / recording.fs)

@@ -66,9 +66,7 @@ def harmonic_factor(power: float) -> float:
 def unit_of(letter: str, power: int) -> str:
     """Return the unit of a coefficient, (N/kg^1/2) / (m kg^1/2)^n or (N/kg^1/2) / (m/s kg^1/2)^n, in short.
 
-    Args:
-        letter: "k" or "c".
-        power: n.
+    The letter is "k" or "c", and the power n.
 
     >>> unit_of("k", 3), unit_of("c", 2), unit_of("k", 1)
     ('N/(m^3 kg^2)', 'N s^2/(m^2 kg^1.5)', 'N/(m kg)')
@@ -80,9 +78,7 @@ def unit_of(letter: str, power: int) -> str:
 def unit_per_mass(letter: str, power: int) -> str:
     """Return the unit of a coefficient per unit mass, (m/s^2) / m^n or (m/s^2) / (m/s)^n, in short.
 
-    Args:
-        letter: "k" or "c".
-        power: n.
+    The letter is "k" or "c", and the power n.
 
     >>> unit_per_mass("k", 1), unit_per_mass("k", 3), unit_per_mass("c", 1), unit_per_mass("c", 3)
     ('1/s^2', '1/(s^2 m^2)', '1/s', 's/m^2')

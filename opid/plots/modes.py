@@ -27,8 +27,7 @@ from opid.plots.style import (
     thicken,
 )
 
-# decades that are shown below the highest value of a mode indicator function
-DECADES_SHOWN = 5
+DECADES_SHOWN = 5  # decades that are shown below the highest value of a mode indicator function
 
 
 def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
@@ -55,8 +54,7 @@ def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
             if int(label.get_text()) in result.model.laws:
                 label.set_color(VERMILION)
                 label.set_fontweight("bold")
-        ax.set_xlabel("mode (nonlinear ones in red)")
-        ax.set_ylabel("mode")
+        ax.set(xlabel="mode (nonlinear ones in red)", ylabel="mode")
         ax.set_title(f"Auto-MAC, condition number {result.condition_number:.3g}")
     return ax
 
@@ -95,8 +93,7 @@ def mode_indicators(
         number_modes(whole, marked, linestyle=":", zorder=0)
         whole.set_xlim(float(resynthesised.frequency_hz[0]), float(resynthesised.frequency_hz[-1]))
         least = 0.3 * float(np.nanmin(resynthesised.value[:, 0]))
-        whole.set_ylim(max(top * 10.0**-DECADES_SHOWN, least), 3 * top)
-        whole.set_ylabel("CMIF [m/s²/N]")
+        whole.set(ylim=(max(top * 10.0**-DECADES_SHOWN, least), 3 * top), ylabel="CMIF [m/s²/N]")
         whole.set_xlabel("frequency [Hz]")
         whole.set_title("Nonlinear modes by number" if marked else "Mode indicator", pad=14)
         thicken(whole.legend(loc="lower right", ncols=2))
@@ -145,8 +142,7 @@ def level_shift_figures(
             ax.set_ylabel(f"{name} shift [%]")
             ax.grid(False, axis="x")
         grid[1, 0].set_xticks(range(len(shifts)), [str(shift.mode) for shift in shifts])
-        grid[1, 0].set_xlim(-0.5, len(shifts) - 0.5)
-        grid[1, 0].set_xlabel("mode")
+        grid[1, 0].set(xlim=(-0.5, len(shifts) - 0.5), xlabel="mode")
         grid[0, 0].set_title("Nonlinear modes in red, hollow where the levels cannot tell")
     return grid
 
@@ -164,8 +160,7 @@ def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float
         ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
         ax.plot(response.frequency_hz, imaginary, color=BLUE, linewidth=1.1)
         number_modes(ax, marked, zorder=0)
-        ax.set_xlim(float(response.frequency_hz[0]), float(response.frequency_hz[-1]))
-        ax.set_xlabel("frequency [Hz]")
+        ax.set(xlim=(float(response.frequency_hz[0]), float(response.frequency_hz[-1])), xlabel="frequency [Hz]")
         ax.set_ylabel("imaginary part [m/s²/N]")
         ax.set_title(f"Response at {response.drive_point}", pad=14)
     return ax
@@ -181,7 +176,6 @@ def number_modes(ax: Axes, marked: Mapping[int, float], *, own: int | None = Non
 
 
 def _zoom(ax: Axes, centre_hz: float, measured: Mapping[str, ModeIndicator], made: ModeIndicator) -> None:
-    """Show the lines around a mode only."""
     low, high = 0.95 * centre_hz, 1.03 * centre_hz
     ax.set_xlim(low, high)
     every = (*measured.values(), made)

@@ -36,21 +36,13 @@ from opid.plots.style import (
 
 # a value is well known if half of its interval is below this fraction of the range of the better half of the values
 KNOWN = 0.5
-# room above and below them, a fraction of their range
-ROOM_OF_DECAY = 0.08
-# periods of the strongest line on either side of the largest acceleration
-N_PERIODS = 5
-# samples to either side of the peak in which its period is looked for
-AROUND = 256
-# height of the panel at the peak over the peaks of measurement and nonlinear model
-ROOM = 2.0
-# the spectrum is shown down to this fraction of its peak
-LEAST_SHOWN = 1e-4
-# points of a curve that stand for many samples or lines, and the fewest that show its shape
-N_CRESTS = 400
-LEAST_CRESTS = 40
-# the most curves of modal harmonics
-N_SHOWN = 6
+ROOM_OF_DECAY = 0.08  # room above and below the well-known values, a fraction of their range
+N_PERIODS = 5  # periods of the strongest line on either side of the largest acceleration
+AROUND = 256  # samples to either side of the peak in which its period is looked for
+ROOM = 2.0  # height of the panel at the peak over the peaks of measurement and nonlinear model
+LEAST_SHOWN = 1e-4  # the spectrum is shown down to this fraction of its peak
+N_CRESTS, LEAST_CRESTS = 400, 40  # points that stand for many samples or lines, and the fewest that show a shape
+N_SHOWN = 6  # the most curves of modal harmonics
 _AMPLITUDE = "\N{SQUARE ROOT}kg"
 
 
@@ -82,15 +74,12 @@ def sine_beats(result: ModalIdentification, mode: int, axes: Any = None) -> np.n
         over_frequency.axvspan(*fit.band_hz, color=PALE, alpha=0.35, linewidth=0, zorder=0, label="fitted band")
         every = enumerate(result.modes.frequency_hz, start=1)
         number_modes(over_frequency, {n: hz for n, hz in every if max(low, 1e-9) <= hz <= high}, own=mode)
-        over_frequency.set_yscale("log")
-        over_frequency.set_xlim(low, high)
+        over_frequency.set(yscale="log", xlim=(low, high))
         top = over_frequency.get_ylim()[1]
         over_frequency.set_ylim(top / 3e4, top)
-        over_time.set_xlabel("time [s]")
-        over_time.set_ylabel(f"modal acceleration [m/s² {_AMPLITUDE}]")
+        over_time.set(xlabel="time [s]", ylabel=f"modal acceleration [m/s² {_AMPLITUDE}]")
         over_time.set_title(f"Mode {mode}, {len(tests)} tests")
-        over_frequency.set_xlabel("frequency [Hz]")
-        over_frequency.set_ylabel(f"Fourier amplitude [m/s² {_AMPLITUDE}/Hz]")
+        over_frequency.set(xlabel="frequency [Hz]", ylabel=f"Fourier amplitude [m/s² {_AMPLITUDE}/Hz]")
         over_frequency.set_title("modes by number", fontweight="normal", pad=14)
         handles, labels = over_frequency.get_legend_handles_labels()
         thicken(over_time.legend(handles, labels, loc="upper right", fontsize=7.5, ncols=1 + len(tests) // 6))
@@ -126,8 +115,7 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
                 shown = at <= 1.02 * amplitude[-1]
                 dots = {"color": GREEN, "linewidth": 0, "marker": ".", "markersize": 6}
                 ax.plot(factor * at[shown], known[shown], **dots, label="truth, other modes at rest")
-            ax.set_xlabel(f"amplitude of q [{prefix}m {_AMPLITUDE}]")
-            ax.set_ylabel(label)
+            ax.set(xlabel=f"amplitude of q [{prefix}m {_AMPLITUDE}]", ylabel=label)
             thicken(ax.legend(loc="best", fontsize=7.5))
         grid[1, 2].set_ylim(bottom=0)
         grid[0, 0].set_title(f"Mode {fit.mode}: N_s = {fit.stiffness_order}, N_d = {fit.damping_order}")
@@ -156,8 +144,7 @@ def modal_orders(fit: ModeFit, ax: Any = None) -> Axes:
         chosen = [rung.chosen for rung in rungs]
         name_rows(ax, labels, [VERMILION if each else INK for each in chosen], chosen=chosen)
         ax.set_ylabel("N_s, N_d", labelpad=10)
-        ax.set_xlabel("misfit where left out [% of the modal force]")
-        ax.set_title(f"Mode {fit.mode}: orders tried")
+        ax.set(xlabel="misfit where left out [% of the modal force]", title=f"Mode {fit.mode}: orders tried")
     return ax
 
 
@@ -186,7 +173,6 @@ def _force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol
 
 
 def _levels(n: int) -> list[Any]:
-    """One colour a level, the highest first."""
     if n <= 3:
         return [SKY, BLUE, INK][:n]
     return [colormaps["viridis"](0.85 * (1 - level / (n - 1))) for level in range(n)]
@@ -237,8 +223,7 @@ def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
             for word, shown, face in (("locked", locked, VERMILION), ("not locked", ~locked, "white")):
                 if shown.any() or shown is locked:
                     ax.plot(amplitude[shown], values[shown], **dots, markerfacecolor=face, label=word)
-            ax.set_xlabel("amplitude of q [µm √kg]")
-            ax.set_ylabel(label)
+            ax.set(xlabel="amplitude of q [µm √kg]", ylabel=label)
         grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
         thicken(grid[0, 0].legend(loc="best"))
     return grid
@@ -265,8 +250,7 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
         ax.set_yscale("log")
         ax.set_ylim(bottom=max(1e-6 * float(heights.max()), 0.5 * float(heights[heights > 0].min())))
         _over_levels(ax)
-        ax.set_ylabel("acceleration [m/s²]")
-        ax.set_title(f"Harmonics at {sensor}")
+        ax.set(ylabel="acceleration [m/s²]", title=f"Harmonics at {sensor}")
         thicken(ax.legend(loc="best", fontsize=7.5, ncols=2))
     return ax
 
@@ -294,8 +278,7 @@ def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
         ax.axhline(interaction.least_fraction, color=GREY, linestyle="--", linewidth=1.0, label="fraction asked for")
         ax.set_ylim(bottom=0)
         _over_levels(ax)
-        ax.set_ylabel("fraction of the fundamental")
-        ax.set_title("Interaction" if interaction.flagged else "No interaction")
+        ax.set(ylabel="fraction of the fundamental", title="Interaction" if interaction.flagged else "No interaction")
         thicken(ax.legend(loc="best", fontsize=7.5))
     return ax
 
@@ -315,14 +298,12 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
         ax.axhline(interaction.least_assurance, color=INK, linestyle="--", linewidth=1.0, label="asked for")
         ax.set_ylim(0, 1.05)
         _over_levels(ax)
-        ax.set_ylabel("MAC")
-        ax.set_title(f"Shape of harmonic {interaction.harmonic}")
+        ax.set(ylabel="MAC", title=f"Shape of harmonic {interaction.harmonic}")
         thicken(ax.legend(loc="best", fontsize=7.5))
     return ax
 
 
 def _over_levels(ax: Axes) -> None:
-    """Label the axis of levels, which are whole numbers."""
     ax.set_xlabel("excitation index")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
@@ -355,8 +336,7 @@ def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = 
             over = None if law is None else (factor * law.amplitude, scale * getattr(law, name))
             lowest = None if low.value is None else scale * low.value
             _over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
-            ax.set_xlabel(f"amplitude [{unit}]")
-            ax.set_ylabel(label)
+            ax.set(xlabel=f"amplitude [{unit}]", ylabel=label)
         thicken(grid[0, 1].legend(loc="best", fontsize=7.5))
     return grid
 
@@ -366,8 +346,7 @@ def _record(ax: Axes, decay: Decay) -> None:
     for sign in (1, -1):
         label = "amplitude" if sign > 0 else None
         ax.plot(decay.time_s, sign * decay.envelope, color=VERMILION, linewidth=1.4, label=label)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel(f"[{_print_unit(decay.signal_unit)}]")
+    ax.set(xlabel="time [s]", ylabel=f"[{_print_unit(decay.signal_unit)}]")
     ax.set_title(decay.name if decay.mode is None else f"{decay.name}, mode {decay.mode}")
     thicken(ax.legend(loc="upper right", fontsize=7.5))
 
@@ -393,8 +372,7 @@ def _over_amplitude(
         ends.append(low)
         ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="law, at zero amplitude")
     room = ROOM_OF_DECAY * (max(ends) - min(ends)) or ROOM_OF_DECAY * abs(ends[0]) or 1.0
-    ax.set_ylim(min(ends) - room, max(ends) + room)
-    ax.set_xscale("log")
+    ax.set(ylim=(min(ends) - room, max(ends) + room), xscale="log")
 
 
 def _known(values: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -435,8 +413,7 @@ def truth_test(
         grid = panels(axes, len(sensors), 3, height_in=0.6 + 2.4 * len(sensors), width_in=9.4)
         for row, sensor in zip(grid, sensors, strict=True):
             _sensor(row, test, sensor, nonlinear_hz)
-            row[0].set_ylabel("acceleration [m/s²]")
-            row[0].set_title(sensor)
+            row[0].set(ylabel="acceleration [m/s²]", title=sensor)
             figures = test.sensors[sensor]
             peak = f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}"
             error = f"error {100 * figures.nrmse_nonlinear:.3g} %, linear {100 * figures.nrmse_linear:.3g} %"
@@ -466,9 +443,7 @@ def truth_test_figures(test: TruthTest, ax: Any = None) -> Axes:
         ax.set_yscale("log")
         plain_numbers(ax.yaxis)
         ax.set_xticks(range(len(names)), names, rotation=90 * (len(names) > 8), fontsize=8 if len(names) <= 30 else 6)
-        ax.set_xlabel("sensor")
-        ax.set_ylabel("rms error [% of measured rms]")
-        ax.set_title(f"Truth test {test.name!r}")
+        ax.set(xlabel="sensor", ylabel="rms error [% of measured rms]", title=f"Truth test {test.name!r}")
         ax.grid(False, axis="x")
         thicken(ax.legend(loc="best"))
     return ax

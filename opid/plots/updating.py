@@ -36,34 +36,26 @@ from opid.updating.structure.reduction import ReductionErrors
 _COLUMNS = 3
 
 _METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
-# differences of evidences beyond this are on a logarithmic axis
-_LINEAR_TO = 10.0
+_LINEAR_TO = 10.0  # differences of evidences beyond this are on a logarithmic axis
 
-# curves that are closer than this fraction of the largest force would hide each other
-_SAME_FORCE = 0.02
+_SAME_FORCE = 0.02  # curves that are closer than this fraction of the largest force would hide each other
 # length of a dash, in widths of its line; width of the line of the best class
 _DASH, _WIDE = 4.0, 2.4
-# marks of the truth; other lines can be seen between them
-_N_TRUTH = 16
-# the most classes in one column of a legend
-_IN_ONE_COLUMN = 6
+_N_TRUTH = 16  # marks of the truth; other lines can be seen between them
+_IN_ONE_COLUMN = 6  # the most classes in one column of a legend
 
 LEAST_STD = 0.005  # of a log evidence: what is less is drawn without a bar
 
-# the error of an exact frequency, which needs a place on a logarithmic axis
-_LEAST_PERCENT = 1e-12
+_LEAST_PERCENT = 1e-12  # the error of an exact frequency, which needs a place on a logarithmic axis
 _HELD: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4, "label": "sensors and joints held"}
 # hollow, so that the other mark can be seen within it
 _FREE: dict[str, Any] = {
     "color": VERMILION, "marker": "s", "markersize": 6, "markerfacecolor": "none", "label": "free modes",
 }  # fmt: skip
 
-# fractions of the samples within the contours of the Gaussian
-_WITHIN = (0.5, 0.9, 0.99)
-# points of the running moments
-_N_RUNNING = 400
-# the most parameters that are drawn
-_N_SHOWN = 5
+_WITHIN = (0.5, 0.9, 0.99)  # fractions of the samples within the contours of the Gaussian
+_N_RUNNING = 400  # points of the running moments
+_N_SHOWN = 5  # the most parameters that are drawn
 
 
 # ---- backbones -------------------------------------------------------------------------------------
@@ -175,9 +167,7 @@ def _length_unit(largest: float) -> tuple[float, str]:
 
 
 def _label_axes(ax: Axes, sensor: str, unit: str) -> None:
-    ax.set_title(f"sensor {sensor}")
-    ax.set_xlabel("frequency [Hz]")
-    ax.set_ylabel(f"amplitude [{unit}]")
+    ax.set(title=f"sensor {sensor}", xlabel="frequency [Hz]", ylabel=f"amplitude [{unit}]")
     ax.set_ylim(bottom=0)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5))
 
@@ -285,8 +275,7 @@ def joint_forces(
         # joints that are not extended leave no range to show
         if x[-1] > x[0]:
             ax.set_xlim(float(x[0]), float(x[-1]))
-        ax.set_xlabel("extension of a joint [mm]")
-        ax.set_ylabel("nonlinear force [N]")
+        ax.set(xlabel="extension of a joint [mm]", ylabel="nonlinear force [N]")
         legend = ax.legend(loc="upper left", fontsize=8, ncols=1 if len(bands) <= _IN_ONE_COLUMN else 2)
         thicken(legend)
         for handle in legend.legend_handles:
@@ -391,11 +380,9 @@ def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: Reducti
                     number[other], each.nearest_mac[other], color=style["color"], marker="x", linestyle="none",
                     label="with the mode that it is most like",
                 )  # fmt: skip
-        left.set_yscale("log")
-        left.set_ylabel("frequency error [%]")
+        left.set(yscale="log", ylabel="frequency error [%]")
         right.axhline(1, color=GREY, linewidth=0.9, linestyle="--")
-        right.set_ylim(-0.03, 1.05)
-        right.set_ylabel("MAC")
+        right.set(ylim=(-0.03, 1.05), ylabel="MAC")
         for ax in grid[0]:
             ax.set_xlabel("mode")
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -21,17 +21,10 @@ from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, columns, counted, warnings
 from opid.report.estimates import estimate_row, estimate_table
 
-N_SENSORS_SHOWN = 3
-"""The most sensors that are drawn of a truth test."""
-
-N_LINES = 4000
-"""Lines of the mode indicator of the linear modes."""
-
-ABOVE_MODES = 1.15
-"""Highest frequency of the mode indicators over the highest natural frequency."""
-
-MOST_SENSORS = 8
-"""The most sensors of a truth test in the text; the page shows all."""
+N_SENSORS_SHOWN = 3  # the most sensors that are drawn of a truth test
+N_LINES = 4000  # of the mode indicator of the linear modes
+ABOVE_MODES = 1.15  # highest frequency of the mode indicators over the highest natural frequency
+MOST_SENSORS = 8  # the most sensors of a truth test in the text; the page shows all
 
 PACINI = "B. R. Pacini, Industrial applications of nonlinear modal modeling: two case studies."
 
@@ -76,7 +69,6 @@ def _amplitude() -> Column:
 
 
 def _mode_table(result: ModalIdentification) -> Table:
-    """Frequency and damping of each nonlinear mode at zero and at top amplitude, and its misfit."""
     rows = []
     for fit in result.fits:
         of_fit = (
@@ -98,7 +90,6 @@ def _mode_table(result: ModalIdentification) -> Table:
 
 
 def _shift_table(result: ModalIdentification) -> Table:
-    """The shifts of frequency and damping of each mode from the lowest level to the highest."""
     rows = []
     for shift in result.shifts:
         frequency, damping = _lowest(shift.frequency_hz), _lowest(shift.damping_ratio)
@@ -149,7 +140,6 @@ def _decay_table(result: ModalIdentification) -> Table:
 
 
 def _coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Block]:
-    """A table of the coefficients with their intervals, if there are any."""
     rows = [row for fit in result.fits for row in _rows_of(fit, truth)]
     rows += [row for mode in sorted(result.decay_laws) for row in _rows_of_decays(result, mode, truth)]
     decays = " Free decays give k₀ and c₀ themselves: there these are k1 and c1." if result.decay_laws else ""
@@ -238,7 +228,6 @@ def command_of(result: ModalIdentification, options: Mapping[str, Any] | None = 
 
 
 def _beside_defaults(result: ModalIdentification) -> dict[str, Any]:
-    """The settings of a result that differ from the defaults."""
     names = ("stiffness_order", "damping_order", "free_linear", *THRESHOLDS)
     given = {name: result.settings[name] for name in names if result.settings.get(name) is not None}
     return {name: value for name, value in given.items() if value != getattr(ModalStudy, name)}
@@ -371,7 +360,6 @@ def _draw_indicators(result: ModalIdentification) -> Any:
 
 
 def _measured_indicators(result: ModalIdentification) -> dict[str, ModeIndicator]:
-    """The mode indicators of the level tests, from the lowest level to the highest."""
     names = {name for shift in result.shifts for name in shift.levels}
     tests = sorted((test for test in result.tests if test.name in names), key=_largest_force)
     return {test.name: cmif([measured_response([test])]) for test in tests}

@@ -469,7 +469,6 @@ def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
 
 
 def _moving(result: Updating, mode: int) -> list[str]:
-    """The sensors that move most in a mode, in the order of the data."""
     curves = [curve for curve in result.measured if curve.mode == mode]
     largest: dict[str, float] = {}
     for curve in curves:

@@ -1,12 +1,10 @@
 # The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
-from .identification import update_study as update_study
+from .identification import predict as predict, update_study as update_study
 from .likelihood.backbones import (
-    likelihood_function as likelihood_function,
-    log_likelihood as log_likelihood,
-)
-from .likelihood.curves import (
     BackboneData as BackboneData,
     backbone_data as backbone_data,
+    likelihood_function as likelihood_function,
+    log_likelihood as log_likelihood,
 )
 from .likelihood.noise import NoiseSettings as NoiseSettings
 from .linear_updating import update_linear as update_linear
@@ -25,7 +23,6 @@ from .posterior import (
     density_of as density_of,
     update_class as update_class,
 )
-from .prediction import predict as predict
 from .result import (
     BackboneBand as BackboneBand,
     ClassPosterior as ClassPosterior,
@@ -33,8 +30,7 @@ from .result import (
     Updating as Updating,
 )
 from .sampling.chains import to_inference_data as to_inference_data
-from .sampling.evidence import laplace as laplace
-from .sampling.maximum import maximum_a_posteriori as maximum_a_posteriori
+from .sampling.evidence import laplace as laplace, maximum_a_posteriori as maximum_a_posteriori
 from .structure.affine import AffineStructure as AffineStructure
 from .structure.matrices_file import (
     read_structure as read_structure,
@@ -47,8 +43,6 @@ from .structure.reduction import (
     modes_of as modes_of,
     reduce as reduce,
     reduction_errors as reduction_errors,
-)
-from .structure.ritz import (
     ritz_model as ritz_model,
     ritz_modes as ritz_modes,
 )

@@ -169,7 +169,6 @@ def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
 
 
 def _begun(curves: Sequence[MeasuredBackbone]) -> str:
-    """Return the beginning of a clause: the names of curves of one mode and where they begin."""
     first = sorted(float(curve.frequency_hz[0]) for curve in curves)
     if len(curves) == 1:
         return f"backbone {curves[0].name!r} of mode {curves[0].mode} begins at {first[0]:.4g} Hz"

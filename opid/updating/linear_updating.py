@@ -19,12 +19,11 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
 from opid.updating.result import LinearMode, LinearPosterior
 from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, presses_against, spread_starts
-from opid.updating.sampling.maximum import Maximum, Support, maximum_a_posteriori
+from opid.updating.sampling.evidence import Maximum, Support, maximum_a_posteriori
 from opid.updating.sampling.samplers import metropolis
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes, reduce
-from opid.updating.structure.ritz import ritz_model
+from opid.updating.structure.reduction import lowest_modes, reduce, ritz_model
 
 STEP = 0.01  # fraction by which each factor is changed to find its effect on the backbones
 LAW = "cubic_stiffness"  # of trial backbones, which grow as the measured ones; with a quintic one errors grow 1.4 times
@@ -119,7 +118,6 @@ def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maxi
 
 
 def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
-    """Return the range of each parameter that its prior allows, above 0 and without far tails."""
     box, far = {}, UPDATING.prior_reach
     for name, prior in priors.items():
         if name not in structure.parts:
@@ -159,7 +157,6 @@ def _mode_table(
 def _warnings(
     data: Sequence[LinearData], table: Sequence[LinearMode], backbones: Sequence[MeasuredBackbone], errors: LinearErrors
 ) -> list[str]:
-    """Return warnings: a poor estimate of scatter, a mode or shape that does not fit, nonlinear lowest points."""
     warnings, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
     for each, row in zip(data, table, strict=True):
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size

@@ -207,7 +207,6 @@ def _read(
 
 
 def _table(source: Path) -> tuple[list[str], FloatArray]:
-    """Return the cells of the header, and the numbers below it."""
     try:
         text = source.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -235,7 +234,6 @@ def _table(source: Path) -> tuple[list[str], FloatArray]:
 
 
 def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
-    """Return the frequencies, Hz, and the index of their column."""
     names = [split_unit(cell) for cell in header]
     columns = [index for index, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
     if len(columns) != 1:

@@ -58,13 +58,10 @@ class Prior:
 
     @cached_property
     def _distribution(self) -> Any:
+        first, second = self.first, self.second
         if self.family == "uniform":
-            return stats.uniform(self.first, self.second - self.first)
-        return (
-            stats.norm(self.first, self.second)
-            if self.family == "normal"
-            else stats.lognorm(self.second, 0, self.first)
-        )
+            return stats.uniform(first, second - first)
+        return stats.norm(first, second) if self.family == "normal" else stats.lognorm(second, 0, first)
 
     @property
     def support(self) -> tuple[float, float]:

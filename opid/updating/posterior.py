@@ -9,8 +9,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import likelihood_function, where_it_fails
-from opid.updating.likelihood.curves import BackboneData
+from opid.updating.likelihood.backbones import BackboneData, likelihood_function, where_it_fails
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
 from opid.updating.sampling.chains import (
@@ -22,8 +21,15 @@ from opid.updating.sampling.chains import (
     posterior_density,
     spread_starts,
 )
-from opid.updating.sampling.evidence import Evidence, laplace, laplace_of_samples, prior_sensitivity, quadrature
-from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
+from opid.updating.sampling.evidence import (
+    Evidence,
+    Maximum,
+    laplace,
+    laplace_of_samples,
+    maximum_a_posteriori,
+    prior_sensitivity,
+    quadrature,
+)
 from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, transitional
 from opid.updating.settings import UPDATING
 from opid.updating.study import SAMPLERS, Sampler
@@ -34,26 +40,15 @@ METHODS = ("quadrature", "laplace", "transitional")
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """The posterior of one class as functions of theta, (n, n_parameters) -> (n,).
+    """The posterior of one class as functions of theta, (n, n_parameters) -> (n,)."""
 
-    Args:
-        likelihood: logarithm of p(D | theta); only asked where the prior is not zero.
-        prior: logarithm of p(theta).
-        posterior: their sum.
-    """
-
-    likelihood: LogDensity
-    prior: LogDensity
-    posterior: LogDensity
+    likelihood: LogDensity  # logarithm of p(D | theta); only asked where the prior is not zero
+    prior: LogDensity  # logarithm of p(theta)
+    posterior: LogDensity  # their sum
 
 
 def density_of(data: BackboneData, model_class: ModelClass) -> Density:
-    """Return the posterior of one class as functions of theta.
-
-    Args:
-        data: the backbones.
-        model_class: the class.
-    """
+    """Return the posterior of one `model_class` given the `data` of its backbones, as functions of theta."""
     evaluate = likelihood_function(data, model_class)
 
     def likelihood(theta: FloatArray) -> FloatArray:
@@ -111,10 +106,8 @@ def update_class(
         chain = _sample(density, peak, sampler, n_samples, rng, progress)
     best = chain.best if peak is None else peak.theta
     found, refused = _evidences(methods, density, model_class, peak, chain, stages)
-    estimates, diagnostics = (
-        estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)]),
-        diagnose(chain),
-    )
+    estimates = estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
+    diagnostics = diagnose(chain)
     still = moves_nothing(data, model_class)
     if not still:
         warnings += [*refused, *warnings_of_class(

@@ -14,7 +14,7 @@ from opid.errors import InputError, refuse
 from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.checks import mode_faults, sensor_faults, shortened
-from opid.updating.likelihood.curves import FORMS, Form, coefficient_of_variation, scatter_fault
+from opid.updating.likelihood.backbones import FORMS, Form, coefficient_of_variation, scatter_fault
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass, Prior

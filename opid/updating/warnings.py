@@ -9,8 +9,15 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import curves_of, named_points, residuals, where_it_fails, where_modes_interact
-from opid.updating.likelihood.curves import BackboneData, ModeData
+from opid.updating.likelihood.backbones import (
+    BackboneData,
+    ModeData,
+    curves_of,
+    named_points,
+    residuals,
+    where_it_fails,
+    where_modes_interact,
+)
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, presses_against
@@ -108,17 +115,11 @@ def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """The misfit of a law to the growth of the frequencies of one mode, as far as all of its curves share it.
+    """The misfit of a law to the growth of the frequencies of one mode, as far as all of its curves share it."""
 
-    Args:
-        mode: its number, from 1.
-        fraction: of the measured growth of lambda, both as rms over the points.
-        probability: of such a misfit by chance if the law is right.
-    """
-
-    mode: int
-    fraction: float
-    probability: float
+    mode: int  # its number, from 1
+    fraction: float  # of the measured growth of lambda, both as rms over the points
+    probability: float  # of such a misfit by chance if the law is right
 
 
 def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:

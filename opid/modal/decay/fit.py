@@ -76,22 +76,14 @@ class DecayLaw:
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """The slow motion of the fundamental A(t) cos phi(t) of a free decay, as functions of its amplitude.
+    """The slow motion of the fundamental A(t) cos phi(t) of a free decay, as functions of its amplitude."""
 
-    Args:
-        log_amplitude: (n,) logarithm of A, rising.
-        omega: (n,) phi'.
-        rate: (n,) delta = -A'/A.
-        natural: (n,) natural frequency, without the terms of second order.
-        damping: (n,) c = 2 zeta omega.
-        drift: (n,) delta' - j omega': (A exp(j phi))'' = -((omega + j delta)^2 + drift) A exp(j phi).
-    """
-
-    log_amplitude: FloatArray
-    omega: FloatArray
-    rate: FloatArray
-    natural: FloatArray
-    damping: FloatArray
+    log_amplitude: FloatArray  # (n,) logarithm of A, rising
+    omega: FloatArray  # (n,) phi'
+    rate: FloatArray  # (n,) delta = -A'/A
+    natural: FloatArray  # (n,) natural frequency, without the terms of second order
+    damping: FloatArray  # (n,) c = 2 zeta omega
+    # (n,) delta' - j omega': (A exp(j phi))'' = -((omega + j delta)^2 + drift) A exp(j phi)
     drift: NDArray[np.complex128]
 
 
@@ -327,7 +319,6 @@ def _refine(
     tame: tuple[FloatArray, FloatArray],
     derivative: int,
 ) -> _Fit:
-    """Fit the coefficients and the start of each decay to amplitude and phase over all of the time."""
     from scipy.optimize import least_squares
 
     low = min(float(each.log_amplitude.min()) for each in decays) - 0.7

@@ -136,10 +136,7 @@ def decay_of(
     Args:
         test: the test; a force in it is ignored, and must have ended.
         mode: number of the mode, from 1; it is sought near its linear frequency.
-        stiffness_order: as in `free_decay`.
-        damping_order: likewise.
-        start_s: likewise.
-        stop_s: likewise.
+        stiffness_order: as in `free_decay`, like `damping_order`, `start_s` and `stop_s`.
 
     Raises:
         InputError: no such mode, a rigid-body mode, or as `free_decay`.
@@ -257,8 +254,7 @@ def law_of_decays(
 
     Args:
         decays: one or several.
-        stiffness_order: as in `free_decay`.
-        damping_order: likewise.
+        stiffness_order: as in `free_decay`, like `damping_order`.
 
     Raises:
         InputError: no decay, or decays of different modes or quantities.

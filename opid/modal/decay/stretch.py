@@ -16,23 +16,14 @@ from opid.signals.recording import FloatArray
 
 @dataclass(frozen=True)
 class Stretch:
-    """The part of a record that holds a free decay.
+    """The part of a record that holds a free decay."""
 
-    Args:
-        frequency_hz: of the mode, roughly, Hz.
-        rate: its amplitude falls as exp(-rate t), roughly, 1/s.
-        start: first sample.
-        stop: sample after the last that may be used.
-        sure_stop: sample where the envelope comes near its level at the end of the record.
-        warnings: one sentence for each reason to doubt the choice.
-    """
-
-    frequency_hz: float
-    rate: float
-    start: int
-    stop: int
-    sure_stop: int
-    warnings: tuple[str, ...]
+    frequency_hz: float  # of the mode, roughly, Hz
+    rate: float  # its amplitude falls as exp(-rate t), roughly, 1/s
+    start: int  # first sample
+    stop: int  # sample after the last that may be used
+    sure_stop: int  # sample where the envelope comes near its level at the end of the record
+    warnings: tuple[str, ...]  # one sentence for each reason to doubt the choice
 
 
 def find_stretch(
@@ -189,7 +180,6 @@ def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
 
 
 def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
-    """Return the first sample after the last one that is clipped."""
     last = -1
     n = MODAL.clipped_samples
     for at_limit in (part >= part.max(), part <= part.min()):

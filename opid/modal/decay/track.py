@@ -19,39 +19,22 @@ from opid.signals.recording import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """The fundamental of a free decay, B(t) cos phi(t), at the centres of n windows.
+    """The fundamental of a free decay, B(t) cos phi(t), at the centres of n windows."""
 
-    Args:
-        time_s: (n,) s from the first sample of the record.
-        amplitude: (n,) B, unit of the record.
-        phase: (n,) phi, rad.
-        omega: (n,) phi', rad/s.
-        rate: (n,) -B'/B, 1/s.
-        chirp: (n,) phi'' of the smooth reference, rad/s^2.
-        omega_std: (n,) standard deviation, rad/s.
-        rate_std: (n,) likewise, 1/s.
-        covariance: (2n, 2n) of log B, then of phi; neighbouring windows overlap and are correlated.
-        neighbours_hz: frequencies that were fitted beside the mode, Hz.
-        unresolved_hz: frequencies too close to the mode to be separated from it, Hz.
-        residual_share: rms of the residual over that of the record, in the stretch used.
-        start_s: first sample of the first window, s from the first of the record.
-        stop_s: last sample of the last.
-    """
-
-    time_s: FloatArray
-    amplitude: FloatArray
-    phase: FloatArray
-    omega: FloatArray
-    rate: FloatArray
-    chirp: FloatArray
-    omega_std: FloatArray
-    rate_std: FloatArray
-    covariance: FloatArray
-    neighbours_hz: tuple[float, ...]
-    unresolved_hz: tuple[float, ...]
-    residual_share: float
-    start_s: float
-    stop_s: float
+    time_s: FloatArray  # (n,) s from the first sample of the record
+    amplitude: FloatArray  # (n,) B, unit of the record
+    phase: FloatArray  # (n,) phi, rad
+    omega: FloatArray  # (n,) phi', rad/s
+    rate: FloatArray  # (n,) -B'/B, 1/s
+    chirp: FloatArray  # (n,) phi'' of the smooth reference, rad/s^2
+    omega_std: FloatArray  # (n,) standard deviation, rad/s
+    rate_std: FloatArray  # (n,) likewise, 1/s
+    covariance: FloatArray  # (2n, 2n) of log B, then of phi; neighbouring windows overlap and are correlated
+    neighbours_hz: tuple[float, ...]  # frequencies that were fitted beside the mode, Hz
+    unresolved_hz: tuple[float, ...]  # frequencies too close to the mode to be separated from it, Hz
+    residual_share: float  # rms of the residual over that of the record, in the stretch used
+    start_s: float  # first sample of the first window, s from the first of the record
+    stop_s: float  # last sample of the last
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,43 +27,24 @@ from opid.signals.recording import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class ModeLines:
-    """The equation f_q - q'' - c0 q' - k0 q = sum k_n q|q|^(n-1) + sum c_n q'|q'|^(n-1) of one test.
+    """The equation f_q - q'' - c0 q' - k0 q = sum k_n q|q|^(n-1) + sum c_n q'|q'|^(n-1) of one test."""
 
-    Args:
-        test: name of the test.
-        frequency_hz: (m,) lines of the band.
-        stiffness: (m, 5) transforms of q|q|^(n-1), n = 1 .. 5.
-        damping: (m, 5) transforms of q'|q'|^(n-1).
-        inertia: (m,) transform of q''.
-        force: (m,) transform of f_q.
-        rest: (m,) the left side.
-        noise_force: standard deviation of a line of `force` (complex) that the sensor's noise makes.
-        noise_inertia: likewise of a line of `inertia`.
-        indices: (m,) of the lines in the transform of the whole record.
-        q: (n,) displacement, m kg^1/2.
-        v: (n,) velocity, m/s kg^1/2.
-        fade: (n,) what every term was multiplied by.
-        linear: k0, 1/s^2, and c0, 1/s.
-        kept_hz: the band of q and v, Hz.
-        fs: sampling rate, Hz.
-    """
-
-    test: str
-    frequency_hz: FloatArray
-    stiffness: ComplexArray
-    damping: ComplexArray
-    inertia: ComplexArray
-    force: ComplexArray
-    rest: ComplexArray
-    noise_force: float
-    noise_inertia: float
-    indices: NDArray[np.int64]
-    q: FloatArray
-    v: FloatArray
-    fade: FloatArray
-    linear: tuple[float, float]
-    kept_hz: tuple[float, float]
-    fs: float
+    test: str  # name of the test
+    frequency_hz: FloatArray  # (m,) lines of the band
+    stiffness: ComplexArray  # (m, 5) transforms of q|q|^(n-1), n = 1 .. 5
+    damping: ComplexArray  # (m, 5) transforms of q'|q'|^(n-1)
+    inertia: ComplexArray  # (m,) transform of q''
+    force: ComplexArray  # (m,) transform of f_q
+    rest: ComplexArray  # (m,) the left side
+    noise_force: float  # standard deviation of a line of `force` (complex) that the sensor's noise makes
+    noise_inertia: float  # likewise of a line of `inertia`
+    indices: NDArray[np.int64]  # (m,) of the lines in the transform of the whole record
+    q: FloatArray  # (n,) displacement, m kg^1/2
+    v: FloatArray  # (n,) velocity, m/s kg^1/2
+    fade: FloatArray  # (n,) what every term was multiplied by
+    linear: tuple[float, float]  # k0, 1/s^2, and c0, 1/s
+    kept_hz: tuple[float, float]  # the band of q and v, Hz
+    fs: float  # sampling rate, Hz
 
     @property
     def largest_q(self) -> float:
@@ -260,7 +241,6 @@ def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
 
 
 def _noise_of_lines(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
-    """Return the standard deviation of a line by the sensor's noise."""
     # simulated tests without noise need finite weights, too
     least = 1e-7 * float(np.abs(spectrum).max())
     return max(float(np.sqrt(find_noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)

@@ -56,21 +56,13 @@ class Coefficients:
 
 @dataclass(frozen=True)
 class OrderRung:
-    """One pair of orders that was tried.
+    """One pair of orders that was tried."""
 
-    Args:
-        stiffness_order: N_s.
-        damping_order: N_d.
-        error: misfit of the tests that were left out, over the modal force (rms).
-        error_std: standard error of that, from test to test.
-        chosen: whether this pair was chosen.
-    """
-
-    stiffness_order: int
-    damping_order: int
-    error: float
-    error_std: float
-    chosen: bool
+    stiffness_order: int  # N_s
+    damping_order: int  # N_d
+    error: float  # misfit of the tests that were left out, over the modal force (rms)
+    error_std: float  # standard error of that, from test to test
+    chosen: bool  # whether this pair was chosen
 
 
 def fit_coefficients(
@@ -105,14 +97,7 @@ def fit_unweighted(
 ) -> Coefficients:
     """Fit k_n and c_n as printed: every line of every test with the same weight (Pacini eq. 12).
 
-    Args:
-        lines: those of each test.
-        stiffness_order: N_s.
-        damping_order: N_d.
-        free_linear: whether the powers 1 are fitted, too.
-
-    Raises:
-        InputError: as `fit_coefficients`.
+    Arguments and errors are those of `fit_coefficients`: `lines`, `stiffness_order`, `damping_order`, `free_linear`.
     """
     powers = Powers.of(stiffness_order, damping_order, free_linear=free_linear)
     return _finish(powers, lines, [np.ones(each.frequency_hz.size) for each in lines])

@@ -52,23 +52,14 @@ class LevelShift:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """The linear oscillator that one test shows for a mode.
+    """The linear oscillator that one test shows for a mode."""
 
-    Args:
-        frequency_hz: natural frequency, Hz; without a value where none was found.
-        damping_ratio: damping ratio.
-        amplitude: peak |q''| in the band, m/s^2 kg^1/2.
-        band_hz: lines that were fitted, Hz.
-        modal_mass: m, 1 where shapes and force are in order; None where nothing was found.
-        explained: whether noise explains the misfit of the linear mode.
-    """
-
-    frequency_hz: Estimate
-    damping_ratio: Estimate
-    amplitude: float
-    band_hz: tuple[float, float]
-    modal_mass: float | None = None
-    explained: bool = True
+    frequency_hz: Estimate  # natural frequency, Hz; without a value where none was found
+    damping_ratio: Estimate  # damping ratio
+    amplitude: float  # peak |q''| in the band, m/s^2 kg^1/2
+    band_hz: tuple[float, float]  # lines that were fitted, Hz
+    modal_mass: float | None = None  # m, 1 where shapes and force are in order; None where nothing was found
+    explained: bool = True  # whether noise explains the misfit of the linear mode
 
 
 def level_shifts(
@@ -119,11 +110,7 @@ def level_shifts(
 
 
 def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
-    """Return the numbers of the modes that the levels show to be nonlinear.
-
-    Args:
-        shifts: from `level_shifts`.
-    """
+    """Return the numbers of the modes that the `shifts` from `level_shifts` show to be nonlinear."""
     return tuple(shift.mode for shift in shifts if shift.nonlinear)
 
 

@@ -131,20 +131,14 @@ def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:
     """Return Phi^T e, (n_modes,) kg^-1/2: one force at a sensor -> modal forces (Pacini eq. 3).
 
     Args:
-        modes: the modes.
-        drive_point: name of the sensor where and in whose direction the force acts.
-
-    Raises:
-        InputError: no such sensor.
+        modes: of the structure.
+        drive_point: name of the sensor where and in whose direction the force acts; InputError for another name.
     """
     return modes.row(drive_point).copy()
 
 
 def condition_number(modes: LinearModes) -> float:
-    """Return the condition number of the shapes: how much noise and wrong shapes grow in the modal filter.
-
-    Args:
-        modes: the modes.
+    """Return the condition number of the shapes of `modes`: how much noise and wrong shapes grow in the modal filter.
 
     >>> round(condition_number(LinearModes([1, 2], [0, 0], [[1, 0], [0, 0.5]], ("a", "b"))), 6)
     2.0
@@ -192,15 +186,7 @@ def modes_of_structure(structure: Structure, sensors: ArrayLike, names: Sequence
 
 
 def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
-    """Return the modes at some of their sensors, in the given order.
-
-    Args:
-        modes: the modes.
-        sensors: names of the wanted sensors.
-
-    Raises:
-        InputError: no such sensor.
-    """
+    """Return the `modes` at some of their `sensors`, in the given order; InputError for a sensor that is not there."""
     if not sensors:
         raise InputError("no sensor is asked for: name at least one")
     shapes = np.stack([modes.row(name) for name in sensors])

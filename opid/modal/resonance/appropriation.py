@@ -285,16 +285,11 @@ def levels_for(
     The structure is driven from a low voltage up until the amplitude is right to 1 %.
 
     Args:
-        rig: as for `appropriate_force`.
-        modes: likewise.
-        mode: likewise.
+        rig: as for `appropriate_force`, like `modes`, `mode`, `drive_point`, `noise_share` and `settings`.
         top_m_per_s2: amplitude of the fundamental at the drive point, m/s^2.
         rng: source of the noise.
         n_levels: number of voltages, two or more.
         lowest_fraction: the first voltage over the last.
-        drive_point: as for `appropriate_force`.
-        noise_share: likewise.
-        settings: likewise.
 
     Raises:
         InputError: a value out of range, or as `appropriate_force`.
@@ -435,7 +430,6 @@ def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int)
 
 
 def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[AppropriationLevel, Loop]:
-    """Hold one voltage until the phase has settled, and record."""
     settings, locking = control.settings, control.lock(loop, voltage_v)
     loop = locking.loop
     readings, state = control.measured(loop, voltage_v, settings.record_periods, control.columns)

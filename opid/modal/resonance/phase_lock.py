@@ -62,65 +62,38 @@ class PhaseLock:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """The state of the structure and of the controller between two periods.
+    """The state of the structure and of the controller between two periods."""
 
-    Args:
-        state: of the structure, at phase zero of the drive.
-        frequency_hz: of the next period, Hz.
-        integral_hz: part of the frequency that the integral of the phase error has added, Hz.
-        started: whether the transient of the sudden start has decayed.
-    """
-
-    state: State
-    frequency_hz: float
-    integral_hz: float
-    started: bool
+    state: State  # of the structure, at phase zero of the drive
+    frequency_hz: float  # of the next period, Hz
+    integral_hz: float  # part of the frequency that the integral of the phase error has added, Hz
+    started: bool  # whether the transient of the sudden start has decayed
 
 
 @dataclass(frozen=True, eq=False)
 class Locking:
-    """How the loop settled at one voltage.
+    """How the loop settled at one voltage."""
 
-    Args:
-        loop: its state at the end.
-        locked: whether phase and amplitude settled within the time allowed.
-        time_s: time until then, or the time allowed, s.
-        errors_deg: phase errors of the last periods, degrees.
-        drift: relative change of the amplitude at the drive point over these periods.
-    """
-
-    loop: Loop
-    locked: bool
-    time_s: float
-    errors_deg: FloatArray
-    drift: float
+    loop: Loop  # its state at the end
+    locked: bool  # whether phase and amplitude settled within the time allowed
+    time_s: float  # time until then, or the time allowed, s
+    errors_deg: FloatArray  # phase errors of the last periods, degrees
+    drift: float  # relative change of the amplitude at the drive point over these periods
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A phase-locked loop on a rig; all of it stays the same from level to level.
+    """A phase-locked loop on a rig; all of it stays the same from level to level."""
 
-    Args:
-        rig: the rig, opened for the lowest frequency of the range.
-        modes: linear modes at sensors of the rig.
-        mode: the one that is held, from 1.
-        drive_point: the sensor at the drive point.
-        columns: of the readings, one for each sensor of the modes.
-        range_hz: lowest and highest frequency, Hz.
-        settings: of the loop.
-        noise_share: standard deviation of the noise over the rms of the clean signal of each channel.
-        rng: source of the noise.
-    """
-
-    rig: OpenRig
-    modes: LinearModes
-    mode: int
-    drive_point: str
-    columns: tuple[int, ...]
-    range_hz: tuple[float, float]
-    settings: PhaseLock
-    noise_share: float
-    rng: np.random.Generator
+    rig: OpenRig  # the rig, opened for the lowest frequency of the range
+    modes: LinearModes  # linear modes at sensors of the rig
+    mode: int  # the one that is held, from 1
+    drive_point: str  # the sensor at the drive point
+    columns: tuple[int, ...]  # of the readings, one for each sensor of the modes
+    range_hz: tuple[float, float]  # lowest and highest frequency, Hz
+    settings: PhaseLock  # of the loop
+    noise_share: float  # standard deviation of the noise over the rms of the clean signal of each channel
+    rng: np.random.Generator  # source of the noise
 
     @property
     def natural_hz(self) -> float:

@@ -5,20 +5,222 @@ The model's curves run smoothly past interactions of modes, and gaps in them are
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from opid.errors import NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, nearest
 from opid.mechanics.backbones.family import family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.curves import BackboneData, IntArray, ModeData
-from opid.updating.likelihood.noise import log_marginal
+from opid.updating.checks import joint_fault, sensor_faults
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, log_marginal
+from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
+
+Form = Literal["paper", "literal", "recommended", "independent"]
+FORMS: tuple[Form, ...] = get_args(Form)
+
+IntArray = NDArray[np.int64]
+
+N_NODES = 12  # amplitudes at which the model is solved for one mode; between them its curve is a polynomial
+
+
+@dataclass(frozen=True, eq=False)
+class ModeData:
+    """The curves of one mode, ready to be compared with a model that is solved at a few amplitudes."""
+
+    mode: int  # its number, from 1
+    # controlled sensor and (n_nodes,) amplitudes, m, at which the model is solved for it
+    parts: tuple[tuple[str, FloatArray], ...]
+    between: FloatArray  # (n_points, n_nodes of all parts) matrix that takes values at the nodes to the measured points
+    curve: IntArray  # (n_points,) number of the curve of each point, from 0
+    eigenvalue: FloatArray  # (n_points,) measured lambda, 1/s^2
+    sensor: NDArray[np.str_]  # (n_points,) name of the controlled sensor of each point
+    amplitude: FloatArray  # (n_points,) of that sensor, m
+    # (n_points,) of the controlled sensor, of the largest of any curve with the same one
+    relative_amplitude: FloatArray
+    # (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude
+    growth: FloatArray
+    shapes: FloatArray  # (n_points, n_sensors) measured shapes of unit length
+    # (n_sensors - 1,) columns of the shapes without that of the largest entry, which the unit length fixes
+    free: IntArray
+    rows: IntArray  # (n_sensors,) rows of these sensors in the system
+    linear: float  # lambda of the mode without nonlinearity, 1/s^2
+    cov: float  # coefficient of variation of lambda over the curves; nan where it is not known
+    frequency_noise: CurveNoise | None  # noise model of lambda / linear, for the recommended form
+    shape_noise: CurveNoise | None  # noise model of the free entries of the shapes
+
+
+@dataclass(frozen=True, eq=False)
+class BackboneData:
+    """All measured backbones, ready for `log_likelihood`.
+
+    Args:
+        system: the linear structure with its joints.
+        modes: the data of each mode.
+        form: of the likelihood.
+        harmonics: of the model.
+        noise: settings.
+    """
+
+    system: JointedModes
+    modes: tuple[ModeData, ...]
+    form: Form
+    harmonics: tuple[int, ...]
+    noise: NoiseSettings
+
+
+def backbone_data(
+    system: JointedModes,
+    measured: Sequence[MeasuredBackbone],
+    *,
+    form: Form = "recommended",
+    harmonics: Sequence[int] = (1, 3),
+    noise: NoiseSettings | None = None,
+) -> BackboneData:
+    """Return measured backbones grouped by mode, with everything that does not depend on the law.
+
+    Args:
+        system: the linear structure with its joints.
+        measured: the backbones; those of one mode are tests of the same structure.
+        form: "paper" is Song eqs. (10) to (12) with the mean of squares of each curve; "literal" eq. (12) as printed,
+            which squares the mean, so that errors cancel; "independent" takes every point as a measurement of its own
+            (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.likelihood.noise`).
+        harmonics: of the model.
+        noise: settings for the errors.
+
+    Raises:
+        InputError: no backbone, an unknown form, sensors that the system does not have, curves of one mode with
+            different sensors, a mode that extends no joint, or one whose coefficient of variation is needed and follows
+            neither from the curves nor from `noise`.
+    """
+    noise = noise or NoiseSettings()
+    if form not in FORMS:
+        raise InputError(f"there is no likelihood {form!r}: {nearest(form, FORMS)}")
+    if not measured:
+        raise InputError("there is no measured backbone: give at least one")
+    for fault in sensor_faults(measured):
+        raise InputError(fault)
+    modes = []
+    for mode, curves in by_mode(measured).items():
+        cov = (noise.cov or {}).get(mode) or coefficient_of_variation(curves)
+        modes.append(_mode_data(system, curves, noise, cov, form))
+    for each in modes if form != "recommended" else ():
+        if not each.cov > 0:
+            raise InputError(scatter_fault(each.mode))
+    return BackboneData(system, tuple(modes), form, tuple(int(h) for h in harmonics), noise)
+
+
+def scatter_fault(mode: int) -> str:
+    """Return the clause on a mode whose curves do not tell how lambda varies, which the paper's forms need."""
+    return (
+        f"the curves of mode {mode} do not tell how lambda varies (there is one, they are equal, or they share no "
+        f'amplitudes): give cov of mode {mode}, or take form = "recommended"'
+    )
+
+
+def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
+    """Return standard deviation over mean of lambda across curves of one mode, averaged over amplitudes.
+
+    It is that of Song et al. below eqs. (5) and (12), over the amplitude of a sensor that all have; nan for a single
+    curve, or where the curves share no range of amplitude.
+    """
+    first = curves[0].controlled_sensor
+    columns = [np.abs(one.amplitude[:, one.sensors.index(first)]) for one in curves if first in one.sensors]
+    if len(columns) < max(2, len(curves)):
+        return float("nan")
+    low, high = max(column.min() for column in columns), min(column.max() for column in columns)
+    if low >= high:
+        return float("nan")
+    amplitude = np.linspace(low, high, 20)
+    order = [np.argsort(column) for column in columns]
+    values = np.array(
+        [np.interp(amplitude, c[k], one.eigenvalue[k]) for one, c, k in zip(curves, columns, order, strict=True)]
+    )
+    return float(np.mean(values.std(axis=0, ddof=1) / values.mean(axis=0)))
+
+
+def _mode_data(
+    system: JointedModes, curves: Sequence[MeasuredBackbone], noise: NoiseSettings, cov: float, form: Form
+) -> ModeData:
+    mode = curves[0].mode
+    linear = float(system.eigenvalue[system.index(mode)])
+    if linear <= 0:
+        raise InputError(f"mode {mode} has no stiffness (0 Hz): a backbone needs an elastic mode")
+    for fault in joint_fault(system, mode):
+        raise InputError(fault)
+    sensors = curves[0].sensors
+    rows = np.array([system.sensor(name) for name in sensors])
+    shapes = np.concatenate([one.amplitude[:, [one.sensors.index(name) for name in sensors]] for one in curves])
+    shapes = shapes / np.linalg.norm(shapes, axis=1, keepdims=True)
+    parts, blocks = [], []
+    controlled = [one.controlled_sensor for one in curves]
+    names = np.repeat(controlled, [one.frequency_hz.size for one in curves])
+    amplitude = np.concatenate([one.controlled_amplitude for one in curves])
+    for sensor in dict.fromkeys(controlled):
+        system.sensor(sensor)
+        mine = names == sensor
+        nodes, block = _nodes(amplitude[mine])
+        rows_of_all = np.zeros((mine.size, nodes.size))
+        rows_of_all[mine] = block
+        parts.append((sensor, nodes))
+        blocks.append(rows_of_all)
+    between = np.concatenate(blocks, axis=1)
+    curve = np.repeat(np.arange(len(curves)), [one.frequency_hz.size for one in curves])
+    eigenvalue = np.concatenate([one.eigenvalue for one in curves])
+    relative, growth = _amplitude_and_growth(names, amplitude, eigenvalue / linear)
+    free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
+    frequency_noise = shape_noise = None
+    common = {"common_growth": noise.growth_of_linear_error, "own_growth": noise.curve_growth}
+    if form == "recommended":
+        frequency_noise = curve_noise(
+            (eigenvalue / linear)[:, None], between, curve, growth, common_std=2 * noise.linear_error,
+            offset=2 * noise.curve_offset, expected=2 * noise.point_noise, **common,
+        )  # fmt: skip
+    if form == "recommended" and noise.shapes and free.size:
+        shape_noise = curve_noise(
+            shapes[:, free], between, curve, growth, common_std=noise.linear_shape_error, offset=noise.shape_offset,
+            expected=noise.shape_noise, **common,
+        )  # fmt: skip
+    return ModeData(
+        mode, tuple(parts), between, curve, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
+        cov, frequency_noise, shape_noise,
+    )  # fmt: skip
+
+
+def _amplitude_and_growth(
+    names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the amplitude of each point relative to the largest, and the growth of lambda there.
+
+    The growth is smoothed by a cubic: with the noise of the points in it, a slope of the error would fit that noise.
+    """
+    relative, smooth = np.empty_like(grown), np.empty_like(grown)
+    for name in np.unique(names):
+        mine = names == name
+        relative[mine] = amplitude[mine] / amplitude[mine].max()
+        powers = np.vander(relative[mine], 1 + min(3, max(1, int(mine.sum()) // 4)))
+        smooth[mine] = powers @ np.linalg.lstsq(powers, grown[mine], rcond=None)[0]
+    return relative, smooth - smooth.min()
+
+
+def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return amplitudes to solve at, Chebyshev nodes or the few given ones, and the matrix that interpolates them."""
+    unique, index = np.unique(amplitude, return_inverse=True)
+    if unique.size <= N_NODES:
+        return unique, np.eye(unique.size)[index]
+    from scipy.interpolate import BarycentricInterpolator
+
+    low, high = unique[0], unique[-1]
+    nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(N_NODES) / (N_NODES - 1))
+    return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES))(amplitude)
+
 
 MOST_NAMED = 4  # points that a sentence names
 
@@ -61,12 +263,9 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
 
 
 def log_likelihood(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> FloatArray:
-    """Return the logarithm of p(D | theta), (n,); `likelihood_function` is faster for many calls.
+    """Return the logarithm of p(D | theta), (n,), of theta (n, n_parameters).
 
-    Args:
-        data: from `backbone_data`.
-        model_class: the law.
-        theta: (n, n_parameters).
+    `data` and `model_class` are those of `likelihood_function`, which is faster for many calls.
     """
     return likelihood_function(data, model_class)(theta)[0]
 
@@ -217,7 +416,6 @@ def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: Arr
 
 
 def _meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
-    """Return the harmonic and the mode that come nearest to each other, in words."""
     orders = np.array([h for h in data.harmonics if h > 1])
     own = data.system.frequency_hz[met]
     apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
@@ -263,7 +461,6 @@ def named_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
 
 
 def _span(amplitude: FloatArray) -> str:
-    """Return the smallest and the largest amplitude in words, mm."""
     low, high = (f"{1e3 * value:.3g}" for value in (amplitude.min(), amplitude.max()))
     return low if low == high else f"{low} to {high}"
 

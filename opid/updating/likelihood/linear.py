@@ -16,7 +16,7 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
 from opid.updating.sampling.chains import LogDensity, posterior_density
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.ritz import RitzModel, ritz_modes
+from opid.updating.structure.reduction import RitzModel, ritz_modes
 
 OneCov = float | Literal["scatter", "inferred"]
 OneShapeStd = float | Literal["paper", "inferred"]
@@ -48,28 +48,17 @@ class LinearErrors(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class LinearData:
-    """The lowest points of all backbones of one mode; every curve is a data set of its own.
+    """The lowest points of all backbones of one mode; every curve is a data set of its own."""
 
-    Args:
-        mode: its number, from 1.
-        eigenvalue: (n_sets,) measured, 1/s^2.
-        shapes: (n_sets, n_sensors) measured, of unit length.
-        rows: (n_sensors,) indices of those sensors among the sensors of the structure.
-        eigenvalue_std: (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2.
-        shape_std: sigma_phi of an entry of the shape (eq. 6).
-        infer_eigenvalue_std: whether that is a guess whose common factor is to be integrated out.
-        infer_shape_std: likewise for `shape_std`, which may then be any number.
-        common_std: standard deviation of the error of the model, which the eigenvalues of all curves share, 1/s^2.
-    """
-
-    mode: int
-    eigenvalue: FloatArray
-    shapes: FloatArray
-    rows: FloatArray
-    eigenvalue_std: FloatArray
-    shape_std: float
-    infer_eigenvalue_std: bool = False
-    infer_shape_std: bool = False
+    mode: int  # its number, from 1
+    eigenvalue: FloatArray  # (n_sets,) measured, 1/s^2
+    shapes: FloatArray  # (n_sets, n_sensors) measured, of unit length
+    rows: FloatArray  # (n_sensors,) indices of those sensors among the sensors of the structure
+    eigenvalue_std: FloatArray  # (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2
+    shape_std: float  # sigma_phi of an entry of the shape (eq. 6)
+    infer_eigenvalue_std: bool = False  # whether that is a guess whose common factor is to be integrated out
+    infer_shape_std: bool = False  # likewise for `shape_std`, which may then be any number
+    # standard deviation of the error of the model, which the eigenvalues of all curves share, 1/s^2
     common_std: float = 0.0
 
 
@@ -230,7 +219,6 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
 
 
 def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
-    """Return the coefficient of variation of the eigenvalue of a mode: as given, else that of its curves."""
     if not isinstance(cov, str):
         return _positive(f"cov of mode {mode}", cov)
     if eigenvalue.size < 2:

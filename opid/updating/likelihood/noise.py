@@ -99,36 +99,21 @@ class CurveNoise:
     multiple of sigma; the noise of a point, of standard deviation sigma. h is the growth of the quantity by the
     nonlinearity. Were the growths as free as the offsets, all curves of a wrong law would take the slope that the law
     lacks.
-
-    Args:
-        data: (n_coordinates, n_channels) measured, rotated.
-        model: (n_coordinates, n_nodes) takes the model's values at its nodes to the same coordinates.
-        outside: (n_channels,) sum of squares of the part that no model and no offset can explain.
-        n_points: points in all.
-        shrink: (n_coordinates, n_ratios) inverse of the variance in units of sigma^2, for each ratio rho.
-        common: (n_coordinates, 2 n_ratios) generalised least squares of b_0, then b_1, for each ratio.
-        precision: (3, n_ratios) of b in units of 1 / sigma^2: of b_0, between both, of b_1.
-        constant: (n_ratios,) the part of the log density that depends on neither model nor data.
-        common_variance: prior variance of b_0, and of b_1 in its own unit.
-        common_scale: unit of b_1.
-        own_growth: standard deviation of p_c over sigma.
-        expected: (n_channels,) scale of the prior of sigma^2.
-        offset: expected rho sigma.
     """
 
-    data: FloatArray
-    model: FloatArray
-    outside: FloatArray
-    n_points: int
-    shrink: FloatArray
-    common: FloatArray
-    precision: FloatArray
-    constant: FloatArray
-    common_variance: float
-    common_scale: float
-    own_growth: float
-    expected: FloatArray
-    offset: float
+    data: FloatArray  # (n_coordinates, n_channels) measured, rotated
+    model: FloatArray  # (n_coordinates, n_nodes) takes the model's values at its nodes to the same coordinates
+    outside: FloatArray  # (n_channels,) sum of squares of the part that no model and no offset can explain
+    n_points: int  # points in all
+    shrink: FloatArray  # (n_coordinates, n_ratios) inverse of the variance in units of sigma^2, for each ratio rho
+    common: FloatArray  # (n_coordinates, 2 n_ratios) generalised least squares of b_0, then b_1, for each ratio
+    precision: FloatArray  # (3, n_ratios) of b in units of 1 / sigma^2: of b_0, between both, of b_1
+    constant: FloatArray  # (n_ratios,) the part of the log density that depends on neither model nor data
+    common_variance: float  # prior variance of b_0, and of b_1 in its own unit
+    common_scale: float  # unit of b_1
+    own_growth: float  # standard deviation of p_c over sigma
+    expected: FloatArray  # (n_channels,) scale of the prior of sigma^2
+    offset: float  # expected rho sigma
 
 
 def curve_noise(
@@ -143,18 +128,12 @@ def curve_noise(
     offset: float,
     expected: float,
 ) -> CurveNoise:
-    """Return the noise model of some curves; channels have offsets and noise levels of their own.
+    """Return the noise model of measured curves, (n_points, n_channels); channels have offsets and levels of their own.
 
-    Args:
-        values: (n_points, n_channels) measured.
-        between: (n_points, n_nodes) takes values at the nodes of the model to the points.
-        curve: (n_points,) number of the curve of each point, from 0.
-        growth: (n_points,) h, 0 in the linear range.
-        common_std: prior standard deviation of the error b_0 that all curves share.
-        common_growth: prior standard deviation of b_1 in units of `common_std`; 0 for none.
-        own_growth: standard deviation of p_c over sigma.
-        offset: expected standard deviation of a curve's offset.
-        expected: expected standard deviation of a point's noise.
+    `between`, (n_points, n_nodes), takes values at the nodes of the model to the points, `curve`, (n_points,), numbers
+    their curves from 0, and `growth`, (n_points,), is h, 0 in the linear range. `common_std` is the prior standard
+    deviation of b_0, `common_growth` that of b_1 in units of it. `offset` and `expected` are the expected standard
+    deviations of a curve's offset and of a point's noise.
     """
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))

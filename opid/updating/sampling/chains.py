@@ -90,17 +90,11 @@ class Diagnostics:
 
 @dataclass(frozen=True)
 class Pressure:
-    """A prior that the posterior presses against.
+    """A prior that the posterior presses against."""
 
-    Args:
-        parameter: its number, from 1.
-        side: "lower" or "upper".
-        sentence: the warning, without the name of the parameter at its beginning.
-    """
-
-    parameter: int
-    side: Literal["lower", "upper"]
-    sentence: str
+    parameter: int  # its number, from 1
+    side: Literal["lower", "upper"]  # "lower" or "upper"
+    sentence: str  # the warning, without the name of the parameter at its beginning
 
 
 # ---- checks of every sampler -----------------------------------------------------------------------
@@ -363,14 +357,6 @@ def _far_off(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
 # ---- ArviZ -----------------------------------------------------------------------------------------
 
 
-def inference_groups(chain: Chain, names: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
-    """Return the groups of ArviZ's schema, each variable (n_chains, n), by the names of the parameters."""
-    if len(names) != chain.n_parameters or len(set(names)) < len(names):
-        raise InputError(f"names are {list(names)}: give {chain.n_parameters} different one(s), one a parameter")
-    posterior = {name: np.array(chain.samples[:, :, k]) for k, name in enumerate(names)}
-    return {"posterior": posterior, "sample_stats": {"lp": np.array(chain.log_density)}}
-
-
 def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
     """Return ArviZ's own object where ArviZ is installed (`pip install '.[bayes]'`), otherwise a dict of its groups.
 
@@ -384,7 +370,10 @@ def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
     Raises:
         InputError: a name missing or given twice.
     """
-    groups = inference_groups(chain, names)
+    if len(names) != chain.n_parameters or len(set(names)) < len(names):
+        raise InputError(f"names are {list(names)}: give {chain.n_parameters} different one(s), one a parameter")
+    posterior = {name: np.array(chain.samples[:, :, k]) for k, name in enumerate(names)}
+    groups = {"posterior": posterior, "sample_stats": {"lp": np.array(chain.log_density)}}
     try:
         import arviz
     except ImportError:

@@ -152,20 +152,14 @@ def ensemble(
 
 @dataclass(frozen=True, eq=False)
 class Transitional:
-    """Samples of the posterior, the evidence, and the stages between prior and posterior.
+    """Samples of the posterior, the evidence, and the stages between prior and posterior."""
 
-    Args:
-        chain: one chain of n_particles, those with the same parent side by side, so that copies reduce its number of
-            effective samples.
-        evidence: its logarithm with the standard deviation of that.
-        exponents: (n_stages + 1,) exponents of the likelihood, from 0 to 1.
-        acceptance: (n_stages,) fraction of the proposals of each stage.
-    """
-
+    # one chain of n_particles, those with the same parent side by side, so that copies reduce its number of effective
+    # samples
     chain: Chain
-    evidence: Evidence
-    exponents: FloatArray
-    acceptance: FloatArray
+    evidence: Evidence  # its logarithm with the standard deviation of that
+    exponents: FloatArray  # (n_stages + 1,) exponents of the likelihood, from 0 to 1
+    acceptance: FloatArray  # (n_stages,) fraction of the proposals of each stage
 
 
 def transitional(

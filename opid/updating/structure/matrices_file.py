@@ -138,7 +138,6 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
 
 
 def _read_one(path: Path) -> dict[str, Any]:
-    """Return everything that a npz or MATLAB file holds, by name."""
     if path.name.lower().endswith(MARKET):
         raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
     kind = path.suffix.lower()
@@ -148,7 +147,6 @@ def _read_one(path: Path) -> dict[str, Any]:
 
 
 def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
-    """Return one matrix from each file that can be read."""
     found = {name: _try_to(faults, _one_matrix, Path(file)) for name, file in files.items()}
     return {name: matrix for name, matrix in found.items() if matrix is not None}
 
@@ -173,7 +171,6 @@ def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
 
 
 def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
-    """Return what a reader makes of a file, with its errors as one InputError."""
     import zipfile
     import zlib
 
@@ -231,7 +228,6 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _matrix(name: str, value: Any) -> sparse.csr_matrix:
-    """Return one matrix, which has to be real and square."""
     value = value if sparse.issparse(value) else np.asarray(value)
     if value.dtype.kind not in "iuf":
         raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
