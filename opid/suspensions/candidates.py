@@ -653,7 +653,7 @@ def _from_reference(
     try:
         alone, start = begin()
         laws = [group.law for group in start.groups] + ([] if found is None else [*found.fit.laws.values()])
-        if not any(map(depends_on_travel, laws)):
+        if not any(map(_leads_astray, laws)):
             return found
         if found is not None and explains_nothing(found.fit) and begins_in_vain(alone, start, task.question):
             # no single run is explained either, so no mass is in the way
@@ -661,12 +661,20 @@ def _from_reference(
         first = find_model(alone, start, replace(task.question, faults=False), progress=task.say).fit
         fraction = model.settings.faults.alone_fraction
         is_alike = found is not None and first.ratio > fraction * found.fit.ratio
-        if is_alike or not any(map(depends_on_travel, first.laws.values())):
+        if is_alike or not any(map(_leads_astray, first.laws.values())):
             return found
         again = find_from_reference(model, first, start, task.question, progress=task.say)
     except (*NO_FIT, NotDeterminedError):
         return found
     return again if again is not None and (found is None or again.fit.bic < found.fit.bic) else found
+
+
+def _leads_astray(law: Law) -> bool:
+    """Whether fits of a law easily end in a wrong minimum where the mass is fitted, too.
+
+    It needs to know where the suspension rests, or it remembers.
+    """
+    return depends_on_travel(law) or law.has_memory
 
 
 def is_mass_free(runs: Sequence[DrivenRun], body: Body) -> bool:

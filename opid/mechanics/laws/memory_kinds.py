@@ -15,7 +15,7 @@ from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter,
 # Each element carries the force of a joint between two of these fractions. Their ratios are nearly equal, because many
 # small sliders give way first. For joints of forty sliders ten such elements are 0.3 % off, as are forty equal ones;
 # six equal ones are 1.3 to 1.8 % off
-_EDGES = (0.0, *np.geomspace(0.02, 1.0, 10).tolist())
+_EDGES = (0.0, *np.geomspace(0.005, 1.0, 20).tolist())
 ELEMENTS = tuple(0.5 * (low + high) for low, high in pairwise(_EDGES))
 WEIGHTS = tuple(high - low for low, high in pairwise(_EDGES))
 # where Gauss looks at an element, over its middle, and how much that counts

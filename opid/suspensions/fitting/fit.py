@@ -387,7 +387,8 @@ def is_same_minimum(fit: Fit, other: Fit) -> bool:
     """
     mine, theirs = fit.model, other.model
     same_runs = len(mine.runs) == len(theirs.runs) and all(a is b for a, b in zip(mine.runs, theirs.runs, strict=True))
-    if not same_runs or mine.names != theirs.names or mine.sensors != theirs.sensors or fit.law_key != other.law_key:
+    same_data = same_runs and mine.forgets == theirs.forgets
+    if not same_data or mine.names != theirs.names or mine.sensors != theirs.sensors or fit.law_key != other.law_key:
         return False
     moved = np.abs(fit.theta[: fit.model.n_shared] - other.theta[: other.model.n_shared])
     return bool((moved <= fit.model.settings.fit.same_std * np.maximum(fit.std, other.std)).all())

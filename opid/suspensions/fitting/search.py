@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft
 
-from opid.mechanics.laws.law import LINEAR, Law
+from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import (
     Demand,
@@ -38,7 +38,7 @@ from opid.suspensions.fitting.fit import (
 )
 from opid.suspensions.fitting.noise import is_noise, is_of_others, measure_whiteness
 from opid.suspensions.fitting.repeatability import mends_much, with_departures
-from opid.suspensions.fitting.start import Start, look_for_start
+from opid.suspensions.fitting.start import Start, look_for_start, start_values
 from opid.suspensions.law_search.driven import DrivenLaws, cannot_be, search_origins
 from opid.suspensions.law_search.pursuit import (
     LawStep,
@@ -119,6 +119,7 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
     search = _Search(start, question, progress or (lambda step: None), model.settings)
+    model = _as_asked(model, question)
     theta = first_vector(model, start)
     coarse = _at_coarse_rate(model, theta)
     found: Found | None = None
@@ -152,7 +153,8 @@ def find_from_reference(
         Where the search ended; None where no mass lets the springs carry the loadings.
     """
     search = _Search(start, question, progress or (lambda step: None), model.settings)
-    grown = replace(model, groups=reference.groups, sensors=reference.model.sensors).coarse
+    grown = replace(model, groups=reference.groups, sensors=reference.model.sensors, forgets=reference.model.forgets)
+    grown = grown.coarse
     # a load that was only moved changes no mass, but moments
     largest = max(abs(float(run.loading[0, 0])) for run in model.runs)
     largest = largest or max(float(np.abs(run.loading).max()) for run in model.runs)
@@ -183,6 +185,7 @@ def begins_in_vain(model: Model, start: Start, question: Question) -> bool:
         start: where to begin.
         question: what may be tried.
     """
+    model = _as_asked(model, question)
     theta = first_vector(model, start)
     search = _Search(start, question, lambda step: None, model.settings)
     first = search.first_fit(_at_coarse_rate(model, theta), theta)
@@ -283,16 +286,17 @@ class _Search:
         noisier = model.settings.fit.noisier
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
-        ways: list[Callable[[], Found]] = [
+        best: Found | None = None
+        ways: list[Callable[[], Found | None]] = [
             lambda: self.way(model, theta if first else _begun(model, theta, noisier[0]), noisier[0], first=first)
         ]
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
+        ways.append(lambda: best and self._with_sliders(model, best))
         ways += [lambda each=each: self.way(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
         n_without_faults = len(ways)
         ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
-        best: Found | None = None
         last: Found | None = None
         failed: Exception | None = None
         n_starts = 0
@@ -300,22 +304,26 @@ class _Search:
         for number, way in enumerate(ways):
             if best is not None and leaves_noise(best.fit):
                 break
-            if best is not None and n_starts >= n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
+            if best is not None and number > n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
                 break
             if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
                 break
             if n_starts == 1 and best is not None and self._are_unlike(best.fit):
                 # other ways would make up for what is not the same in all runs
                 return replace(best, n_starts=1, is_unlike=True)
-            if best is not None and is_confirmed and (number < n_without_faults or best.demands):
+            is_needless = number != n_sure and (number < n_without_faults or (best is not None and best.demands))
+            if is_confirmed and is_needless:
                 # two ways ended at one minimum; one that let faults in searched its laws anew, as one with faults first
                 continue
-            n_starts += 1
             try:
                 found = way()
             except NO_FIT as error:
+                n_starts += 1
                 failed = failed or error
                 continue
+            if found is None:
+                continue
+            n_starts += 1
             if found.is_unlike:
                 return replace(found, n_starts=n_starts)
             if not self._is_possible(found):
@@ -329,6 +337,28 @@ class _Search:
             assert failed is not None  # no way without a fit or an error
             raise failed
         return replace(best, n_starts=n_starts)
+
+    def _with_sliders(self, model: Model, best: Found) -> Found | None:
+        """Where a search ends that begins with a joint of sliders; None where that leaves more than noise.
+
+        It is asked where the best law is a friction that remembers and leaves more. What each slider held at first
+        nobody knows, so the first periods are not compared; far from its parameters such a joint has many wrong minima,
+        and its own equation leads to the right one.
+        """
+        kinds = [name for name in self.question.kinds if LAWS[name].slips]
+        slides = any(
+            term.kind.memory is not None and term.kind.is_friction
+            for law in best.fit.laws.values()
+            for term in law.terms
+        )
+        if self.question.law_is_given or not kinds or not slides:
+            return None
+        groups = tuple(replace(group, law=default_law(kinds[0])) for group in model.groups)
+        start = start_values(model.runs, model.body, groups, mass_free=model.mass_free, settings=model.settings.start)
+        joint = replace(model, groups=start.groups, forgets=True)
+        noisier = model.settings.fit.noisier[0]
+        found = self.way(joint, _begun(joint, first_vector(joint, start), noisier), noisier)
+        return found if is_noise(found.fit) else None
 
     def _are_unlike(self, fit: Fit) -> bool:
         """Whether letting springs, damping and friction of each run go mends much."""
@@ -542,31 +572,38 @@ def judged(found: Found, question: Question) -> Found:
     method = next((step.method for step in reversed(found.ladder) if step.fit.law_key == fit.law_key), "pursuit")
     ladder: Ladder = (LawStep(coarse, True, method),)
     if not question.law_is_given:
-        smaller = [step for step in _of_one_rate(found.ladder, coarse) if n_terms(step.fit) < n_terms(fit)]
+        smaller = [step for step in _of_same_data(found.ladder, coarse) if n_terms(step.fit) < n_terms(fit)]
         if smaller:
             best = min(smaller, key=lambda step: step.fit.bic)
             again = refit(coarse, best.fit.laws, least_promise=settings.fit.promise_in_search)
             ladder = (*([] if again is None else [LawStep(again, False, best.method)]), *ladder)
         if len(fit.model.groups) == 1:
             # of several suspensions a reader asks for the structure first, and each further fit is long
-            far = surely_behind((*_of_one_rate(found.ladder, coarse), *ladder), settings.search)
+            far = surely_behind((*_of_same_data(found.ladder, coarse), *ladder), settings.search)
             ladder = add_neighbours(problem, ladder, kinds=question.kinds, known=far)
     ladder = judge_by_left_out(problem, ladder)
     best_fit = chosen(ladder).fit
-    if best_fit.law_key != fit.law_key:
-        changed, theta = with_laws(fit, best_fit.laws)
-        fit = fit_model(changed, theta)
+    laws = best_fit.laws if best_fit.law_key != fit.law_key else {}
+    changed, theta = with_laws(fit, laws)
+    if laws or changed.slips != fit.model.forgets:
+        # no law is compared with it any more
+        fit = fit_model(replace(changed, forgets=changed.slips), theta)
     # the whole story, told at one rate
     on_ladder = {step.fit.law_key for step in ladder}
-    tried = [step for step in _of_one_rate(found.ladder, coarse) if step.fit.law_key not in on_ladder]
+    tried = [step for step in _of_same_data(found.ladder, coarse) if step.fit.law_key not in on_ladder]
     story = [*{step.fit.law_key: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
 
 
-def _of_one_rate(ladder: Ladder, fit: Fit) -> Ladder:
-    """The steps at the rate of a fit: criteria at one rate compare."""
-    fs = fit.model.runs[0].fs
-    return tuple(step for step in ladder if step.fit.model.runs[0].fs == fs)
+def _of_same_data(ladder: Ladder, fit: Fit) -> Ladder:
+    """The steps at the rate of a fit that are compared with as much of the runs: their criteria compare."""
+    fs, forgets = fit.model.runs[0].fs, fit.model.forgets
+    return tuple(step for step in ladder if step.fit.model.runs[0].fs == fs and step.fit.model.forgets == forgets)
+
+
+def _as_asked(model: Model, question: Question) -> Model:
+    """The model that forgets the first periods where its laws were given, and slip."""
+    return replace(model, forgets=question.law_is_given and model.slips)
 
 
 def leaves_noise(fit: Fit) -> bool:
@@ -588,11 +625,7 @@ def _with_fewer_terms(found: Found) -> Found:
     if chosen_step is None:
         return found
     largest = (1 + known.overfit_fraction) * chosen_step.fit.error_rms
-    alike = [
-        step
-        for step in found.ladder
-        if step.fit.model.runs[0].fs == chosen_step.fit.model.runs[0].fs and step.fit.error_rms <= largest
-    ]
+    alike = [step for step in _of_same_data(found.ladder, chosen_step.fit) if step.fit.error_rms <= largest]
     best = min(alike, key=lambda step: (n_terms(step.fit), step.fit.error_rms))
     if n_terms(best.fit) == n_terms(fit):
         return found
@@ -695,7 +728,11 @@ def _thinned(fit: Fit) -> Fit:
 def _rejected(ladder: Ladder) -> set[tuple[str, ...]]:
     """Names of the laws that need not be tried again at the full rate, with the sensors that were taken at last."""
     model = chosen(ladder).fit.model
-    alike = [step for step in ladder if step.fit.model.runs is model.runs and step.fit.model.sensors == model.sensors]
+    alike = [
+        step
+        for step in _of_same_data(ladder, chosen(ladder).fit)
+        if step.fit.model.runs is model.runs and step.fit.model.sensors == model.sensors
+    ]
     return far_behind(alike, model.settings.search) | surely_behind(alike, model.settings.search)
 
 

@@ -143,9 +143,9 @@ def search_laws(
     say = progress or (lambda step: None)
     kinds = library() if kinds is None else tuple(kinds)
     ladder, current = [LawStep(start, True, method)], start
-    tried = {_names(start), *rejected}
+    tried = {_names(start)}
     for _ in range(problem.settings.n_rounds):
-        fits = _fitted(problem, current, kinds, tried, say)
+        fits = _fitted(problem, current, kinds, tried, rejected, say)
         best = current
         for fit in fits:
             best = fit if _replaces(problem, fit, best) else best
@@ -396,7 +396,14 @@ def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
                 yield Law((*others, Term(name, values)), law.rest_m)
 
 
-def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set[tuple[str, ...]], say: Say) -> list[F]:
+def _fitted(
+    problem: LawProblem[F],
+    current: F,
+    kinds: Sequence[str],
+    tried: set[tuple[str, ...]],
+    rejected: Collection[tuple[str, ...]],
+    say: Say,
+) -> list[F]:
     """Fit the laws one step away that may be better, or no worse by a margin; larger ones if no other will do."""
     known, fits = problem.settings, list[F]()
     found = _moves(problem, current, kinds)
@@ -411,7 +418,9 @@ def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set
                 in_error if move.n_more < 0 else known.bic_margin if move.n_more == 0 else -known.bic_margin
             )
             name = move.name(current)
-            if (move.n_more > 0) != grow or name in tried or move.bic > allowed:
+            # from afar a smaller law may have ended elsewhere
+            is_tried = name in rejected or (name in tried and move.n_more >= 0)
+            if (move.n_more > 0) != grow or is_tried or move.bic > allowed:
                 continue
             if n_fitted == known.n_refitted and not move.always:
                 continue

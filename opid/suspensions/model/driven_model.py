@@ -93,6 +93,8 @@ class Model(Unknowns):
             the sensors below: it stands for what the model does not know yet.
         process: what moves the body and no sensor measured.
         is_held: whether, while a fit comes from afar, a column of gas carries all of the weight.
+        forgets: whether the first periods are not compared, whatever the law: a joint of sliders begins with what each
+            of them held, and no reading tells. Fits are compared by what they leave of the same readings.
     """
 
     noise: tuple[FloatArray, FloatArray]
@@ -100,6 +102,7 @@ class Model(Unknowns):
     louder: float = 1.0
     process: ProcessNoise = NO_PROCESS_NOISE
     is_held: bool = False
+    forgets: bool = False
 
     @cached_property
     def coarse(self) -> Model:
@@ -128,14 +131,19 @@ class Model(Unknowns):
         exponents = [parameter for group in self.groups for parameter in group.law.parameter_list if parameter.known]
         return len(exponents) + 2 * len(self.carriers)
 
+    @property
+    def slips(self) -> bool:
+        """Whether a law has elements that slip, one after the other."""
+        return any(term.kind.slips for group in self.groups for term in group.law.terms)
+
     @cached_property
     def _fades(self) -> tuple[FloatArray, ...]:
         """By how much each sample of a run counts, 1 in the mean square; empty where all count alike.
 
-        A joint of sliders begins with what each of them held. No reading tells, and errors that come of it last until
-        the motion has dragged along all that it does drag along.
+        Errors that come of what sliders held at first last until the motion has dragged along all that it does drag
+        along.
         """
-        if not any(term.kind.slips for group in self.groups for term in group.law.terms):
+        if not self.forgets:
             return ()
         known = self.settings.fit
         travel_rms, velocity_rms = self.motion_rms.T
