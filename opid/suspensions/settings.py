@@ -556,8 +556,8 @@ class IntervalSettings:
         least_hold: ... raises the squared error over its variance by this: its own resonance always finds some noise to
             explain.
         few_elements_fraction: standard deviation of a damper beside a joint of sliders, as a fraction of the damping
-            that dissipates as much as the joint: with ten elements for the forty of seven joints it was 0.2 to 0.6 %
-            of that too strong.
+            that dissipates as much as the joint: with twenty elements for forty sliders it was 0.1 to 0.4 % of that too
+            strong where the runs tell it so well.
         imitating_gain: gain error that is compared with a ground spring. This value and the next ones are easy to
             picture; how far a fit may move them is in `FaultSettings`.
         imitating_corner_hz: corner of an AC coupling of one sensor alone, for the same comparison.
@@ -584,7 +584,7 @@ class IntervalSettings:
     least_remainder: float = 0.2
     softened: float = 0.01
     least_hold: float = 40.0
-    few_elements_fraction: float = 0.005
+    few_elements_fraction: float = 0.002
     imitating_gain: float = 0.01
     imitating_corner_hz: float = 0.1
     imitating_lag_s: float = 1e-3

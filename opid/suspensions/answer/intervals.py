@@ -52,7 +52,7 @@ def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 
 
 
 def _of_few_elements(fit: Fit) -> FloatArray:
-    """Covariance of dampers beside joints of sliders: the ten of the model dissipate a little less than many."""
+    """Covariance of dampers beside joints of sliders: the twenty of the model dissipate a little less than many."""
     variance, fraction = np.zeros(fit.theta.size), fit.model.settings.intervals.few_elements_fraction
     for index, prediction in enumerate(fit.errors.predictions):
         interfaces = fit.model.resting_interfaces(fit.theta, index)
