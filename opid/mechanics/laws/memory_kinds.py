@@ -13,8 +13,8 @@ import numpy as np
 from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter, RateAndDerivatives
 
 # Each element carries the force of a joint between two of these fractions. Their ratios are nearly equal, because many
-# small sliders give way first. Twenty such elements beside joints of forty sliders leave the noise of usual sensors; ten
-# left 1.2 to 1.9 times as much, and other terms were found that made up for it
+# small sliders give way first. Twenty such elements for joints of forty sliders leave the noise of usual sensors; ten
+# left up to twice as much, and other terms were found that made up for it
 _EDGES = (0.0, *np.geomspace(0.005, 1.0, 20).tolist())
 ELEMENTS = tuple(0.5 * (low + high) for low, high in pairwise(_EDGES))
 WEIGHTS = tuple(high - low for low, high in pairwise(_EDGES))

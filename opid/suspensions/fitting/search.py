@@ -293,7 +293,7 @@ class _Search:
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
-        ways.append(lambda: best and self._with_sliders(model, best))
+        ways.append(lambda: best and self._from_own_equation(model, best))
         ways += [lambda each=each: self.way(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
         n_without_faults = len(ways)
         ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
@@ -338,27 +338,29 @@ class _Search:
             raise failed
         return replace(best, n_starts=n_starts)
 
-    def _with_sliders(self, model: Model, best: Found) -> Found | None:
-        """Where a search ends that begins with a joint of sliders; None where that leaves more than noise.
+    def _from_own_equation(self, model: Model, best: Found) -> Found | None:
+        """Where a search ends that begins with a friction that remembers; None where that leaves more than noise.
 
-        It is asked where the best law is a friction that remembers and leaves more. What each slider held at first
-        nobody knows, so the first periods are not compared; far from its parameters such a joint has many wrong minima,
-        and its own equation leads to the right one.
+        It is asked where the best law has such a friction and leaves more: that one is tried anew, then a joint of
+        sliders. Far from its parameters such a law has many wrong minima, and its own equation leads to the right one.
+        What each slider held at first nobody knows, so the first periods are not compared.
         """
-        kinds = [name for name in self.question.kinds if LAWS[name].slips]
-        slides = any(
-            term.kind.memory is not None and term.kind.is_friction
-            for law in best.fit.laws.values()
-            for term in law.terms
-        )
-        if self.question.law_is_given or not kinds or not slides:
+        terms = [term for law in best.fit.laws.values() for term in law.terms]
+        kinds = [term.name for term in terms if term.kind.memory is not None and term.kind.is_friction]
+        if self.question.law_is_given or not kinds:
             return None
-        groups = tuple(replace(group, law=default_law(kinds[0])) for group in model.groups)
-        start = start_values(model.runs, model.body, groups, mass_free=model.mass_free, settings=model.settings.start)
-        joint = replace(model, groups=start.groups, forgets=True)
-        noisier = model.settings.fit.noisier[0]
-        found = self.way(joint, _begun(joint, first_vector(joint, start), noisier), noisier)
-        return found if is_noise(found.fit) else None
+        noisier, settings = model.settings.fit.noisier[0], model.settings.start
+        for kind in dict.fromkeys([*kinds, *(name for name in self.question.kinds if LAWS[name].slips)]):
+            groups = tuple(replace(group, law=default_law(kind)) for group in model.groups)
+            start = start_values(model.runs, model.body, groups, mass_free=model.mass_free, settings=settings)
+            begun = replace(model, groups=start.groups, forgets=LAWS[kind].slips)
+            try:
+                found = self.way(begun, _begun(begun, first_vector(begun, start), noisier), noisier)
+            except NO_FIT:
+                continue
+            if is_noise(found.fit):
+                return found
+        return None
 
     def _are_unlike(self, fit: Fit) -> bool:
         """Whether letting springs, damping and friction of each run go mends much."""
