@@ -1,6 +1,7 @@
 """Which law, by prediction: known laws are found, from near and from far, and the ladder says how surely."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -152,6 +153,52 @@ def test_no_move_leads_to_a_friction_beside_one_that_remembers():
     assert "arctan_velocity" in found
     assert "arctan_velocity+bouc_wen" not in found
     assert "arctan_mixed+dahl_friction" in found
+
+
+def test_a_smaller_law_that_ended_elsewhere_from_afar_is_tried_again_from_near():
+    """Of the cube alone a fit from nothing ends in a wrong minimum; beside friction it is found, and then alone."""
+    cube, friction = default_law("cubic_stiffness"), default_law("coulomb_friction")
+    ends = {
+        (LINEAR.name, cube.name): (10.0, 9e-3),
+        (LINEAR.name, friction.name): (-100.0, 8e-3),
+        (friction.name, (friction + cube).name): (-300.0, 5e-3),
+        ((friction + cube).name, cube.name): (-310.0, 5e-3),
+    }
+    offered = {
+        LINEAR.name: [(cube, 1), (friction, 1)],
+        friction.name: [(friction + cube, 1)],
+        (friction + cube).name: [(cube, -1)],
+        cube.name: [],
+    }
+    asked = []
+
+    class Offers:
+        further = ()
+
+        def __init__(self, rows):
+            self.rows = rows
+
+        def proposals(self):
+            return [SimpleNamespace(law=each, bic=-1000.0, n_more=n_more) for each, n_more in self.rows]
+
+    class Problem:
+        settings = SETTINGS
+
+        def dictionaries(self, fit, kinds):
+            return {"": Offers(offered[fit.law_name])}
+
+        def refit(self, fit, laws):
+            asked.append((fit.law_name, laws[""].name))
+            return SeenLaws(laws[""], *ends[asked[-1]]) if asked[-1] in ends else None
+
+        def confirms(self, fit, than):
+            return True
+
+    ladder = search_laws(Problem(), SeenLaws(LINEAR, 0.0, 1e-2), kinds=("cubic_stiffness", "coulomb_friction"))
+    assert chosen(ladder).fit.bic == -310.0
+    assert chosen(ladder).law_name == "cubic_stiffness"
+    again = search_laws(Problem(), SeenLaws(friction + cube, -300.0, 5e-3), kinds=(), rejected={(cube.name,)})
+    assert chosen(again).law_name == (friction + cube).name
 
 
 def test_what_a_run_left_out_says(friction):
