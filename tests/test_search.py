@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from body_runs import LOADS, NOISE, PLACES, aircraft, arrays_of, study, task_of
-from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_model, runs_of, study_of
+from law_runs import DAMPING, MASS_KG, STIFFNESS, fitted, gear_model, runs_of, study_of
 
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import LINEAR, default_law, law
@@ -51,6 +51,26 @@ def test_a_given_law_is_the_only_one_that_is_tried():
     assert (step.law_name, step.method, step.kept) == ("arctan_velocity", "given", True)
     assert step.left_out == pytest.approx(NOISE, rel=0.05)
     assert (found.n_starts, found.demands) == (1, ())
+
+
+def test_a_friction_that_remembers_and_leaves_more_than_noise_is_tried_anew():
+    """From its own equation, then as a joint of sliders; a law without memory asks for neither."""
+    runs = runs_of(law("iwan_friction", amplitude_n=900.0, scale_m=3e-3, spread=0.6, jump=0.6))
+    question = Question()
+    model, start = begun(runs, question)
+
+    def asked(name, question):
+        best = search.Found(fitted(runs, default_law(name)), ())
+        assert not search.is_noise(best.fit)
+        return search._Search(start, question, lambda step: None, model.settings)._from_own_equation(model, best)
+
+    found = asked("dahl_friction", question)
+    assert found.fit.law_name == "iwan_friction"
+    assert search.is_noise(found.fit)
+    assert found.fit.model.forgets
+    assert 1 / found.fit.value("inverse_mass") == pytest.approx(MASS_KG, rel=0.01)
+    assert asked("arctan_velocity", question) is None
+    assert asked("dahl_friction", replace(question, law_is_given=True)) is None
 
 
 @pytest.mark.parametrize("method", ["pursuit", "sparse regression", "both"])
