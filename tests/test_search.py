@@ -186,7 +186,7 @@ def test_a_coupling_that_nobody_stated_is_looked_for_on_whole_runs(monkeypatch, 
     pieces, seen = object(), []
     fit, coupled = SimpleNamespace(model=whole, ratio=50.0), SimpleNamespace(fit=None)
 
-    def ways(self, model, theta, first=None):
+    def try_several(self, model, theta, first=None):
         seen.append(model)
         raise UnboundedResponseError("enough is seen")
 
@@ -195,7 +195,7 @@ def test_a_coupling_that_nobody_stated_is_looked_for_on_whole_runs(monkeypatch, 
         return coupled if explains else None
 
     monkeypatch.setattr(search._Search, "first_fit", lambda self, model, theta: fit)
-    monkeypatch.setattr(search._Search, "ways", ways)
+    monkeypatch.setattr(search._Search, "try_several", try_several)
     monkeypatch.setattr(search._Search, "_coupled", with_coupling)
     for name, answer in (("is_hopeless", True), ("runs_contradict_each_other", False)):
         monkeypatch.setattr(search, name, lambda fit, answer=answer: answer)

@@ -315,7 +315,7 @@ class Evidence:
         ground: how well a spring to the ground is told from nothing and from faults of sensors.
         limits: what limits the precision, one sentence each.
         repeatability: how much alike the runs are.
-        n_starts: ways that were tried.
+        n_starts: attempts that were made from start values.
         error: what limits the answer of one gear that leaves more than noise; else None.
     """
 

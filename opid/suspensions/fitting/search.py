@@ -70,7 +70,7 @@ class Found:
         fit: of the model.
         ladder: laws that were tried, the chosen one last among those that were kept.
         demands: what was let in beside the suspensions.
-        n_starts: ways that were tried.
+        n_starts: attempts that were made.
         is_unlike: whether the search ended because the suspensions are not the same in all runs.
         problem: what laws were searched on, with what was asked of it; None where they were given.
     """
@@ -132,7 +132,7 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         # with shorter steps the search may end elsewhere
         first = search.first_fit(model, theta)
         if found is None or not is_hopeless(found.fit) or first is None or not explains_nothing(first):
-            found = search.ways(model, theta, first)
+            found = search.try_several(model, theta, first)
     assert found is not None  # one of both searches has ended, or an error was raised
     return search.with_all_readings(found, model.runs)
 
@@ -173,7 +173,7 @@ def find_from_reference(
         best = min(best or (np.inf, theta), (cost, theta), key=lambda entry: entry[0])
     if best is None:
         return None
-    found = search.way(grown, best[1], model.settings.fit.noisier[0])
+    found = search.attempt(grown, best[1], model.settings.fit.noisier[0])
     return search.with_all_readings(found, model.runs)
 
 
@@ -216,31 +216,31 @@ class _Search:
     def find(self, model: Model, theta: FloatArray) -> Found:
         """Where the search ends.
 
-        While a fit leaves what no law is likely to mend, ways are tried on the strongest piece of each run: a wrong
+        While a fit leaves what no law is likely to mend, attempts are made on the strongest piece of each run: a wrong
         structure is refused after a fraction of the time.
         """
         first = self.first_fit(model, theta)
         if first is None or not is_hopeless(first) or runs_contradict_each_other(first) or _shares_nothing(first):
-            return self.ways(model, theta, first)
+            return self.try_several(model, theta, first)
         pieces = _strongest_pieces(model)
         if pieces is model:
-            return self.ways(model, theta, first)
+            return self.try_several(model, theta, first)
         # what an AC coupling takes away is slow: pieces of some seconds hardly show it
         coupled = self._coupled(model, first, model.settings.fit.noisier[0])
         if coupled is not None:
             return coupled
         try:
-            on_pieces = self.ways(pieces, theta)
+            on_pieces = self.try_several(pieces, theta)
             found = self._on_whole_runs(on_pieces, model)
         except NO_FIT:
-            return self.ways(model, theta, first)
+            return self.try_several(model, theta, first)
         if is_hopeless(found.fit) and is_hopeless(on_pieces.fit):
             return found
         is_possible = self._is_possible(found)
         if is_possible and (found.is_unlike or leaves_noise(found.fit)):
             return found
         try:
-            other = self.ways(model, theta, first)
+            other = self.try_several(model, theta, first)
         except NO_FIT:
             return found
         n_starts = found.n_starts + other.n_starts
@@ -252,7 +252,7 @@ class _Search:
         return self.question.law_is_given or not cannot_be(found.fit)
 
     def first_fit(self, model: Model, theta: FloatArray) -> Fit | None:
-        """The fit that the first way begins with; None where the start values make no body that the runs can drive."""
+        """The fit that the first attempt begins with; None where start values make no body that the runs can drive."""
         noisier, promise = model.settings.fit.noisier[0], model.settings.fit.promise_in_search
         try:
             return fit_model(model, _begun(model, theta, noisier), noisier=noisier, least_promise=promise)
@@ -275,33 +275,33 @@ class _Search:
         demands = tuple(replace(each, error_before=louder * each.error_before) for each in found.demands)
         return replace(self._searched(again, demands), n_starts=found.n_starts)
 
-    def ways(self, model: Model, theta: FloatArray, first: Fit | None = None) -> Found:
-        """The first way, and others while what is left is more than noise: minima differ from way to way.
+    def try_several(self, model: Model, theta: FloatArray, first: Fit | None = None) -> Found:
+        """The first attempt, and others while what is left is more than noise: minima differ.
 
         Args:
             model: to fit.
             theta: where to begin.
-            first: the fit that the first way begins with, where it is known.
+            first: the fit that the first attempt begins with, where it is known.
         """
         noisier = model.settings.fit.noisier
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
         best: Found | None = None
-        ways: list[Callable[[], Found | None]] = [
-            lambda: self.way(model, theta if first else _begun(model, theta, noisier[0]), noisier[0], first=first)
+        attempts: list[Callable[[], Found | None]] = [
+            lambda: self.attempt(model, theta if first else _begun(model, theta, noisier[0]), noisier[0], first=first)
         ]
         if searched and any(group.law.terms for group in model.groups):
-            ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
-        n_sure = len(ways)
-        ways.append(lambda: best and self._from_own_equation(model, best))
-        ways += [lambda each=each: self.way(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
-        n_without_faults = len(ways)
-        ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
+            attempts.append(lambda: self.attempt(bare, _without_laws(model, theta), noisier[0]))
+        n_sure = len(attempts)
+        attempts.append(lambda: best and self._from_own_equation(model, best))
+        attempts += [lambda each=each: self.attempt(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
+        n_without_faults = len(attempts)
+        attempts += [lambda: self.attempt(model, theta, noisier[0], faults_first=True)] * self.question.faults
         last: Found | None = None
         failed: Exception | None = None
         n_starts = 0
         is_confirmed = False
-        for number, way in enumerate(ways):
+        for number, attempt in enumerate(attempts):
             if best is not None and leaves_noise(best.fit):
                 break
             if best is not None and number > n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
@@ -309,14 +309,14 @@ class _Search:
             if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
                 break
             if n_starts == 1 and best is not None and self._are_unlike(best.fit):
-                # other ways would make up for what is not the same in all runs
+                # other attempts would make up for what is not the same in all runs
                 return replace(best, n_starts=1, is_unlike=True)
             is_needless = number != n_sure and (number < n_without_faults or (best is not None and best.demands))
             if is_confirmed and is_needless:
-                # two ways ended at one minimum; one that let faults in searched its laws anew, as one with faults first
+                # two attempts ended at one minimum; one that let faults in searched its laws anew, as with faults first
                 continue
             try:
-                found = way()
+                found = attempt()
             except NO_FIT as error:
                 n_starts += 1
                 failed = failed or error
@@ -334,7 +334,7 @@ class _Search:
             best = found if best is None or found.fit.bic < best.fit.bic else best
         best = best or last
         if best is None:
-            assert failed is not None  # no way without a fit or an error
+            assert failed is not None  # no attempt without a fit or an error
             raise failed
         return replace(best, n_starts=n_starts)
 
@@ -355,7 +355,7 @@ class _Search:
             start = start_values(model.runs, model.body, groups, mass_free=model.mass_free, settings=settings)
             begun = replace(model, groups=start.groups, forgets=LAWS[kind].slips)
             try:
-                found = self.way(begun, _begun(begun, first_vector(begun, start), noisier), noisier)
+                found = self.attempt(begun, _begun(begun, first_vector(begun, start), noisier), noisier)
             except NO_FIT:
                 continue
             if is_noise(found.fit):
@@ -377,7 +377,7 @@ class _Search:
         """Whether the runs may differ, and were taken to be alike."""
         return bool(self.question.repeatability) and not fit.model.repeatability and len(fit.model.runs) > 1
 
-    def way(
+    def attempt(
         self,
         model: Model,
         theta: FloatArray,
@@ -387,7 +387,7 @@ class _Search:
         faults_first: bool = False,
         first: Fit | None = None,
     ) -> Found:
-        """One way from start values, or from a first fit, to a fit, with the laws and faults that were tried on it."""
+        """The fit that start values, or a first fit, lead to, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
         fit = first or fit_model(
             model, theta, noisier=noisier, hold_coordinates=hold_coordinates, least_promise=promise
@@ -420,7 +420,7 @@ class _Search:
         coupled = coupling.added_to(without_ground(model))
         begun = first_vector(coupled, replace(self.start, groups=coupled.groups))
         try:
-            found = self.way(coupled, _begun(coupled, begun, noisier), noisier)
+            found = self.attempt(coupled, _begun(coupled, begun, noisier), noisier)
         except NO_FIT:
             return None
         if not leaves_noise(found.fit):
@@ -508,7 +508,7 @@ class _Search:
             return fit, ()
         for earlier, answer in self.asked:
             if not before and is_same_minimum(fit, earlier):
-                # several ways end at one minimum: what the runs demand there is asked once
+                # several attempts end at one minimum: what the runs demand there is asked once
                 return answer if answer[1] else (fit, ())
         answer = let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
         if not before:
@@ -755,7 +755,7 @@ def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:
 
 
 def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatArray:
-    """The vector with the start of each run of one gear looked for under the noise that a way begins with.
+    """The vector with the start of each run of one gear looked for under the noise that an attempt begins with.
 
     Several interfaces have too many starts for a grid.
     """

@@ -28,7 +28,7 @@ from opid.suspensions.settings import OriginSettings, SearchSettings
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What was asked about the laws near a fit, for several ways lead to one fit.
+    """What was asked about the laws near a fit, for several attempts lead to one fit.
 
     Args:
         fit: of any laws.
