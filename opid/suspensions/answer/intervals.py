@@ -224,7 +224,10 @@ class Parameters:
         return self.estimate(float(self.fit.theta[index]), {index: 1.0})
 
     def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
-        """Return the values of a function of the vector with intervals; its derivatives are taken numerically."""
+        """Return the values of a function of the vector with intervals; its derivatives are taken numerically.
+
+        Where it is not defined, at the fit or right beside it, there is no estimate.
+        """
         values = function(self.fit.theta)
         model, slopes = self.fit.model, np.zeros((values.size, self.fit.theta.size))
         departures = [np.arange(slopes.shape[1])[model.indices_of_run(index)[1]] for index in range(len(model.runs))]
@@ -238,6 +241,8 @@ class Parameters:
         # a value that depends on no unknown is known exactly
         return [
             Estimate.normal(value, self.deviation(each) if each.any() else 0.0)
+            if np.isfinite([value, *each]).all()
+            else Estimate()
             for value, each in zip(values.tolist(), slopes, strict=True)
         ]
 
@@ -313,11 +318,10 @@ class Parameters:
         """
         model, motion = self.fit.model, self.fit.errors.predictions[run]
         try:
-            found = self.of_function(straight_equivalent(model, run, motion))
+            # what does not spring back has no frequency
+            return self.of_function(straight_equivalent(model, run, motion))
         except UnboundedResponseError:
             return [Estimate()] * 4
-        # what does not spring back has no frequency
-        return [Estimate() if each.value is None or np.isnan(each.value) else each for each in found]
 
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.

@@ -286,17 +286,16 @@ class _Search:
         noisier = model.settings.fit.noisier
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
-        best: Found | None = None
-        attempts: list[Callable[[], Found | None]] = [
+        attempts: list[Callable[[], Found]] = [
             lambda: self.attempt(model, theta if first else _begun(model, theta, noisier[0]), noisier[0], first=first)
         ]
         if searched and any(group.law.terms for group in model.groups):
             attempts.append(lambda: self.attempt(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(attempts)
-        attempts.append(lambda: best and self._from_own_equation(model, best))
         attempts += [lambda each=each: self.attempt(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
         n_without_faults = len(attempts)
         attempts += [lambda: self.attempt(model, theta, noisier[0], faults_first=True)] * self.question.faults
+        best: Found | None = None
         last: Found | None = None
         failed: Exception | None = None
         n_starts = 0
@@ -304,26 +303,22 @@ class _Search:
         for number, attempt in enumerate(attempts):
             if best is not None and leaves_noise(best.fit):
                 break
-            if best is not None and number > n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
+            if best is not None and n_starts >= n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
                 break
             if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
                 break
             if n_starts == 1 and best is not None and self._are_unlike(best.fit):
                 # other attempts would make up for what is not the same in all runs
                 return replace(best, n_starts=1, is_unlike=True)
-            is_needless = number != n_sure and (number < n_without_faults or (best is not None and best.demands))
-            if is_confirmed and is_needless:
+            if best is not None and is_confirmed and (number < n_without_faults or best.demands):
                 # two attempts ended at one minimum; one that let faults in searched its laws anew, as with faults first
                 continue
+            n_starts += 1
             try:
                 found = attempt()
             except NO_FIT as error:
-                n_starts += 1
                 failed = failed or error
                 continue
-            if found is None:
-                continue
-            n_starts += 1
             if found.is_unlike:
                 return replace(found, n_starts=n_starts)
             if not self._is_possible(found):
@@ -336,7 +331,9 @@ class _Search:
         if best is None:
             assert failed is not None  # no attempt without a fit or an error
             raise failed
-        return replace(best, n_starts=n_starts)
+        own = self._from_own_equation(model, best)
+        best = own if own is not None and own.fit.bic < best.fit.bic else best
+        return replace(best, n_starts=n_starts + (own is not None))
 
     def _from_own_equation(self, model: Model, best: Found) -> Found | None:
         """Where a search ends that begins with a friction that remembers; None where that leaves more than noise.
@@ -347,7 +344,8 @@ class _Search:
         """
         terms = [term for law in best.fit.laws.values() for term in law.terms]
         kinds = [term.name for term in terms if term.kind.memory is not None and term.kind.is_friction]
-        if self.question.law_is_given or not kinds:
+        is_of_law = not (self.question.law_is_given or leaves_noise(best.fit) or _shares_nothing(best.fit))
+        if not kinds or not is_of_law or runs_contradict_each_other(best.fit):
             return None
         noisier, settings = model.settings.fit.noisier[0], model.settings.start
         for kind in dict.fromkeys([*kinds, *(name for name in self.question.kinds if LAWS[name].slips)]):
