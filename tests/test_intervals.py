@@ -13,6 +13,7 @@ from opid.suspensions.answer.intervals import (
     std_over_white,
 )
 from opid.suspensions.fitting.noise import measure_whiteness
+from opid.suspensions.fitting.repeatability import Levels
 from opid.suspensions.model.run import driven_run
 from opid.virtual.taxi_tests.airframe import DEFAULT_LAW
 from opid.virtual.taxi_tests.sensors import Sensor
@@ -107,6 +108,24 @@ def test_deviations_are_those_of_draws_from_the_covariance(fit, known):
         assert estimate.std == pytest.approx(values.std(), rel=0.05)
         assert estimate.value == pytest.approx(values.mean(), abs=0.2 * estimate.std)
     assert abs(ratios.damping_ratio.value - DAMPING / (2 * np.sqrt(STIFFNESS * MASS_KG))) < 4 * ratios.damping_ratio.std
+
+
+@pytest.mark.parametrize("has_levels", [False, True])
+def test_what_is_not_defined_has_no_estimate(fit, known, has_levels):
+    """A suspension that does not spring back has no frequency, whether the runs may differ or not."""
+    covariance = known.covariance
+    mixture = Levels(np.array([0.01]), np.ones(1), np.zeros((1, fit.theta.size)), covariance[np.newaxis])
+    parameters = Parameters(fit, covariance, mixture) if has_levels else known
+
+    def of_vector(theta):
+        with np.errstate(invalid="ignore"):
+            return np.array([theta[0], np.sqrt(-theta[0]), np.sqrt(theta[0] - fit.theta[0]), 5.0])
+
+    stiffness, frequency, at_its_edge, constant = parameters.of_function(of_vector)
+    assert stiffness.value == fit.theta[0]
+    assert stiffness.std == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-3)
+    assert (frequency, at_its_edge) == (Estimate(), Estimate())
+    assert constant == Estimate.normal(5.0, 0.0)
 
 
 def test_no_ground_spring_is_zero_as_well_as_it_would_be_known(known):
