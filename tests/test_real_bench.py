@@ -30,8 +30,7 @@ def test_a_friction_damper_remembers_at_every_tension(dampers):
     for (_, tension, _), found in dampers.items():
         assert found.not_determined is None
         assert found.law.has_memory
-        # of the slack band in quick tests vibration, which no law explains, is as much as what is remembered
-        assert found.memory.r2_at_most < found.memory.r2_with_law + 0.01 * (tension == 0)
+        assert found.memory.r2_at_most < found.memory.r2_with_law
         if tension >= 30:
             assert found.r2_left_out > 0.8
         # what follows the acceleration of such a bench is no mass of tons
@@ -40,13 +39,16 @@ def test_a_friction_damper_remembers_at_every_tension(dampers):
 
 @needs_data("friction_damper_brfd")
 def test_its_friction_grows_with_the_tension(dampers):
-    tensions = sorted({tension for _, tension, _ in dampers})
+    ends = {test: found.cycle.friction_n.interval95 for test, found in dampers.items()}
+    # of a joint whose last slider hardly slips in a record no number has an interval
+    told = {test: each for test, each in ends.items() if each is not None}
+    assert len(told) >= 0.95 * len(ends)
+    tensions = sorted({tension for _, tension, _ in told})
     assert len(tensions) >= 2
-    for frequency, tension, amplitude in dampers:
-        tighter = [each for each in tensions if each > tension and (frequency, each, amplitude) in dampers]
-        for each in tighter:
-            looser, tight = dampers[frequency, tension, amplitude], dampers[frequency, each, amplitude]
-            assert looser.cycle.friction_n.interval95[1] < tight.cycle.friction_n.interval95[0]
+    for frequency, tension, amplitude in told:
+        for each in tensions:
+            if each > tension and (frequency, each, amplitude) in told:
+                assert told[frequency, tension, amplitude][1] < told[frequency, each, amplitude][0]
 
 
 @needs_data("friction_damper_brfd")
