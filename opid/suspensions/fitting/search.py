@@ -345,7 +345,7 @@ class _Search:
         terms = [term for law in best.fit.laws.values() for term in law.terms]
         kinds = [term.name for term in terms if term.kind.memory is not None and term.kind.is_friction]
         is_of_law = not (self.question.law_is_given or leaves_noise(best.fit) or _shares_nothing(best.fit))
-        if not kinds or not is_of_law or runs_contradict_each_other(best.fit):
+        if not kinds or not is_of_law or explains_nothing(best.fit) or runs_contradict_each_other(best.fit):
             return None
         noisier, settings = model.settings.fit.noisier[0], model.settings.start
         for kind in dict.fromkeys([*kinds, *(name for name in self.question.kinds if LAWS[name].slips)]):
