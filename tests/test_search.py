@@ -73,6 +73,20 @@ def test_a_friction_that_remembers_and_leaves_more_than_noise_is_tried_anew():
     assert asked("dahl_friction", replace(question, law_is_given=True)) is None
 
 
+def test_a_fit_that_forgets_the_first_periods_must_leave_noise_to_be_likelier(monkeypatch):
+    """It need not explain them, so its criterion is lower whatever its law."""
+
+    def fit(bic, *, forgets, is_noise):
+        return SimpleNamespace(bic=bic, model=SimpleNamespace(forgets=forgets), is_noise=is_noise)
+
+    monkeypatch.setattr(search, "is_noise", lambda each: each.is_noise)
+    whole = fit(0.0, forgets=False, is_noise=False)
+    for forgets, is_noise, is_taken in ((False, False, True), (True, True, True), (True, False, False)):
+        other = fit(-50.0, forgets=forgets, is_noise=is_noise)
+        assert search.is_likelier(other, whole) == is_taken
+        assert search.is_likelier(whole, other) != is_taken
+
+
 @pytest.mark.parametrize("method", ["pursuit", "sparse regression", "both"])
 def test_every_method_ends_at_the_true_law(method):
     question = Question(method_of_law=method)

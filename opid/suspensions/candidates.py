@@ -61,6 +61,7 @@ from opid.suspensions.fitting.search import (
     find_from_reference,
     find_model,
     is_hopeless,
+    is_likelier,
     judged,
     leaves_noise,
     with_laws_of,
@@ -640,7 +641,7 @@ def _with_departures(
     try:
         other = partial(begin, repeatability=level)
         again = _found(task, replace(model, repeatability=level), start, other)
-        now = again if again.fit.bic < freed.bic else now
+        now = again if is_likelier(again.fit, freed) else now
     except (*NO_FIT, NotDeterminedError):
         pass
     return now if task.repeatability or is_noise(now.fit) else found
@@ -653,9 +654,10 @@ def _from_reference(
     try:
         alone, start = begin()
         laws = [group.law for group in start.groups] + ([] if found is None else [*found.fit.laws.values()])
-        if not any(map(_leads_astray, laws)):
+        is_in_vain = found is not None and explains_nothing(found.fit)
+        if not any(map(depends_on_travel if is_in_vain else _leads_astray, laws)):
             return found
-        if found is not None and explains_nothing(found.fit) and begins_in_vain(alone, start, task.question):
+        if is_in_vain and begins_in_vain(alone, start, task.question):
             # no single run is explained either, so no mass is in the way
             return found
         first = find_model(alone, start, replace(task.question, faults=False), progress=task.say).fit
@@ -666,7 +668,7 @@ def _from_reference(
         again = find_from_reference(model, first, start, task.question, progress=task.say)
     except (*NO_FIT, NotDeterminedError):
         return found
-    return again if again is not None and (found is None or again.fit.bic < found.fit.bic) else found
+    return again if again is not None and (found is None or is_likelier(again.fit, found.fit)) else found
 
 
 def _leads_astray(law: Law) -> bool:

@@ -119,7 +119,7 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
     search = _Search(start, question, progress or (lambda step: None), model.settings)
-    model = _as_asked(model, question)
+    model = _forgetting_if_given(model, question)
     theta = first_vector(model, start)
     coarse = _at_coarse_rate(model, theta)
     found: Found | None = None
@@ -185,11 +185,27 @@ def begins_in_vain(model: Model, start: Start, question: Question) -> bool:
         start: where to begin.
         question: what may be tried.
     """
-    model = _as_asked(model, question)
+    model = _forgetting_if_given(model, question)
     theta = first_vector(model, start)
     search = _Search(start, question, lambda step: None, model.settings)
     first = search.first_fit(_at_coarse_rate(model, theta), theta)
     return first is not None and explains_nothing(first)
+
+
+def is_likelier(fit: Fit, than: Fit) -> bool:
+    """Return whether a fit takes the place of another by its criterion.
+
+    Where one of them forgets the first periods the criteria do not compare: it must leave no more than noise.
+
+    Args:
+        fit: that may take the place.
+        than: the other one, of the same runs.
+    """
+    if fit.model.forgets != than.model.forgets:
+        forgetful = fit if fit.model.forgets else than
+        if not is_noise(forgetful):
+            return forgetful is than
+    return fit.bic < than.bic
 
 
 def is_hopeless(fit: Fit) -> bool:
@@ -244,7 +260,7 @@ class _Search:
         except NO_FIT:
             return found
         n_starts = found.n_starts + other.n_starts
-        is_kept = found.fit.bic < other.fit.bic if is_possible == self._is_possible(other) else is_possible
+        is_kept = is_likelier(found.fit, other.fit) if is_possible == self._is_possible(other) else is_possible
         return replace(found if is_kept else other, n_starts=n_starts)
 
     def _is_possible(self, found: Found) -> bool:
@@ -332,7 +348,7 @@ class _Search:
             assert failed is not None  # no attempt without a fit or an error
             raise failed
         own = self._from_own_equation(model, best)
-        best = own if own is not None and own.fit.bic < best.fit.bic else best
+        best = own if own is not None and is_likelier(own.fit, best.fit) else best
         return replace(best, n_starts=n_starts + (own is not None))
 
     def _from_own_equation(self, model: Model, best: Found) -> Found | None:
@@ -344,8 +360,10 @@ class _Search:
         """
         terms = [term for law in best.fit.laws.values() for term in law.terms]
         kinds = [term.name for term in terms if term.kind.memory is not None and term.kind.is_friction]
-        is_of_law = not (self.question.law_is_given or leaves_noise(best.fit) or _shares_nothing(best.fit))
-        if not kinds or not is_of_law or explains_nothing(best.fit) or runs_contradict_each_other(best.fit):
+        if not kinds or self.question.law_is_given or leaves_noise(best.fit):
+            return None
+        if explains_nothing(best.fit) or _shares_nothing(best.fit) or runs_contradict_each_other(best.fit):
+            # no law mends that
             return None
         noisier, settings = model.settings.fit.noisier[0], model.settings.start
         for kind in dict.fromkeys([*kinds, *(name for name in self.question.kinds if LAWS[name].slips)]):
@@ -601,8 +619,8 @@ def _of_same_data(ladder: Ladder, fit: Fit) -> Ladder:
     return tuple(step for step in ladder if step.fit.model.runs[0].fs == fs and step.fit.model.forgets == forgets)
 
 
-def _as_asked(model: Model, question: Question) -> Model:
-    """The model that forgets the first periods where its laws were given, and slip."""
+def _forgetting_if_given(model: Model, question: Question) -> Model:
+    """The model, which forgets the first periods where its laws were given and slip; laws that are searched do not."""
     return replace(model, forgets=question.law_is_given and model.slips)
 
 
