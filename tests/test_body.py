@@ -51,8 +51,8 @@ def test_mobility_is_j_inverse_mass_j_also_for_displaced_sensors():
     seen = np.array([vertical(*place) for place in SENSORS])
     np.testing.assert_allclose(found.accelerance[:3, :3], rows @ inverse @ rows.T, rtol=1e-12)
     np.testing.assert_allclose(found.reading[:, :3], seen @ inverse @ rows.T, rtol=1e-10, atol=1e-14)
-    # a further sensor sits at a slot on which nothing acts
-    assert body.n_slots == 4
+    # a further sensor sits at an attachment on which nothing acts
+    assert body.n_attachments == 4
     assert body.n_interfaces == 3
     assert not found.accelerance[3].any()
     assert not found.reading[:, 3].any()
@@ -134,7 +134,7 @@ def test_an_own_structure_is_its_matrices():
     body = own_body(frame(stiffness=ground), ["base"], NAMES)
     assert body.absolute
     assert body.n_interfaces == 1
-    assert body.n_slots == 4
+    assert body.n_attachments == 4
     stiffness = sum(
         spring.stiffness_n_per_m * np.outer(row, row) for spring, row in zip(body.inside, body.rows[1:], strict=True)
     )
@@ -160,9 +160,9 @@ def test_unknown_masses_are_ratios_to_the_first_and_what_is_known_keeps_the_scal
     assert own_body(frame(), ["base", "floor", "roof"], ["base"]).readings.shape == (1, 3)
 
 
-def test_more_sensors_than_slots_sit_at_slots_without_a_spring():
+def test_more_sensors_than_attachments_sit_at_attachments_without_a_spring():
     body = own_body(frame(joints=()), ["base"], NAMES)
-    assert body.n_slots == 3
+    assert body.n_attachments == 3
     assert [spring.name for spring in body.inside] == ["sensor 1", "sensor 2"]
     assert not body.rows[1:].any()
 

@@ -340,8 +340,8 @@ def test_what_rounding_leaves_of_a_share_is_no_loading():
     """All of the load is over the nose; statics leaves 1e-15 kg of it to the main gears."""
     light, heavy = short_runs()
     given = study(runs=(light, replace(heavy, loading=(PointMass(500.0, 5.0, 1e-4),))))
-    for slot, told in ((0, True), (1, False), (2, False)):
-        assert fit_alone(task_of(given, LINEAR), (slot,)).fit.model.mass_free is told
+    for attachment, told in ((0, True), (1, False), (2, False)):
+        assert fit_alone(task_of(given, LINEAR), (attachment,)).fit.model.mass_free is told
 
 
 def test_the_mass_is_told_by_loadings_that_differ_or_by_what_is_known_in_kg(started):

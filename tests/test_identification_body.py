@@ -362,7 +362,7 @@ def test_loadings_that_were_not_there_are_not_believed():
 def test_groups_share_and_places_are_corrected_within_their_tolerance():
     shared = (("left", "right"),)
     given = study(shared=shared, position_tolerance_m=0.01)
-    assert [group.slots for group in groups_of(given)] == [(0,), (1, 2)]
+    assert [group.members for group in groups_of(given)] == [(0,), (1, 2)]
     off = replace(given.interfaces[1], sensor_x_m=given.interfaces[1].sensor_x_m + 0.015)
     given = replace(given, interfaces=(given.interfaces[0], off, given.interfaces[2]))
     found = identify(given, law=LAW)

@@ -326,8 +326,8 @@ def test_a_lighter_run_rubs_less_where_its_friction_is_loaded():
     mass, stiffness = 1850.0, 3e5
     weight = mass * GRAVITY_M_PER_S2
     seal = law("loaded_friction", amplitude_n=900.0, scale_m_per_s=0.01, deflection_m=weight / stiffness)
-    slot = Interface(stiffness, 0.0, law=seal)
-    (light,) = laws_at_rest([slot], np.eye(1), np.array([0.12 * weight]))
+    suspension = Interface(stiffness, 0.0, law=seal)
+    (light,) = laws_at_rest([suspension], np.eye(1), np.array([0.12 * weight]))
     np.testing.assert_allclose(light.force(0.0, V), 0.88 * seal.force(0.0, V))
 
 

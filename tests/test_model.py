@@ -448,17 +448,17 @@ def test_the_likelihood_of_a_body_is_that_of_its_matrices():
 
 def test_groups_share_their_entries():
     model, theta = body_with_everything()
-    slots, _ = model.interfaces(theta)
+    suspensions, _ = model.interfaces(theta)
     assert [name for name in model.names if "left" in name][:4] == [
         "stiffness_per_mass[left, right]",
         "damping_per_mass[left, right]",
         "ground_stiffness_per_mass[left, right]",
         "law[left, right][0]",
     ]
-    assert (slots[1].stiffness, slots[1].damping, slots[1].ground_stiffness) == (87.0, 87 / 65, 6.0)
-    assert slots[1] == slots[2]
-    np.testing.assert_allclose(slots[1].law.vector, (FRICTION + HARDENING).scaled(1 / MASS_KG).vector)
-    assert slots[0].ground_stiffness == 0.0
+    assert (suspensions[1].stiffness, suspensions[1].damping, suspensions[1].ground_stiffness) == (87.0, 87 / 65, 6.0)
+    assert suspensions[1] == suspensions[2]
+    np.testing.assert_allclose(suspensions[1].law.vector, (FRICTION + HARDENING).scaled(1 / MASS_KG).vector)
+    assert suspensions[0].ground_stiffness == 0.0
     assert model.ground
     assert np.unique(model.names).size == model.n_shared
 

@@ -190,7 +190,7 @@ def test_every_strut_of_an_aircraft_has_gas_of_a_usual_exponent_before_any_measu
     places = np.array([(5.0, 0.0), (0.0, 1.5), (0.0, -1.5)])
     rng = np.random.default_rng(0)
     runs = (driven_run(*rng.standard_normal((2, 1024, 3)), fs=256.0, loading=np.zeros((3, 3))),)
-    groups = tuple(Group(name, (slot,), column) for slot, name in enumerate(names))
+    groups = tuple(Group(name, (attachment,), column) for attachment, name in enumerate(names))
     body = rigid_body(places, places, names=names)
     rms = np.tile([[0.01, 0.1]], (3, 1))
     level = np.full(3, 5e-3)

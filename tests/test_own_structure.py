@@ -131,9 +131,12 @@ def test_a_loaded_structure_rests_where_its_weight_puts_it():
     """The isolator is 40 % stiffer under 120 kg; without an axis that is taken for another mass."""
     hardening = law("cubic_stiffness", stiffness_n_per_m3=2e8)
     isolator = replace(ISOLATOR, law=hardening)
-    slots = [Interface(SPRING, DAMPER, law=hardening), Interface(INNER.stiffness_n_per_m, INNER.damping_n_s_per_m)]
+    suspensions = [
+        Interface(SPRING, DAMPER, law=hardening),
+        Interface(INNER.stiffness_n_per_m, INNER.damping_n_s_per_m),
+    ]
     load = np.array([0.0, -120.0 * GRAVITY_M_PER_S2])
-    loaded = replace(isolator, law=laws_at_rest(slots, np.array([[1.0, 0.0], [-1.0, 1.0]]), load)[0])
+    loaded = replace(isolator, law=laws_at_rest(suspensions, np.array([[1.0, 0.0], [-1.0, 1.0]]), load)[0])
     runs = shaken(machine(), 1, isolator), shaken(machine(120.0), 2, loaded)
     given = WHERE | {"unknown_mass": ["low", "high"], "loadings": [{}, {"high": 120.0}], "law": "cubic_stiffness"}
     found = identify_structure(machine(), runs, axis="up", **given)

@@ -43,21 +43,29 @@ def test_springs_and_weight_balance(name):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_place_at_rest_is_differentiated(name):
-    slots, found = three(name), find_rest(three(name), ROWS, LOAD)
+    suspensions, found = three(name), find_rest(three(name), ROWS, LOAD)
     np.testing.assert_allclose(found.by_load, found.compliance @ np.linalg.pinv(ROWS.T) @ LOAD, rtol=1e-9)
-    more = find_rest(slots, ROWS, 1.0001 * LOAD).travel - find_rest(slots, ROWS, 0.9999 * LOAD).travel
+    more = find_rest(suspensions, ROWS, 1.0001 * LOAD).travel - find_rest(suspensions, ROWS, 0.9999 * LOAD).travel
     np.testing.assert_allclose(found.by_load, more / 2e-4, rtol=1e-5)
-    for number, (slot, travel) in enumerate(zip(slots, found.travel, strict=True)):
-        own = np.array([slot.stiffness, slot.damping, slot.ground_stiffness, slot.law.rest_m, *slot.law.vector])
-        derivatives = -np.outer(found.compliance[:, number], by_parameters(slot, travel))
+    for number, (suspension, travel) in enumerate(zip(suspensions, found.travel, strict=True)):
+        own = np.array(
+            [
+                suspension.stiffness,
+                suspension.damping,
+                suspension.ground_stiffness,
+                suspension.law.rest_m,
+                *suspension.law.vector,
+            ]
+        )
+        derivatives = -np.outer(found.compliance[:, number], by_parameters(suspension, travel))
         for place, value in enumerate(own):
             step = 1e-4 * (abs(value) or 1e-3)
             moved = []
             for sign in (1, -1):
                 at = own.copy()
                 at[place] += sign * step
-                changed = Interface(*at[:3], slot.law.with_vector(at[4:]).resting_at(at[3]))
-                moved.append(find_rest([*slots[:number], changed, *slots[number + 1 :]], ROWS, LOAD).travel)
+                changed = Interface(*at[:3], suspension.law.with_vector(at[4:]).resting_at(at[3]))
+                moved.append(find_rest([*suspensions[:number], changed, *suspensions[number + 1 :]], ROWS, LOAD).travel)
             difference = (moved[0] - moved[1]) / (2 * step)
             size = np.abs(found.travel).max() / max(abs(value), 1e-3)
             np.testing.assert_allclose(derivatives[:, place], difference, atol=1e-4 * size)
@@ -78,8 +86,8 @@ def test_a_law_rests_where_it_is_moved_to():
 def test_a_spring_that_gives_way_at_once_is_found_its_place(sign):
     """Newton's step from where the spring is stiffest goes far beyond the balance, and back."""
     softening = law("arctan_displacement", amplitude_n=12.0, scale_m=2e-4).resting_at(0.002 * sign)
-    slot = Interface(7.0, 1.0, law=softening)
-    found = find_rest([slot], np.ones((1, 1)), np.array([-1.5 * sign])).travel[0]
+    suspension = Interface(7.0, 1.0, law=softening)
+    found = find_rest([suspension], np.ones((1, 1)), np.array([-1.5 * sign])).travel[0]
     exact = brentq(lambda d: 7.0 * d + float(softening.force(d, 0.0)) + 1.5 * sign, -3.0, 3.0, xtol=1e-14)
     assert found == pytest.approx(exact, abs=1e-9)
 

@@ -427,9 +427,9 @@ def groups_of(study: Study) -> tuple[Group, ...]:
     found: dict[str, Group] = {}
     for name in study.names:
         members = together.get(name, (name,))
-        slots = tuple(k for k, each in enumerate(study.names) if each in members)
-        label = ", ".join(study.names[k] for k in slots)
-        found.setdefault(label, Group(label, slots))
+        attachments = tuple(k for k, each in enumerate(study.names) if each in members)
+        label = ", ".join(study.names[k] for k in attachments)
+        found.setdefault(label, Group(label, attachments))
     return tuple(found.values())
 
 

@@ -354,7 +354,7 @@ def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
     """Names of the interfaces of each group of a fit."""
     groups = part.fit.model.groups
     if part.kind == "rigid_body":
-        return {group.name: [study.names[slot] for slot in group.slots] for group in groups}
+        return {group.name: [study.names[attachment] for attachment in group.members] for group in groups}
     return {group.name: [study.names[k] for k in part.interfaces] for group in groups}
 
 
@@ -374,7 +374,7 @@ def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: boo
         whiteness=measure_whiteness(fit),
         std_over_white=dict(zip(fit.model.names, std_over_white(fit).tolist(), strict=False)),
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
-        surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
+        surfaces={group.name: force_surface(fit, group.members[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
         limits=tuple(limits(part.known, part.repeatability, mass, is_pushed=is_pushed)),
         repeatability=part.repeatability,

@@ -175,7 +175,7 @@ def identify_structure(
         for (below, above, _), loading in zip(arrays, masses, strict=True)
     ]
     kinds = None if law is None else default_law(law)
-    groups = tuple(Group(name, (slot,), kinds or LINEAR) for slot, name in enumerate(interfaces))
+    groups = tuple(Group(name, (attachment,), kinds or LINEAR) for attachment, name in enumerate(interfaces))
     begun = None
     if np.linalg.matrix_rank(body.readings) < structure.n_dof:
         begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass, settings)
@@ -217,7 +217,10 @@ def _answer(
         per_mass=per_mass,
         noise_m_per_s2=part.level,
         residual_over_noise=ratio,
-        residual_of={name: sensor_ratio(fit, slot) * fit.model.level / part.level for slot, name in enumerate(sensors)},
+        residual_of={
+            name: sensor_ratio(fit, attachment) * fit.model.level / part.level
+            for attachment, name in enumerate(sensors)
+        },
         left_out_over_noise=part.left_out_over_noise,
         repeatability=part.repeatability,
         limits=tuple(limits_of_mass(part.repeatability, fit, first)),
@@ -254,8 +257,8 @@ def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
     fit, model = known.fit, known.fit.model
     first = model.names.index(f"stiffness_per_mass[{name}]", model.first_inside)
     stiffness, damping = (known.per_force(index, per_mass=per_mass) for index in (first, first + 1))
-    slot = model.body.n_interfaces + [spring.name for spring in model.body.inside].index(name)
-    travel, velocity = map(thinned, fit.motion(slot))
+    attachment = model.body.n_interfaces + [spring.name for spring in model.body.inside].index(name)
+    travel, velocity = map(thinned, fit.motion(attachment))
     return SpringEstimate(name, stiffness, damping, LINEAR, {}, travel, velocity, Estimate(0.0), ())
 
 
@@ -488,7 +491,7 @@ def stated_start(
     indices = [structure.index(name) for name in unknown_mass]
     mass = np.diag(structure.mass)
     reference = float(mass[indices[0]]) if indices else 1.0
-    # in the order of the slots, as `body.inside` has them
+    # in the order of the attachments, as `body.inside` has them
     springs = [start[group.name] for group in groups]
     springs += [joints[spring.name] for spring in body.inside if spring.stiffness_n_per_m is None]
     stiffness, damping = np.array(springs, dtype=np.float64).T / reference

@@ -57,11 +57,11 @@ def _of_few_elements(fit: Fit) -> FloatArray:
     for index, prediction in enumerate(fit.errors.predictions):
         interfaces = fit.model.resting_interfaces(fit.theta, index)
         for group, first in zip(fit.model.groups, fit.model.first_of_group, strict=True):
-            law, fs = interfaces[group.slots[0]].law, fit.model.runs[index].fs
+            law, fs = interfaces[group.members[0]].law, fit.model.runs[index].fs
             assert isinstance(law, Law)  # without candidates
             sliders = replace(law, terms=tuple(term for term in law.terms if term.kind.slips))
             if sliders.terms:
-                z, v = prediction.travel[:, group.slots[0]], prediction.velocity[:, group.slots[0]]
+                z, v = prediction.travel[:, group.members[0]], prediction.velocity[:, group.members[0]]
                 damping = float(v @ force_along(sliders, z, v, fs)) / float(v @ v)
                 variance[first + 1] = max(variance[first + 1], (fraction * damping) ** 2)
     return np.diag(variance)
@@ -246,16 +246,16 @@ class Parameters:
             for value, each in zip(values.tolist(), slopes, strict=True)
         ]
 
-    def at_rest(self, slot: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
+    def at_rest(self, attachment: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
         """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.
 
         The damping dissipates what damper and law do over the motion of the run, sum((f(z, z') - f(z, 0)) z') over
         sum(z'^2), with what the law remembers on the way.
         """
         model, prediction = self.fit.model, self.fit.errors.predictions[run]
-        remembers = model.resting_interfaces(self.fit.theta, run)[slot].law.has_memory
+        remembers = model.resting_interfaces(self.fit.theta, run)[attachment].law.has_memory
         every = 1 if remembers else max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
-        z, v = prediction.travel[::every, slot], prediction.velocity[::every, slot]
+        z, v = prediction.travel[::every, attachment], prediction.velocity[::every, attachment]
         has_mass, fs = model.mass_free and not per_mass, model.runs[run].fs
 
         @cache
@@ -264,11 +264,11 @@ class Parameters:
             return float(lost @ v) / float(v @ v)
 
         def read(theta: FloatArray) -> FloatArray:
-            here, moved = model.resting_interfaces(theta, run)[slot], model.rest(theta, run, straight=True)
+            here, moved = model.resting_interfaces(theta, run)[attachment], model.rest(theta, run, straight=True)
             damping = here.damping + damping_of(here.law)
             stiffness = here.stiffness + float(here.law.gradient(0.0, 0.0)[0])
             scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
-            return np.array([0.0 if moved is None else moved.travel[slot], scale * stiffness, scale * damping])
+            return np.array([0.0 if moved is None else moved.travel[attachment], scale * stiffness, scale * damping])
 
         try:
             travel, stiffness, damping = self.of_function(read)
@@ -279,17 +279,17 @@ class Parameters:
             travel = Estimate()
         return travel, stiffness, damping
 
-    def loop(self, slot: int, run: int, *, per_mass: bool = False) -> Loop | None:
+    def loop(self, attachment: int, run: int, *, per_mass: bool = False) -> Loop | None:
         """Return the energy per cycle that what a suspension remembers takes, in a motion like that of a run.
 
         None where it remembers nothing; without an area where its interval reaches zero, for nothing that remembers
         feeds energy in, and near there the area is no straight function of the parameters.
         """
         model, prediction = self.fit.model, self.fit.errors.predictions[run]
-        here = model.resting_interfaces(self.fit.theta, run)[slot]
+        here = model.resting_interfaces(self.fit.theta, run)[attachment]
         if not here.law.has_memory:
             return None
-        z, v = prediction.travel[:, slot], prediction.velocity[:, slot]
+        z, v = prediction.travel[:, attachment], prediction.velocity[:, attachment]
         sine, has_mass = sine_like(float(z.std()), float(v.std())), model.mass_free and not per_mass
 
         @cache
@@ -298,7 +298,7 @@ class Parameters:
 
         def read(theta: FloatArray) -> FloatArray:
             scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
-            return np.array([scale * area_of(model.resting_interfaces(theta, run)[slot].law)])
+            return np.array([scale * area_of(model.resting_interfaces(theta, run)[attachment].law)])
 
         try:
             (area,) = self.of_function(read)
@@ -356,10 +356,12 @@ class Parameters:
         if slopes_at_rest(fit.model.interfaces(fit.theta)[0][0].law):
 
             def at_rest(theta: FloatArray) -> FloatArray:
-                slot = fit.model.interfaces(theta)[0][0]
-                square = slot.stiffness + slot.ground_stiffness + float(slot.law.gradient(0.0, 0.0)[0])
+                suspension = fit.model.interfaces(theta)[0][0]
+                square = (
+                    suspension.stiffness + suspension.ground_stiffness + float(suspension.law.gradient(0.0, 0.0)[0])
+                )
                 omega = float(np.sqrt(max(square, 1e-300)))
-                return np.array([omega / (2 * np.pi), slot.damping / (2 * omega)])
+                return np.array([omega / (2 * np.pi), suspension.damping / (2 * omega)])
 
             frequency, zeta = self.of_function(at_rest)
             return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
@@ -458,7 +460,7 @@ def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
 def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
     runs = fit.model.runs
     # of several suspensions no single number says how much of the body a loading is
-    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_slots == 1 else [0.0]
+    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_attachments == 1 else [0.0]
     fraction = (max(changes) - min(changes)) / mass
     if fraction > 0:
         yield (

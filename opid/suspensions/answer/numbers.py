@@ -132,10 +132,10 @@ def _interfaces(
             stiffness, damping, law = part.known.suspension(number, per_mass=per_mass)
             std = row.ground.std_per_mass[number] if ground else None
             spring = part.known.ground(number, std, per_mass=per_mass)
-            members = [part.interfaces[slot] for slot in group.slots] if is_rigid else part.interfaces
+            members = [part.interfaces[attachment] for attachment in group.members] if is_rigid else part.interfaces
             for k, member in enumerate(members):
-                slot = group.slots[k] if is_rigid else 0
-                travel, velocity = fit.motion(slot)
+                attachment = group.members[k] if is_rigid else 0
+                travel, velocity = fit.motion(attachment)
                 found[member] = InterfaceEstimate(
                     name=names[member],
                     shared_with=tuple(names[other] for other in members if other != member),
@@ -146,9 +146,9 @@ def _interfaces(
                     law_estimates=law,
                     travel=thinned(travel),
                     velocity=thinned(velocity),
-                    residual_over_noise=sensor_ratio(fit, slot) * fit.model.level / part.level,
+                    residual_over_noise=sensor_ratio(fit, attachment) * fit.model.level / part.level,
                     rest_m=part.known.rest(number),
-                    at_rest=at_rest(part, slot, per_mass=per_mass),
+                    at_rest=at_rest(part, attachment, per_mass=per_mass),
                     gas=None
                     if per_mass
                     else gas_of(part.known, number, choice.study.interfaces[member].piston_area_m2),
@@ -156,13 +156,16 @@ def _interfaces(
     return tuple(found[k] for k in sorted(found))
 
 
-def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
+def at_rest(part: Fitted, attachment: int, *, per_mass: bool) -> tuple[AtRest, ...]:
     """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
     found = []
     for index, name in enumerate(part.task.run_names):
-        travel_m, stiffness, damping = part.known.at_rest(slot, index, per_mass=per_mass)
-        travel = part.fit.errors.predictions[index].travel[:, slot] + (travel_m.value or 0.0)
-        travelled_m, loop = (float(travel.min()), float(travel.max())), part.known.loop(slot, index, per_mass=per_mass)
+        travel_m, stiffness, damping = part.known.at_rest(attachment, index, per_mass=per_mass)
+        travel = part.fit.errors.predictions[index].travel[:, attachment] + (travel_m.value or 0.0)
+        travelled_m, loop = (
+            (float(travel.min()), float(travel.max())),
+            part.known.loop(attachment, index, per_mass=per_mass),
+        )
         found.append(AtRest(name, travel_m, stiffness, damping, travelled_m, loop))
     return tuple(found)
 

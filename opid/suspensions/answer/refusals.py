@@ -426,7 +426,7 @@ def _confounded(part: Fitted, number: int, term: Term, std: float) -> Iterator[C
             )
             yield ConfoundedTerm(group.name, term.name, "stiffness", reason, "record a larger motion")
             return
-    travel, velocity = (np.concatenate(each) for each in zip(*map(part.fit.motion, group.slots), strict=True))
+    travel, velocity = (np.concatenate(each) for each in zip(*map(part.fit.motion, group.members), strict=True))
     for parameter, scale in zip(term.kind.parameters, term.values, strict=True):
         # a kind whose scale may be long by nature bends within it all the same
         if parameter.role != "scale" or parameter.over_rms[1] > settings.usual_reach_rms:
@@ -434,7 +434,7 @@ def _confounded(part: Fitted, number: int, term: Term, std: float) -> Iterator[C
         rms = float((velocity if parameter.unit == "m/s" else travel).std())
         if scale > settings.straight_rms * rms and is_loose:
             yield straight_term(group.name, term.name, parameter.unit, scale, rms)
-        sharpness = _turnover_over_rate(part, group.slots, term, parameter.unit, scale, velocity)
+        sharpness = _turnover_over_rate(part, group.members, term, parameter.unit, scale, velocity)
         if sharpness > settings.turnover_between_samples:
             reason = (
                 f"turns over faster than the runs were sampled ({sharpness:.2g} times their rate), so its force "
@@ -444,16 +444,16 @@ def _confounded(part: Fitted, number: int, term: Term, std: float) -> Iterator[C
 
 
 def _travels(fit: Fit, number: int) -> list[FloatArray]:
-    """Travel of a group from the origin of its law, m, of each slot in each run, wherever the run rests on the law."""
-    slots, found = fit.model.groups[number].slots, []
+    """Travel of a group from the origin of its law, m, of each interface in each run, wherever the run rests on it."""
+    members, found = fit.model.groups[number].members, []
     for index, prediction in enumerate(fit.errors.predictions):
         interfaces = fit.model.resting_interfaces(fit.theta, index)
-        found += [prediction.travel[:, slot] + interfaces[slot].law.rest_m for slot in slots]
+        found += [prediction.travel[:, member] + interfaces[member].law.rest_m for member in members]
     return found
 
 
 def _turnover_over_rate(
-    part: Fitted, slots: Sequence[int], term: Term, unit: str, scale: float, velocity: FloatArray
+    part: Fitted, members: Sequence[int], term: Term, unit: str, scale: float, velocity: FloatArray
 ) -> float:
     """The rate at which a friction stops a motion, over that of the record."""
     model = part.fit.model
@@ -463,5 +463,5 @@ def _turnover_over_rate(
         turns = float(velocity.std()) / scale if unit == "m" else 0.0
     else:
         steepest = abs(term.amplitude * float(term.evaluate(np.array(0.0), np.array(0.0))[2]))
-        turns = steepest * max(accelerance[k, k] for k in slots) * (unit == "m/s")
+        turns = steepest * max(accelerance[k, k] for k in members) * (unit == "m/s")
     return turns * run.finer / run.recorded_fs

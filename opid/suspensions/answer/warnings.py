@@ -401,7 +401,7 @@ def run_differences(part: Fitted) -> Iterator[str]:
         changes = [_Change.of(part, number, run) for run in range(1, len(part.runs))]
         for change in changes:
             yield from _of_unlike_run(part, change, where)
-        is_alone = fit.model.body.n_slots == 1 and (study is None or study.is_one_gear)
+        is_alone = fit.model.body.n_attachments == 1 and (study is None or study.is_one_gear)
         if is_alone and changes:
             yield from _of_another_mass(part, max(changes, key=lambda change: abs(change.common[0])))
 

@@ -137,14 +137,16 @@ class Fit:
         """
         return float(self.theta[self.model.names.index(name)]) if name in self.model.names else 0.0
 
-    def motion(self, slot: int) -> tuple[FloatArray, FloatArray]:
-        """Return travel (m) and velocity (m/s) of a slot, (n,) each, of all runs one after the other.
+    def motion(self, attachment: int) -> tuple[FloatArray, FloatArray]:
+        """Return travel (m) and velocity (m/s) of an attachment, (n,) each, of all runs one after the other.
 
         Args:
-            slot: an interface, or a spring inside.
+            attachment: an interface, or a spring inside.
         """
         parts = self.errors.predictions
-        return np.concatenate([p.travel[:, slot] for p in parts]), np.concatenate([p.velocity[:, slot] for p in parts])
+        return np.concatenate([p.travel[:, attachment] for p in parts]), np.concatenate(
+            [p.velocity[:, attachment] for p in parts]
+        )
 
 
 def first_vector(model: Model, start: Start) -> FloatArray:
@@ -303,7 +305,7 @@ def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
         first, indices = model.first_of_group[number], model.law_indices(number)
         head = fit.theta[first : indices.start - group.has_origin].copy()
         if law != before:
-            travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
+            travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.members), strict=True))
             for entry, (was, now) in enumerate(
                 zip(before.gradient(travel, velocity), law.gradient(travel, velocity), strict=True)
             ):
@@ -370,11 +372,13 @@ def fastest_rate(model: Model, theta: FloatArray) -> float:
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
     """
-    slots, _ = model.interfaces(theta)
+    suspensions, _ = model.interfaces(theta)
     accelerance = model.mobility(theta, 0).accelerance
-    stiffness, damping = (np.array([getattr(slot, name) for slot in slots]) for name in ("stiffness", "damping"))
+    stiffness, damping = (
+        np.array([getattr(suspension, name) for suspension in suspensions]) for name in ("stiffness", "damping")
+    )
     zero = np.zeros_like(accelerance)
-    system = np.block([[zero, np.eye(len(slots))], [-accelerance * stiffness, -accelerance * damping]])
+    system = np.block([[zero, np.eye(len(suspensions))], [-accelerance * stiffness, -accelerance * damping]])
     return float(np.abs(np.linalg.eigvals(system)).max())
 
 
@@ -401,7 +405,7 @@ def turnover_rate(fit: Fit) -> float:
         fit: of any laws.
     """
     model = fit.model
-    slopes = np.array([float(slot.law.gradient(0.0, 0.0)[1]) for slot in model.interfaces(fit.theta)[0]])
+    slopes = np.array([float(suspension.law.gradient(0.0, 0.0)[1]) for suspension in model.interfaces(fit.theta)[0]])
     return float(np.abs(np.linalg.eigvals(model.mobility(fit.theta, 0).accelerance * slopes)).max())
 
 

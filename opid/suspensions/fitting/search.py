@@ -408,7 +408,7 @@ class _Search:
         fit = first or fit_model(
             model, theta, noisier=noisier, hold_coordinates=hold_coordinates, least_promise=promise
         )
-        if model.body.n_slots == 1 and not is_noise(fit):
+        if model.body.n_attachments == 1 and not is_noise(fit):
             # with better parameters another start may predict the first seconds better
             begun = _begun(model, fit.theta, noisier)
             again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
@@ -775,7 +775,7 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
 
     Several interfaces have too many starts for a grid.
     """
-    if model.body.n_slots > 1:
+    if model.body.n_attachments > 1:
         return theta
     factor = noisier[0] if noisier else 1.0
     return look_for_start(replace(model, louder=factor), theta)

@@ -72,7 +72,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What one run says of the motion: travel, velocity and position (n_slots, n) and acceleration (n_dof, n)."""
+    """What one run says of the motion: travel, velocity and position (n_attachments, n) and acceleration (n_dof, n)."""
 
     travel: FloatArray
     velocity: FloatArray
@@ -170,7 +170,7 @@ def _earlier(run: DrivenRun, lag: Fault, delay_s: float) -> DrivenRun:
 
 
 def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
-    """Motion of the slots, all through the same high-pass."""
+    """Motion of the attachments, all through the same high-pass."""
     n, fs = len(run.sprung), run.recorded_fs
     accelerations = np.linalg.lstsq(body.readings, run.sprung.T, rcond=None)[0]
     own = body.rows @ accelerations
@@ -199,7 +199,7 @@ class _Equation:
 
     @property
     def rms(self) -> FloatArray:
-        """(n_slots, 2) rms travel and velocity."""
+        """(n_attachments, 2) rms travel and velocity."""
         travel, velocity = (
             np.mean([np.mean(getattr(m, name)[:, m.inside] ** 2, axis=1) for m in self.motions], axis=0)
             for name in ("travel", "velocity")
@@ -233,10 +233,10 @@ class _Equation:
             found.append((np.hanning(n), slice(first, first + n), slice(int(low), int(high))))
         return found
 
-    def of_slots(self, slots: Sequence[int], values: Sequence[FloatArray]) -> FloatArray:
-        """Column of forces at some slots; `values` are (n_slots, n) a run."""
-        rows = self.body.rows[list(slots)]
-        return self.column([rows.T @ value[list(slots)] for value in values])
+    def of_attachments(self, attachments: Sequence[int], values: Sequence[FloatArray]) -> FloatArray:
+        """Column of forces at some attachments; `values` are (n_attachments, n) a run."""
+        rows = self.body.rows[list(attachments)]
+        return self.column([rows.T @ value[list(attachments)] for value in values])
 
     def of_term(self, group: Group, term: Term, *, is_coarse: bool = False) -> FloatArray:
         """Column of a term of unit amplitude in the law of a group; of every few samples at will."""
@@ -245,8 +245,8 @@ class _Equation:
         for motion, run, (_, inside, _) in zip(self.motions, self.runs, self._windows, strict=True):
             every = run.coarse.stride if is_coarse else 1
             taken, fs = slice(inside.start, inside.stop, every) if is_coarse else slice(None), run.recorded_fs / every
-            own = [force_along(unit, motion.travel[k, taken], motion.velocity[k, taken], fs) for k in group.slots]
-            forces.append(self.body.rows[list(group.slots)].T @ np.stack(own))
+            own = [force_along(unit, motion.travel[k, taken], motion.velocity[k, taken], fs) for k in group.members]
+            forces.append(self.body.rows[list(group.members)].T @ np.stack(own))
         return self.column(forces, is_coarse=is_coarse)
 
     @property
@@ -263,26 +263,26 @@ class _Equation:
         forces = []
         for motion, run in zip(self.motions, self.runs, strict=True):
             force = (body.known + run.loading) @ motion.acceleration
-            for slot, spring in enumerate(body.inside, start=body.n_interfaces):
+            for attachment, spring in enumerate(body.inside, start=body.n_interfaces):
                 stiffness, damping = spring.stiffness_n_per_m or 0.0, spring.damping_n_s_per_m or 0.0
                 force = force + np.outer(
-                    body.rows[slot], stiffness * motion.travel[slot] + damping * motion.velocity[slot]
+                    body.rows[attachment], stiffness * motion.travel[attachment] + damping * motion.velocity[attachment]
                 )
             forces.append(force)
         return self.column(forces)
 
     def searched(self) -> Iterator[int]:
-        """Slots inside whose springs are to be found."""
-        for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
+        """Attachments inside whose springs are to be found."""
+        for attachment, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
             if spring.stiffness_n_per_m is None:
-                yield slot
+                yield attachment
 
     def linear(self, groups: Sequence[Group]) -> list[FloatArray]:
         """Columns of everything but laws and springs to the ground: stiffness and damping in turn, factors, mu."""
         travel, velocity = [m.travel for m in self.motions], [m.velocity for m in self.motions]
         columns = []
-        for slots in [*(group.slots for group in groups), *((slot,) for slot in self.searched())]:
-            columns += [self.of_slots(slots, travel), self.of_slots(slots, velocity)]
+        for attachments in [*(group.members for group in groups), *((attachment,) for attachment in self.searched())]:
+            columns += [self.of_attachments(attachments, travel), self.of_attachments(attachments, velocity)]
         parts = [*self.body.parts, *([] if self.body.product is None else [self.body.product])]
         columns += [self.column([part @ m.acceleration for m in self.motions]) for part in parts]
         return [*columns, *([self._known] if self.mass_free else [])]
@@ -290,7 +290,7 @@ class _Equation:
     def springs_to_ground(self, groups: Sequence[Group]) -> list[FloatArray]:
         """Columns of the springs to the ground of the groups that have them."""
         positions = [m.position for m in self.motions]
-        return [self.of_slots(group.slots, positions) for group in groups if group.ground]
+        return [self.of_attachments(group.members, positions) for group in groups if group.ground]
 
     def demands_ground(self, groups: Sequence[Group]) -> bool:
         """Whether the equation asks for ground springs that a sensor's fault would hardly feign."""
@@ -328,7 +328,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         (k, term, equation.of_term(groups[k], term, is_coarse=True))
         for k in open_groups
         for kind in kinds
-        for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings)
+        for term in _candidates(kind, rms[list(groups[k].members)].mean(axis=0), equation.settings)
     ]
     most_terms = equation.settings.most_terms
     matrix = np.stack([*equation.linear(groups), *equation.springs_to_ground(groups)], axis=1)

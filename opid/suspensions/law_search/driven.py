@@ -139,10 +139,10 @@ class DrivenLaws:
 
     def _faint(self, kind: str, fit: Fit, group: Group, rest_m: float) -> list[Term]:
         """Terms too weak to move anything."""
-        slots = group.slots
-        travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
+        attachments = group.members
+        travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, attachments), strict=True))
         # while a model is wrong its slow travel may be far off: the measured one is not
-        rms = np.sqrt(np.mean(fit.model.motion_rms[list(slots)] ** 2, axis=0))
+        rms = np.sqrt(np.mean(fit.model.motion_rms[list(attachments)] ** 2, axis=0))
         rms *= self.settings.most_measured_rms
         return faint_terms(
             kind,
@@ -176,7 +176,9 @@ def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator
         # a fit of a column of gas is long, and there is nothing left to explain
         return
     springs = tuple(term for term in law.terms if part_of(term.kind) == "spring" and not term.kind.is_stop)
-    travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, model.groups[number].slots), strict=True))
+    travel, velocity = (
+        np.concatenate(part) for part in zip(*map(fit.motion, model.groups[number].members), strict=True)
+    )
     stiffness = float(fit.theta[model.first_of_group[number]])
     stiffness += float(np.mean(Law(springs, law.rest_m).gradient(travel, velocity)[0]))
     for kind in kinds:
@@ -209,8 +211,8 @@ def is_far_from_rest(fit: Fit) -> bool:
     farthest = fit.model.settings.search.farthest_mean_rms
     for group, law in zip(fit.model.groups, fit.laws.values(), strict=True):
         if group.ground and any(part_of(term.kind) == "spring" for term in law.terms):
-            for slot in group.slots:
-                travels = [each.travel[:, slot] for each in fit.errors.predictions]
+            for attachment in group.members:
+                travels = [each.travel[:, attachment] for each in fit.errors.predictions]
                 if all(abs(travel.mean()) > farthest * travel.std() for travel in travels):
                     return True
     return False
@@ -224,8 +226,8 @@ def gives_way_at_rest(fit: Fit) -> bool:
     springs, and nothing is said.
     """
     at_rest, over_motion = 0.0, 0.0
-    for slot, each in enumerate(fit.model.resting_interfaces(fit.theta, 0)):
-        travel, velocity = fit.motion(slot)
+    for attachment, each in enumerate(fit.model.resting_interfaces(fit.theta, 0)):
+        travel, velocity = fit.motion(attachment)
         straight = each.stiffness + each.ground_stiffness
         at_rest += straight + float(each.law.gradient(0.0, 0.0)[0])
         over_motion += straight + float(np.mean(each.law.gradient(travel, velocity)[0]))
@@ -260,7 +262,7 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
     ranked: dict[str, list[Law]] = {}
     for group in fit.model.groups:
         if depends_on_travel(fit.laws[group.name]):
-            ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
+            ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.members)])), kinds, settings)
     for index in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
         laws = {name: row[min(index, len(row) - 1)] for name, row in ranked.items() if row}
         if all(law == fit.laws[name] for name, law in laws.items()):
@@ -271,7 +273,7 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
 
 
 def static_travel(fit: Fit) -> FloatArray | None:
-    """Return how far straight springs of the tangent stiffness would give way under the body, (n_slots,) m.
+    """Return how far straight springs of the tangent stiffness would give way under the body, (n_attachments,) m.
 
     From the unloaded length; None where no weight acts.
 
@@ -283,11 +285,11 @@ def static_travel(fit: Fit) -> FloatArray | None:
         return None
     factors = fit.theta[model.first_factor :][: len(body.names)]
     mass = body.mass(factors, model.inverse_mass(fit.theta), np.zeros_like(body.unit))
-    slots = [
-        Interface(slot.stiffness + float(slot.law.gradient(0.0, 0.0)[0]), 0.0)
-        for slot in model.interfaces(fit.theta)[0]
+    suspensions = [
+        Interface(suspension.stiffness + float(suspension.law.gradient(0.0, 0.0)[0]), 0.0)
+        for suspension in model.interfaces(fit.theta)[0]
     ]
-    return find_rest(slots, body.rows, mass @ body.fall).travel
+    return find_rest(suspensions, body.rows, mass @ body.fall).travel
 
 
 def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings) -> list[Law]:
@@ -297,7 +299,7 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
     """
     first, law = fit.model.first_of_group[fit.model.groups.index(group)], fit.laws[group.name]
     stiffness = float(fit.theta[first])
-    travel = np.concatenate([fit.motion(slot)[0] for slot in group.slots])
+    travel = np.concatenate([fit.motion(attachment)[0] for attachment in group.members])
     z = np.quantile(travel, np.linspace(0.001, 0.999, settings.n_travels))
     straight = np.stack([np.ones_like(z), z], axis=1)
     force = stiffness * z + law.force(z, 0.0)

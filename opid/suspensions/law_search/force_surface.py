@@ -90,17 +90,17 @@ class ForceSurface:
         return (self.mean - self.law) / self.standard_error
 
 
-def force_points(fit: Fit, slot: int) -> ForcePoints:
+def force_points(fit: Fit, attachment: int) -> ForcePoints:
     """Return the measured force of one suspension per unit of reference mass on the reconstructed motion.
 
     What the sensors read beyond the prediction, less its mean, is shared out over the suspensions as forces that would
     make it; a sensor that sees one suspension alone gives the force of that one.
     """
-    model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if slot in group.slots)
-    law, (z, v) = list(fit.laws.values())[number], fit.motion(slot)
+    model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if attachment in group.members)
+    law, (z, v) = list(fit.laws.values())[number], fit.motion(attachment)
     rests = [model.rest(fit.theta, index) for index in range(len(model.runs))]
     if any(rest is not None for rest in rests):
-        at_rest = [0.0 if rest is None else float(rest.travel[slot]) for rest in rests]
+        at_rest = [0.0 if rest is None else float(rest.travel[attachment]) for rest in rests]
         z = z + np.repeat(at_rest, [prediction.travel.shape[0] for prediction in fit.errors.predictions])
     first = model.first_of_group[number]
     fitted = fit.theta[first] * z + fit.theta[first + 1] * v + law.force(z, v)
@@ -109,18 +109,18 @@ def force_points(fit: Fit, slot: int) -> ForcePoints:
         read = model.corrected(fit.theta, index)[1].value
         apart = read - prediction.acceleration[:, : read.shape[1]]
         solved = np.linalg.pinv(model.mobility(fit.theta, index).reading[: read.shape[1], : model.body.n_interfaces])
-        missed.append((apart - apart.mean(axis=0)) @ solved[slot])
+        missed.append((apart - apart.mean(axis=0)) @ solved[attachment])
     return ForcePoints(z, v, fitted - np.concatenate(missed), fitted)
 
 
-def force_surface(fit: Fit, slot: int) -> ForceSurface:
+def force_surface(fit: Fit, attachment: int) -> ForceSurface:
     """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law."""
     from scipy import stats
 
     settings = fit.model.settings.surface
     n_cells = settings.n_cells
-    law = next(law for group, law in zip(fit.groups, fit.laws.values(), strict=True) if slot in group.slots)
-    points = force_points(fit, slot)
+    law = next(law for group, law in zip(fit.groups, fit.laws.values(), strict=True) if attachment in group.members)
+    points = force_points(fit, attachment)
     edges = [np.linspace(-1, 1, n_cells + 1) * settings.reach_rms * x.std() for x in (points.travel, points.velocity)]
     index = [np.digitize(x, e) - 1 for x, e in zip((points.travel, points.velocity), edges, strict=True)]
     inside = np.all([(p >= 0) & (p < n_cells) for p in index], axis=0)

@@ -41,7 +41,7 @@ def search_by_regression(
         say("sparse regression")
         before = best
         for name, group in zip(start.laws, start.model.groups, strict=True):
-            proposed = regress(before, group.slots[0], kinds, known)
+            proposed = regress(before, group.members[0], kinds, known)
             tried = {step.fit.laws[name].name for step in ladder}
             for law in [law for law in proposed[: known.n_refitted] if law.name not in tried]:
                 say(law.name)
@@ -56,14 +56,14 @@ def search_by_regression(
     return tuple(ladder)
 
 
-def regress(fit: Fit, slot: int, kinds: Sequence[str], settings: RegressionSettings) -> tuple[Law, ...]:
+def regress(fit: Fit, attachment: int, kinds: Sequence[str], settings: RegressionSettings) -> tuple[Law, ...]:
     """Propose laws of one suspension from the force on the motion that a fit predicts.
 
     They stand in the order of their error on blocks left out, the chosen one first. Laws that remember are no functions
     of the predicted motion and are left to the pursuit.
     """
     static = [kind for kind in kinds if LAWS[kind].memory is None]
-    return _proposed(_thinned(force_points(fit, slot), settings.n_samples), static, settings)
+    return _proposed(_thinned(force_points(fit, attachment), settings.n_samples), static, settings)
 
 
 def _thinned(points: ForcePoints, n_samples: int) -> ForcePoints:

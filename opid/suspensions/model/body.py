@@ -1,10 +1,10 @@
 """A body on suspensions whose unsprung sides are measured, as a function of what is not known of it.
 
-Per unit of a reference mass the body obeys M q'' = - sum over slots of j_s F_s, with
+Per unit of a reference mass the body obeys M q'' = - sum over attachments of j_s F_s, with
 
     M = unit + sum_k theta_k part_k + theta_1 theta_2 product + mu (known + loading),
 
-mu one over the reference mass: what is known in kg fixes the scale. A slot is where a force acts on the body:
+mu one over the reference mass: what is known in kg fixes the scale. An attachment is where a force acts on the body:
 an interface, or a spring inside. A rigid airframe has heave, roll and pitch about the origin of coordinates as degrees
 of freedom: there M is linear in mass, static moments and moments of inertia, and a point mass adds m j j^T,
 j = (1, y, -x).
@@ -35,14 +35,14 @@ class Coordinate:
 
     Args:
         name: "x_m[left]", "sensor_y_m[nose]", ...
-        slot: number of the slot of the interface, or of the sensor.
+        attachment: number of the attachment of the interface, or of the sensor.
         of_sensor: whether it is a coordinate of the sensor, else of the suspension.
         derivative: (n_dof,) derivative of the row j by it.
         std: standard deviation of the coordinate, m.
     """
 
     name: str
-    slot: int
+    attachment: int
     of_sensor: bool
     derivative: tuple[float, ...]
     std: float
@@ -73,9 +73,9 @@ class Body:
         names: of the free factors theta.
         parts: (n_parts, n_dof, n_dof) what each multiplies.
         known: (n_dof, n_dof) mass matrix of what is known in kg.
-        rows: (n_slots, n_dof) j of each slot, interfaces first.
-        readings: (n_sensors, n_dof) what each sensor on the body reads of q'', n_sensors at most n_slots.
-        inside: of each slot behind the interfaces.
+        rows: (n_attachments, n_dof) j of each attachment, interfaces first.
+        readings: (n_sensors, n_dof) what each sensor on the body reads of q'', n_sensors at most n_attachments.
+        inside: of each attachment behind the interfaces.
         coordinates: those that are known to a tolerance.
         absolute: whether `unit` is in kg already, so that mu is 1.
         product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
@@ -98,14 +98,14 @@ class Body:
     piston_area_m2: float = 0.0
 
     @property
-    def n_slots(self) -> int:
-        """Number of slots."""
+    def n_attachments(self) -> int:
+        """Number of attachments."""
         return self.rows.shape[0]
 
     @property
     def n_interfaces(self) -> int:
-        """Number of slots whose other side is measured."""
-        return self.n_slots - len(self.inside)
+        """Number of attachments whose other side is measured."""
+        return self.n_attachments - len(self.inside)
 
     def mass(self, theta: FloatArray, mu: float, loading: FloatArray) -> FloatArray:
         """Return M per unit of the reference mass, (n_dof, n_dof), under a loading in kg; mu in 1/kg."""
@@ -123,13 +123,14 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Mobility:
-    """Accelerances of a body at its slots, and their derivatives.
+    """Accelerances of a body at its attachments, and their derivatives.
 
     Args:
-        accelerance: (n_slots, n_slots) A, acceleration at the row for a unit force at the column.
-        reading: (n_slots, n_slots) R, reading of the sensor at the row for a unit force at the column; 0 without a
-            sensor.
-        by_accelerance: (n_directions, n_slots, n_slots) derivatives of A by the free factors, mu and the coordinates.
+        accelerance: (n_attachments, n_attachments) A, acceleration at the row for a unit force at the column.
+        reading: (n_attachments, n_attachments) R, reading of the sensor at the row for a unit force at the column; 0
+            without a sensor.
+        by_accelerance: (n_directions, n_attachments, n_attachments) derivatives of A by the free factors, mu and the
+            coordinates.
         by_reading: the same of R.
     """
 
@@ -140,7 +141,7 @@ class Mobility:
 
 
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
-    """Return the accelerances of a body at its slots under a loading, (n_dof, n_dof) kg.
+    """Return the accelerances of a body at its attachments under a loading, (n_dof, n_dof) kg.
 
     `shifts` are the true coordinates less the stated ones, m.
 
@@ -150,7 +151,7 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     rows, seen = body.rows.copy(), np.zeros_like(body.rows)
     seen[: len(body.readings)] = body.readings
     for coordinate, shift in zip(body.coordinates, shifts, strict=True):
-        (seen if coordinate.of_sensor else rows)[coordinate.slot] += shift * np.array(coordinate.derivative)
+        (seen if coordinate.of_sensor else rows)[coordinate.attachment] += shift * np.array(coordinate.derivative)
     mass = body.mass(theta, mu, loading)
     if np.linalg.eigvalsh(mass)[0] <= 0.0:
         raise ImpossibleBodyError(
@@ -164,7 +165,7 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     by_reading = [-by_row @ part @ by_force for part in parts]
     for coordinate in body.coordinates:
         change = np.zeros_like(rows)
-        change[coordinate.slot] = coordinate.derivative
+        change[coordinate.attachment] = coordinate.derivative
         half = change @ by_force
         by_accelerance.append(np.zeros_like(half) if coordinate.of_sensor else half + half.T)
         by_reading.append(half if coordinate.of_sensor else by_row @ change.T)
@@ -202,7 +203,7 @@ def rigid_body(
     product = np.zeros((3, 3))
     product[1, 2] = product[2, 1] = -1.0
     n_more = max(0, len(seen) - len(rows))
-    # a further sensor sits at a slot without a spring
+    # a further sensor sits at an attachment without a spring
     inside = tuple(Inside(f"sensor {k + 1}", 0.0, 0.0) for k in range(n_more))
     return Body(
         ("heave", "roll", "pitch"),
@@ -221,9 +222,9 @@ def rigid_body(
 def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
     """Coordinates of the interfaces, then of their sensors."""
     return tuple(
-        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", slot, of_sensor, derivative, tolerance_m)
+        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", attachment, of_sensor, derivative, tolerance_m)
         for of_sensor in (False, True)
-        for slot, name in enumerate(names)
+        for attachment, name in enumerate(names)
         for axis, derivative in (("x", (0.0, 0.0, -1.0)), ("y", (0.0, 1.0, 0.0)))
     )
 

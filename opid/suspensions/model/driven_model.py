@@ -35,7 +35,7 @@ from opid.suspensions.model.unknowns import (
     sort_out,
 )
 
-# the reading of a slot that has no sensor: nothing is learnt from it
+# the reading of an attachment that has no sensor: nothing is learnt from it
 _NO_SENSOR_M_PER_S2 = 1e6
 # of free motions: so much louder are the sensors on the body, and so much quieter those below
 _DEAF = 1e4
@@ -180,11 +180,11 @@ class Model(Unknowns):
         self, theta: FloatArray, index: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
     ) -> tuple[Prediction, ComplexArray, ComplexArray]:
         """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
-        run, body, n_slots = self.runs[index], self.body, self.body.n_slots
+        run, body, n_attachments = self.runs[index], self.body, self.body.n_attachments
         of_reference, slopes = self.interfaces(theta, candidates)
         rest = self._rest(theta, index, of_reference)
         resting = put_at_rest(of_reference, rest)
-        slots = self.departed(resting, theta, index)
+        suspensions = self.departed(resting, theta, index)
         moved = self.mobility(theta, index)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
@@ -192,10 +192,10 @@ class Model(Unknowns):
         n_sensors = above.value.shape[1]
         start, covariance = state_at_start(self, theta, index)
         prediction = predict(
-            slots,
+            suspensions,
             moved.accelerance,
-            _widened(below.value, n_slots),
-            _widened(above.value, n_slots),
+            _widened(below.value, n_attachments),
+            _widened(above.value, n_attachments),
             fs=run.fs,
             noise=self.noise_in(theta, run),
             start=start,
@@ -204,8 +204,8 @@ class Model(Unknowns):
             # a sensor at its interface reads what acts there: the predictor then need not tell the two apart
             reading=None if self._is_plain else moved.reading,
             reading_directions=None if self._is_plain else moved.by_reading[kept],
-            drive_directions=below.directions(n_slots),
-            measured_directions=above.directions(n_slots),
+            drive_directions=below.directions(n_attachments),
+            measured_directions=above.directions(n_attachments),
             ground=self.ground,
             sensitivity=sensitivity,
         )
@@ -222,7 +222,7 @@ class Model(Unknowns):
                 add_departures(self, lines, resting, theta, index, by)
             if rest is not None:
                 add_rest(self, lines, rest, of_reference, theta, index, by)
-            further = sort_out(self, lines, slots, slopes, (*below.by, *above.by), index, by, candidates or {})
+            further = sort_out(self, lines, suspensions, slopes, (*below.by, *above.by), index, by, candidates or {})
         # a hundred times larger than the rest, and used up
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
 
@@ -237,7 +237,7 @@ class Model(Unknowns):
     @property
     def _n_starts(self) -> int:
         """Directions of the start state that the predictor has."""
-        return (4 if self.ground else 2) * self.body.n_slots
+        return (4 if self.ground else 2) * self.body.n_attachments
 
     def _noise_of_readings(self, theta: FloatArray, run: DrivenRun) -> tuple[FloatArray, FloatArray]:
         """The noise behind the gains, as the run is sampled.
@@ -250,12 +250,12 @@ class Model(Unknowns):
         return below / gains[0] / np.sqrt(run.stride), above / gains[1]
 
     def noise_in(self, theta: FloatArray, run: DrivenRun) -> Noise:
-        """Return the noise of all slots in a run; an AC coupling that was undone adds up its own."""
+        """Return the noise of all attachments in a run; an AC coupling that was undone adds up its own."""
         levels = self._noise_of_readings(theta, run)
         values, rows = self.fault_values(theta), []
         for side, level, n_all, absent in (
-            ("unsprung", levels[0], self.body.n_slots, 0.0),
-            ("sprung", levels[1], self.body.n_slots, _NO_SENSOR_M_PER_S2),
+            ("unsprung", levels[0], self.body.n_attachments, 0.0),
+            ("sprung", levels[1], self.body.n_attachments, _NO_SENSOR_M_PER_S2),
         ):
             corners = np.array([facts.corner_hz for facts in self.sensors.facts(side)])  # type: ignore[arg-type]
             for fault in self.faults:
@@ -265,7 +265,7 @@ class Model(Unknowns):
             n_more = n_all - level.size
             rows.append((np.append(level, [absent] * n_more), np.append(walk, [0.0] * n_more)))
         motion = np.sqrt(self.louder**2 - 1) * rows[0][0]
-        unmeasured = np.zeros(self.body.n_slots)
+        unmeasured = np.zeros(self.body.n_attachments)
         if self.process.fraction:
             unmeasured[: len(levels[1])] = self.process.acceleration_rms(run)
         return Noise(
@@ -376,11 +376,11 @@ def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
     return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
 
 
-def _widened(samples: FloatArray, n_slots: int) -> FloatArray:
-    """A column for every slot: nothing drives or reads those behind."""
-    if samples.shape[1] == n_slots:
+def _widened(samples: FloatArray, n_attachments: int) -> FloatArray:
+    """A column for every attachment: nothing drives or reads those behind."""
+    if samples.shape[1] == n_attachments:
         return samples
-    return np.concatenate([samples, np.zeros((len(samples), n_slots - samples.shape[1]))], axis=1)
+    return np.concatenate([samples, np.zeros((len(samples), n_attachments - samples.shape[1]))], axis=1)
 
 
 def _real_rows(by: ComplexArray) -> list[FloatArray]:
@@ -389,10 +389,10 @@ def _real_rows(by: ComplexArray) -> list[FloatArray]:
 
 
 def state_at_start(unknowns: Unknowns, theta: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
-    """Return the state of all slots at a run's first sample, and its covariance: what is fitted is known exactly."""
+    """Return the state at a run's first sample and its covariance: what is fitted is known exactly."""
     body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[index]
     n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
-    start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
+    start, std = np.zeros((n_rows, body.n_attachments)), np.zeros((n_rows, body.n_attachments))
     start[:2, :n] = theta[unknowns.indices_of_run(index)[0]].reshape(-1, 2).T
     std[:2, :n] = 1e-9
     springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
@@ -404,7 +404,7 @@ def state_at_start(unknowns: Unknowns, theta: FloatArray, index: int) -> tuple[F
     if unknowns.ground:
         below, near = run.ground_at_start
         for k, sensor in enumerate(unknowns.sensors.unsprung):
-            rows = np.arange(2, 5) * body.n_slots + k
+            rows = np.arange(2, 5) * body.n_attachments + k
             if sensor.corner_hz:
                 # what an AC coupling took from the path is not known
                 far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
@@ -421,9 +421,9 @@ class Straight:
     Args:
         omega: of the lines, rad/s.
         moved: what forces do to the body.
-        spring: (n_lines, n_slots) force on the body by travel, with the mean slopes of the laws.
-        ground: (n_slots,) stiffness of the springs to the ground.
-        system: (n_lines, n_slots, n_slots) what gives the travel from accelerations.
+        spring: (n_lines, n_attachments) force on the body by travel, with the mean slopes of the laws.
+        ground: (n_attachments,) stiffness of the springs to the ground.
+        system: (n_lines, n_attachments, n_attachments) what gives the travel from accelerations.
     """
 
     omega: FloatArray
@@ -436,21 +436,21 @@ class Straight:
 def straighten(unknowns: Unknowns, theta: FloatArray, index: int, prediction: Prediction) -> Straight:
     """Return a run with the mean slopes of the laws along its predicted motion."""
     omega = unknowns.runs[index].omega
-    slots = unknowns.resting_interfaces(theta, index)
+    suspensions = unknowns.resting_interfaces(theta, index)
     moved = unknowns.mobility(theta, index)
-    spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
-    ground = np.array([slot.ground_stiffness for slot in slots])
-    for k, slot in enumerate(slots):
-        assert isinstance(slot.law, Law)  # without candidates
+    spring = np.zeros((omega.size, len(suspensions)), dtype=np.complex128)
+    ground = np.array([suspension.ground_stiffness for suspension in suspensions])
+    for k, suspension in enumerate(suspensions):
+        assert isinstance(suspension.law, Law)  # without candidates
         z, v = prediction.travel[:, k], prediction.velocity[:, k]
-        by_z, by_v = slot.law.gradient(z, v)
-        spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
-        if slot.law.has_memory:
-            stiffness, damping = _of_memories(slot.law, z, v, unknowns.runs[index].fs)
+        by_z, by_v = suspension.law.gradient(z, v)
+        spring[:, k] = suspension.stiffness + by_z.mean() + 1j * omega * (suspension.damping + by_v.mean())
+        if suspension.law.has_memory:
+            stiffness, damping = _of_memories(suspension.law, z, v, unknowns.runs[index].fs)
             spring[:, k] += stiffness + 1j * omega * damping
     square = (omega**2)[:, np.newaxis, np.newaxis]
     # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
-    system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(slots))
+    system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(suspensions))
     return Straight(omega, moved, spring, ground, system)
 
 

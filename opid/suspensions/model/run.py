@@ -132,11 +132,11 @@ class Corrected:
     value: FloatArray
     by: tuple[tuple[str, int, FloatArray], ...]
 
-    def directions(self, n_slots: int) -> FloatArray | None:
-        """Return the derivatives as the predictor takes them, (m, n_faults, n_slots); None where there are none."""
+    def directions(self, n_attachments: int) -> FloatArray | None:
+        """Return the derivatives for the predictor, (m, n_faults, n_attachments); None where there are none."""
         if not self.by:
             return None
-        found = np.zeros((len(self.value), len(self.by), n_slots))
+        found = np.zeros((len(self.value), len(self.by), n_attachments))
         for index, (_, channel, column) in enumerate(self.by):
             found[:, index, channel] = column
         return found

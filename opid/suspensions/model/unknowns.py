@@ -45,7 +45,7 @@ class Group:
 
     Args:
         name: "left", or "left, right"; "" for one gear.
-        slots: of its interfaces.
+        members: indices of its interfaces.
         law: says which terms, per unit of the reference mass.
         ground: whether springs act between the body and the ground at these interfaces.
         origin_m: about how far the origin of the law lies from where the interfaces rest in the reference run, m; the
@@ -53,7 +53,7 @@ class Group:
     """
 
     name: str
-    slots: tuple[int, ...]
+    members: tuple[int, ...]
     law: Law = LINEAR
     ground: bool = False
     origin_m: float | None = None
@@ -131,9 +131,9 @@ class Unknowns:
 
     @cached_property
     def searched(self) -> tuple[tuple[int, str], ...]:
-        """Slots and names of the springs inside whose stiffness is to be found."""
+        """Attachments and names of the springs inside whose stiffness is to be found."""
         inside = enumerate(self.body.inside, start=self.body.n_interfaces)
-        return tuple((slot, spring.name) for slot, spring in inside if spring.stiffness_n_per_m is None)
+        return tuple((attachment, spring.name) for attachment, spring in inside if spring.stiffness_n_per_m is None)
 
     @cached_property
     def first_of_group(self) -> tuple[int, ...]:
@@ -188,12 +188,12 @@ class Unknowns:
 
         It is 0 where no weight acts, and for bodies, of which gears carry shares not known.
         """
-        return abs(self.own_load) if self.body.n_slots == 1 else 0.0
+        return abs(self.own_load) if self.body.n_attachments == 1 else 0.0
 
     @property
     def is_carried(self) -> bool:
         """Whether it is known what a column of gas would carry: it pushes outwards, so the axis must count so."""
-        return self.body.n_slots == 1 and self.own_load < 0.0
+        return self.body.n_attachments == 1 and self.own_load < 0.0
 
     @cached_property
     def carriers(self) -> tuple[tuple[int, int], ...]:
@@ -266,7 +266,7 @@ class Unknowns:
         lower = np.full(self.n_shared + self.n_own * len(self.runs), -np.inf)
         upper = -lower
         for number, group in enumerate(self.groups):
-            travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
+            travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.members)] ** 2, axis=0))
             rests_apart_m = self._rests_apart(travel_rms, velocity_rms)
             travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
             indices = self.law_indices(number)
@@ -326,8 +326,8 @@ class Unknowns:
     def interfaces(
         self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
     ) -> tuple[list[Interface], list[FloatArray]]:
-        """Return the suspensions of all slots at a vector, and what their laws' entries move by (see `from_free`)."""
-        slots: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_slots
+        """Return all suspensions at a vector, and what their laws' entries move by (see `from_free`)."""
+        suspensions: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_attachments
         slopes: list[FloatArray] = []
         for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
             group, force = self.groups[number], law
@@ -336,16 +336,16 @@ class Unknowns:
                 further = tuple(candidates[number])
                 force = WithCandidates((*law.terms, *further), law.rest_m, len(further))  # type: ignore[assignment]
             ground = float(theta[first + 2]) if group.ground else 0.0
-            for slot in group.slots:
-                slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)
+            for attachment in group.members:
+                suspensions[attachment] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)
         mu = self.inverse_mass(theta)
-        for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
+        for attachment, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
             if spring.stiffness_n_per_m is not None and spring.damping_n_s_per_m is not None:
-                slots[slot] = Interface(mu * spring.stiffness_n_per_m, mu * spring.damping_n_s_per_m)
-        for k, (slot, _) in enumerate(self.searched):
+                suspensions[attachment] = Interface(mu * spring.stiffness_n_per_m, mu * spring.damping_n_s_per_m)
+        for k, (attachment, _) in enumerate(self.searched):
             index = self.first_inside + 2 * k
-            slots[slot] = Interface(float(theta[index]), float(theta[index + 1]))
-        return slots, slopes
+            suspensions[attachment] = Interface(float(theta[index]), float(theta[index + 1]))
+        return suspensions, slopes
 
     def rest(self, theta: FloatArray, index: int, *, straight: bool = False) -> Rest | None:
         """Return where the suspensions of a run rest; None where that is without consequence for the motion.
@@ -358,42 +358,42 @@ class Unknowns:
         return self._rest(theta, index, self.interfaces(theta)[0], straight=straight)
 
     def _rest(
-        self, theta: FloatArray, index: int, slots: Sequence[Interface], *, straight: bool = False
+        self, theta: FloatArray, index: int, suspensions: Sequence[Interface], *, straight: bool = False
     ) -> Rest | None:
         fall, loading = self.body.fall, self.runs[index].loading
         stiffer = self.stiffer(theta, index)
         if fall is None or not (loading.any() or stiffer):
             return None
-        if not straight and not any(depends_on_rest(slot.law) for slot in slots):
+        if not straight and not any(depends_on_rest(suspension.law) for suspension in suspensions):
             return None
         load = self.inverse_mass(theta) * (loading @ fall)
         if not stiffer:
-            return find_rest(slots, self.body.rows, load)
+            return find_rest(suspensions, self.body.rows, load)
         held = np.array([-stiffer * self.own_load])
-        return find_rest(self.departed(list(slots), theta, index), self.body.rows, load, held)
+        return find_rest(self.departed(list(suspensions), theta, index), self.body.rows, load, held)
 
     def stiffer(self, theta: FloatArray, index: int) -> float:
         """Return by how much the springs of one gear depart in a run.
 
         It is 0 for bodies, of which gears carry shares not known.
         """
-        if not self.n_departures or self.body.n_slots > 1:
+        if not self.n_departures or self.body.n_attachments > 1:
             return 0.0
         return self.departures(theta, index)[0].spring
 
     def resting_interfaces(self, theta: FloatArray, index: int) -> list[Interface]:
-        """Return the suspensions of all slots as they are in a run, where they rest in it."""
-        slots, _ = self.interfaces(theta)
-        return self.departed(put_at_rest(slots, self._rest(theta, index, slots)), theta, index)
+        """Return all suspensions as they are in a run, where they rest in it."""
+        suspensions, _ = self.interfaces(theta)
+        return self.departed(put_at_rest(suspensions, self._rest(theta, index, suspensions)), theta, index)
 
-    def departed(self, slots: list[Interface], theta: FloatArray, index: int) -> list[Interface]:
+    def departed(self, suspensions: list[Interface], theta: FloatArray, index: int) -> list[Interface]:
         """Return suspensions as they are in a run."""
         if not self.n_departures:
-            return slots
-        changed = list(slots)
+            return suspensions
+        changed = list(suspensions)
         for group, departure in zip(self.groups, self.departures(theta, index), strict=True):
-            for slot in group.slots:
-                changed[slot] = departure.of(slots[slot])
+            for attachment in group.members:
+                changed[attachment] = departure.of(suspensions[attachment])
         return changed
 
     def corrected(self, theta: FloatArray, index: int) -> tuple[Corrected, Corrected]:
@@ -403,11 +403,11 @@ class Unknowns:
         return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
 
 
-def put_at_rest(slots: list[Interface], rest: Rest | None) -> list[Interface]:
+def put_at_rest(suspensions: list[Interface], rest: Rest | None) -> list[Interface]:
     """Return suspensions where they rest in a run."""
     if rest is None:
-        return slots
-    return [resting(slot, float(travel)) for slot, travel in zip(slots, rest.travel, strict=True)]
+        return suspensions
+    return [resting(suspension, float(travel)) for suspension, travel in zip(suspensions, rest.travel, strict=True)]
 
 
 def known_before(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
@@ -487,22 +487,22 @@ def add_rest(
     unknowns: Unknowns,
     change: ComplexArray,
     rest: Rest,
-    slots: Sequence[Interface],
+    suspensions: Sequence[Interface],
     theta: FloatArray,
     index: int,
     by: ComplexArray,
 ) -> None:
     """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
-    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    firsts = np.cumsum([0, *(suspension.n_parameters for suspension in suspensions)])
     by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
     stiffer = unknowns.stiffer(theta, index)
-    for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
+    for number, (suspension, travel) in enumerate(zip(suspensions, rest.travel, strict=True)):
         moved = np.tensordot(-rest.compliance[:, number], by_travel, axes=1)
-        force = (1.0 + stiffer) * by_parameters(slot, travel)
+        force = (1.0 + stiffer) * by_parameters(suspension, travel)
         force[2] = travel  # the spring to the ground is none of the strut's
         change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
-        if unknowns.n_departures and len(slots) == 1:
-            own = slot.stiffness * travel + float(slot.law.static_force(travel)[0])
+        if unknowns.n_departures and len(suspensions) == 1:
+            own = suspension.stiffness * travel + float(suspension.law.static_force(travel)[0])
             by[unknowns.indices_of_run(index)[1].start] += (own + unknowns.own_load) * moved
     if unknowns.mass_free:
         row = firsts[-1] + len(unknowns.body.names)
@@ -512,19 +512,19 @@ def add_rest(
 def add_departures(
     unknowns: Unknowns,
     change: ComplexArray,
-    slots: Sequence[Interface],
+    suspensions: Sequence[Interface],
     theta: FloatArray,
     index: int,
     by: ComplexArray,
 ) -> None:
     """Turn derivatives by what suspensions have in a run into those by what they have in all, and by departures."""
-    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    firsts = np.cumsum([0, *(suspension.n_parameters for suspension in suspensions)])
     row = unknowns.indices_of_run(index)[1].start
     for group, departure in zip(unknowns.groups, unknowns.departures(theta, index), strict=True):
         for part, factor in enumerate(departure.values):
-            for slot in group.slots:
-                for entry, value in part_rows(slots[slot])[part]:
-                    own = change[firsts[slot] + entry]
+            for attachment in group.members:
+                for entry, value in part_rows(suspensions[attachment])[part]:
+                    own = change[firsts[attachment] + entry]
                     by[row + part] += value * own
                     own *= 1.0 + factor
         row += len(PARTS)
@@ -533,30 +533,30 @@ def add_departures(
 def sort_out(
     unknowns: Unknowns,
     change: ComplexArray,
-    slots: Sequence[Interface],
+    suspensions: Sequence[Interface],
     slopes: Sequence[FloatArray],
     by_fault: Sequence[tuple[str, int, FloatArray]],
     index: int,
     by: ComplexArray,
     candidates: Mapping[int, Sequence[Term]],
 ) -> ComplexArray:
-    """Add the derivatives by what the slots have to those by the entries of the vector; return the candidates'."""
-    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    """Add the derivatives by the suspensions' parameters to those by the vector; return the candidates'."""
+    firsts = np.cumsum([0, *(suspension.n_parameters for suspension in suspensions)])
     further: list[ComplexArray] = []
     for number, (group, first) in enumerate(zip(unknowns.groups, unknowns.first_of_group, strict=True)):
         n_law = group.law.vector.size
         n_more = sum(len(term.values) for term in candidates.get(number, ()))
         more = np.zeros((n_more, *change.shape[1:]), dtype=np.complex128)
-        for slot in group.slots:
-            own = change[firsts[slot] : firsts[slot + 1]]
+        for attachment in group.members:
+            own = change[firsts[attachment] : firsts[attachment + 1]]
             head = [k for k, has_it in enumerate((True, True, group.ground, group.has_origin)) if has_it]
             by[first : first + group.n_head] += own[head]
             by[unknowns.law_indices(number)] += own[N_HEAD : N_HEAD + n_law] * slopes[number][:, np.newaxis, np.newaxis]
             more += own[N_HEAD + n_law :]
         further.append(more)
-    for k, (slot, _) in enumerate(unknowns.searched):
+    for k, (attachment, _) in enumerate(unknowns.searched):
         row = unknowns.first_inside + 2 * k
-        by[row : row + 2] += change[firsts[slot] : firsts[slot] + 2]
+        by[row : row + 2] += change[firsts[attachment] : firsts[attachment] + 2]
     body, n_coordinates = unknowns.body, len(unknowns.body.coordinates)
     n_factors = len(body.names) + unknowns.mass_free
     rest = change[firsts[-1] :]
@@ -564,9 +564,9 @@ def sort_out(
     by[unknowns.first_coordinate : unknowns.n_shared] += rest[n_factors : n_factors + n_coordinates]
     if unknowns.mass_free:
         row = unknowns.first_fault - 1
-        for slot, spring in enumerate(body.inside, start=body.n_interfaces):
-            by[row] += (spring.stiffness_n_per_m or 0.0) * change[firsts[slot]]
-            by[row] += (spring.damping_n_s_per_m or 0.0) * change[firsts[slot] + 1]
+        for attachment, spring in enumerate(body.inside, start=body.n_interfaces):
+            by[row] += (spring.stiffness_n_per_m or 0.0) * change[firsts[attachment]]
+            by[row] += (spring.damping_n_s_per_m or 0.0) * change[firsts[attachment] + 1]
     rest = rest[n_factors + n_coordinates :]
     names = [fault.name for fault in unknowns.faults]
     for row, (name, _, _) in enumerate(by_fault):
@@ -574,5 +574,5 @@ def sort_out(
     starts, row = rest[len(by_fault) :], unknowns.indices_of_run(index)[0].start
     for interface in range(body.n_interfaces):
         by[row + 2 * interface] = starts[interface]
-        by[row + 2 * interface + 1] = starts[body.n_slots + interface]
+        by[row + 2 * interface + 1] = starts[body.n_attachments + interface]
     return np.concatenate(further)
