@@ -313,6 +313,9 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
         )
     for key in [key for key in keys if key.startswith("third")]:
         values = column(key)
+        if np.isnan(values).all():
+            yield f"- left main gear alone under a third, {key[6:]}: no mass for any of {len(values)}"
+            continue
         yield (
             f"- left main gear alone under a third, {key[6:]}: mass over a third of the truth "
             f"{np.nanmedian(values):.2f} median, {np.nanmin(values):.2f} to {np.nanmax(values):.2f}; none for "

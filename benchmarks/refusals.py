@@ -76,8 +76,8 @@ def outcome(world: str, seed: int) -> Outcome:
 
 
 def warm_up() -> None:
-    """Compile: an answer, and a refusal."""
-    for world in ("nominal", "noise"):
+    """Compile: an answer, two refusals, and a law that remembers, which has a kernel of its own."""
+    for world in ("nominal", "noise", "swapped", "Dahl"):
         outcome(world, 1_000_000)
 
 
