@@ -219,7 +219,10 @@ def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     low, high = unique[0], unique[-1]
     nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(N_NODES) / (N_NODES - 1))
-    return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES))(amplitude)
+    # weights of Chebyshev nodes (Berrut & Trefethen 2004, eq. 5.4): those that scipy finds depend on a random order
+    weights = (-1.0) ** np.arange(N_NODES)
+    weights[[0, -1]] /= 2
+    return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES), wi=weights)(amplitude)
 
 
 MOST_NAMED = 4  # points that a sentence names
