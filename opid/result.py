@@ -113,6 +113,16 @@ class Result(ABC):
         return f"<p><b>{escape(self._headline())}</b></p><table>{''.join(table)}</table>{remarks}"
 
 
+def first_lines(lines: Sequence[str], name: str) -> list[str]:
+    """Return the first lines of a summary, and how many more there are in the attribute `name`.
+
+    >>> first_lines(["a"] * 9, "runs")[-1]
+    '  2 more in runs'
+    """
+    more = len(lines) - MOST_ROWS
+    return [*(f"  {line}" for line in lines[:MOST_ROWS]), *([f"  {more} more in {name}"] if more > 0 else [])]
+
+
 def _html_row(tag: str, cells: Sequence[str]) -> str:
     return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 

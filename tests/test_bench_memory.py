@@ -15,7 +15,7 @@ from opid.mechanics.memory import Motion, gradient_along, recorded_motion
 from opid.suspensions.bench.intervals import cycle_of
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.fitting.least_squares import separable_fit, start_laws
+from opid.suspensions.fitting.least_squares import fit_separable, start_laws
 
 FS, N = 500.0, 4000
 STIFFNESS, DAMPING = 2e4, 500.0
@@ -226,7 +226,7 @@ def test_a_fit_finds_every_inner_parameter(name):
     straight = np.stack([z, v], axis=1)
     y = straight @ np.array([STIFFNESS, DAMPING]) + samples.force(truth)
     starts = start_laws(default_law(name), samples)
-    fit = separable_fit(straight, default_law(name), samples, y, starts=starts, free_exponents=True)
+    fit = fit_separable(straight, default_law(name), samples, y, starts=starts, free_exponents=True)
     np.testing.assert_allclose(fit.law.vector, truth.vector, rtol=1e-3)
     assert not any(fit.at_bound)
 
@@ -259,5 +259,5 @@ def test_an_energy_that_the_force_could_not_take_is_not_told():
     assert sharp.area_j.holds(2 * np.pi * DAMPING * z.std() * v.std())
     assert vague.area_j == Estimate()
     told = replace(found, cycle=vague)
-    assert "does not tell what energy a cycle takes" in " ".join(opid.text(told).split())
+    assert "does not determine the energy of a cycle" in " ".join(opid.text(told).split())
     assert told.to_dict()["cycle"]["area_j"]["value"] is None

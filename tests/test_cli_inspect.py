@@ -22,6 +22,15 @@ def empty_pictures(monkeypatch):
     monkeypatch.setattr(plots, "health_picture", lambda health, channels: Figure().subplots())
 
 
+def test_a_relative_path_with_blanks_is_printed_whole(field_test, tmp_path, monkeypatch):
+    folder = tmp_path / "a very long folder name-with-hyphens and many blanks"
+    folder.mkdir()
+    (folder / "run of tuesday.csv").write_bytes((field_test / "heavy.csv").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    path = f"{folder.name}/run of tuesday.csv"
+    assert path in opid("inspect", path).stdout
+
+
 def test_inspect_tells_and_draws(field_test, tmp_path):
     logs = (field_test / "heavy.csv", field_test / "light.csv")
     done = opid("inspect", *logs, "--out", tmp_path / "pictures")

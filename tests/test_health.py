@@ -241,6 +241,11 @@ def test_faults_stand_first_and_two_samples_are_enough():
     assert health_of(np.array([0.0, 1.0])).n_samples == 2
 
 
+def test_what_is_no_log_is_refused_in_a_sentence():
+    with pytest.raises(InputError, match="what is of type str: give a Log, as open_log makes one, or a Recording"):
+        inspect("heavy.csv")
+
+
 # ---- which side is which -------------------------------------------------------------------------
 
 
@@ -252,6 +257,10 @@ def airframe(wheel):
 def test_the_wheel_side_is_recognised():
     run = recording_from_arrays([airframe(SOUND), SOUND], ["a", "b"], fs=FS)
     assert inspect(run).looks_unsprung == "b"
+    unrelated = recording_from_arrays([airframe(SOUND[::-1]), SOUND], ["a", "b"], fs=FS)
+    assert inspect(unrelated).looks_unsprung is None
+    three = recording_from_arrays([airframe(SOUND), SOUND, SOUND], ["a", "b", "c"], fs=FS)
+    assert inspect(three).looks_unsprung is None
     assert inspect(recording_from_arrays([SOUND], ["a"], fs=FS)).looks_unsprung is None
     assert inspect(recording_from_arrays([SOUND, SOUND], ["a", "b"], fs=FS, unit="m")).looks_unsprung is None
 

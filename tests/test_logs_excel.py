@@ -61,3 +61,10 @@ def test_a_fault_is_named_with_its_row(workbook):
     rows[20][1] = "off"
     with pytest.raises(InputError, match=r"run\.xlsx line 22, column 'lower': 'off' is not a number"):
         read_log(workbook([HEADER, *rows]))
+
+
+def test_the_older_format_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "run.xls"
+    path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
+    with pytest.raises(InputError, match=r"older format of Excel is not read: save it as \.xlsx"):
+        open_log(path)

@@ -65,13 +65,18 @@ class Spy:
 
 def test_pickles_are_never_read(npz):
     path = npz(lower=np.array([Spy(), 1.0], dtype=object))
-    with pytest.raises(
-        InputError, match=r"run\.npz holds no arrays of numbers \(arrays of Python objects are not read"
-    ):
+    with pytest.raises(InputError, match=r"run\.npz holds no signals as numbers; .* Python objects: lower\. Save"):
         open_log(path)
     path.write_bytes(path.read_bytes().replace(b"lower", b"uppe]"))  # the pickle stays, the directory is damaged
     with pytest.raises(InputError, match=r"run\.npz"):
         open_log(path)
+
+
+def test_an_array_of_objects_is_named_even_where_a_time_stands_beside(npz):
+    with pytest.raises(InputError, match="Python objects: lower"):
+        open_log(npz(time=T, lower=LOWER.astype(object)))
+    (remark,) = open_log(npz(time=T, upper=UPPER, lower=LOWER.astype(object))).remarks
+    assert remark == "'lower' holds Python objects and is not read"
 
 
 def header(shape):

@@ -186,6 +186,12 @@ def test_what_is_wrong_is_said(logs, text, words):
     refused(logs, text, *words)
 
 
+def test_free_decays_need_no_drive_point(logs):
+    study = study_of(logs, '[modes]\nfile = "modes.csv"\n[[tests]]\nlog = "decay.csv"\nuse = "decay"\n')
+    assert study.drive_point is None
+    assert repr(study).startswith(f"ModalStudy: {study.title}\n  mode 1: 0 Hz")
+
+
 def test_a_log_without_the_sensors_is_refused(logs, tmp_path):
     record = measured(beat(5))
     write_log(Recording(record.samples[:, 6:], fs=record.fs, channels=record.channels[6:]), tmp_path / "beat.csv")

@@ -404,6 +404,11 @@ def test_no_figure_of_the_paper_draws_a_fit_that_ran_away(method, field_test):
         plots.law_curves(found)
 
 
+def test_a_refused_answer_draws_no_masses(refused):
+    assert isinstance(refused, Identification)
+    assert "estimates" not in {each.name for each in figures_of(refused)}
+
+
 @pytest.mark.parametrize("error", [InputError("mute"), NotDeterminedError("no peak")])
 def test_a_report_without_the_steps_of_the_paper_is_written(error, identified, tmp_path, monkeypatch):
     def broken(self):

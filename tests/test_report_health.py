@@ -148,9 +148,9 @@ def test_a_log_of_very_many_channels_fits_a_page():
     assert len(said.splitlines()) < 150
     assert "60 clocks, 900 channels" in said
     assert row(said, "topic_59") == ["15", "5", "59", "4", "-"]
-    assert "and 20 clocks with fewer samples (--json tells all)" in said
+    assert "and 20 clocks with fewer samples (--json lists all)" in said
     assert row(said, "acc_x")[0] == "m/s^2"
-    assert "and 860 channels more, 897 of all are constant: --json tells all" in flat(said)
+    assert "and 860 channels more, 897 of all are constant: --json lists all" in flat(said)
     assert "Lines: acc_x: 10 Hz, 1 m/s^2 rms." in said
     assert "Fault: topic_0/field_0: mute, all samples lie at 0: check (likewise topic_0/field_1," in flat(said)
     assert "and 891 more)" in flat(said)
@@ -185,7 +185,7 @@ def test_of_many_pairs_the_first_are_told():
     said = opid.text(replace(health_with(small(), pairs=pairs), log="x"))
     assert "b11" in said
     assert "b12" not in said
-    assert "and 8 pairs more (--json tells all)" in said
+    assert "and 8 pairs more (--json lists all)" in said
 
 
 def test_findings_come_worst_first_and_alike_ones_together(text):
@@ -221,7 +221,7 @@ def test_no_fault_or_warning_is_left_out_of_many_findings():
         assert f"warning {number}." in said
     assert "note 11." in said
     assert "note 12." not in said
-    assert "and 18 notes more (--json tells all)" in said
+    assert "and 18 notes more (--json lists all)" in said
 
 
 @pytest.mark.parametrize("length", [6, 30, 70, 300])

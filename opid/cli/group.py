@@ -153,7 +153,7 @@ def main() -> None:
     \b
     identify  suspensions, from accelerations below and above each at two
               known loadings: one gear, a car, a whole aircraft, a building;
-              `compare` tells what changed from flight to flight
+              `compare` says what changed from flight to flight
     law       a damper or spring, from force and motion on a test bench
     modal     modes whose stiffness and damping depend on their amplitude, from
               sine beats; `decay` from one free decay
@@ -182,7 +182,7 @@ OVERWRITE = ("--force", "--overwrite")
 
 with_force = overwrite_option(*OVERWRITE)
 
-quiet_option = click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell.")
+quiet_option = click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status remain.")
 
 
 def seed_option(of: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -263,7 +263,7 @@ class Output:
         """Print the result as JSON, or as text with the notes below it.
 
         Raises:
-            NotDetermined: something is not determined; it has the reason if no text has told it.
+            NotDetermined: something is not determined; it has the reason if no text has given it.
         """
         from opid.json_values import json_text
         from opid.provenance import traced

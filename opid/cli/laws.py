@@ -46,7 +46,7 @@ def _text(kinds: list[Kind]) -> str:
 
 
 def _search_words(kind: Kind) -> str:
-    """Words that tell whether a law remembers, and which search tries it."""
+    """Words on whether a law remembers, and which search tries it."""
     memory = "" if kind.memory is None else "it remembers the motion; "
     if kind.bench_only:
         return f"{memory}searched by `opid law` alone"

@@ -39,7 +39,7 @@ N_COMPARED = 20
 @click.option("--chains", is_flag=True, help="Write the samples beside the report, too: netCDF files for ArviZ.")
 @with_output
 def update(study: Path, truth: Path | None, chains: bool, output: Output, **settings: Any) -> None:
-    """Update a structure with nonlinear joints from its backbones, and tell which law the joints have.
+    """Update a structure with nonlinear joints from its backbones, and choose the law of the joints.
 
     First the linear parameters from the lowest points, then the coefficients of every candidate law with their
     intervals, the evidence of each law, and the backbones that the best one predicts. The report goes to a new folder

@@ -10,6 +10,7 @@ from typing import Literal, get_args
 from opid.errors import refuse
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
+from opid.result import first_lines
 
 Use = Literal["fit", "truth", "level", "decay"]
 USES: tuple[Use, ...] = get_args(Use)
@@ -70,14 +71,20 @@ class ModalStudy:
     def __post_init__(self) -> None:
         object.__setattr__(self, "tests", tuple(self.tests))
         object.__setattr__(self, "nonlinear", tuple(self.nonlinear))
-        refuse(list(_faults(self)), self.source)
+        refuse(list(_find_faults(self)), self.source)
+
+    def __repr__(self) -> str:
+        modes = [f"mode {number}: {value:.4g} Hz" for number, value in enumerate(self.modes.frequency_hz, start=1)]
+        tests = [f"test {each.test.name}: {each.use}" for each in self.tests]
+        lines = [*first_lines(modes, "modes"), *first_lines(tests, "tests")]
+        return "\n".join([f"ModalStudy: {self.title}", *lines])
 
     def of_use(self, *uses: Use) -> tuple[StudyTest, ...]:
         """The tests of some uses."""
         return tuple(each for each in self.tests if each.use in uses)
 
 
-def _faults(study: ModalStudy) -> Iterator[str]:
+def _find_faults(study: ModalStudy) -> Iterator[str]:
     for mode in study.nonlinear:
         if not 1 <= mode <= study.modes.n_modes:
             yield f"nonlinear names mode {mode}, modes are counted from 1 to {study.modes.n_modes}"

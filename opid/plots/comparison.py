@@ -25,7 +25,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     """Draw one quantity of all gears over date: values with 95 % bars, what was to be expected, and what was flagged.
 
     Gears of different size share one axis, so each is drawn in percent of what was expected of it at its last flight;
-    the legend tells that in its unit. Between the thin lines a flight is not flagged by itself.
+    the legend gives that in its unit. Between the thin lines a flight is not flagged by itself.
 
     Args:
         result: from `compare`.

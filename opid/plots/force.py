@@ -149,7 +149,7 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
     position = scale * curve.position[shown]
     above.plot(position, curve.force_per_mass[shown], color=PALE, label=f"measured, {other}", **dots)
-    # if stiffness and arctangent cannot be told apart, each alone may be hundreds of times the force
+    # if stiffness and arctangent cannot be distinguished, each alone may be hundreds of times the force
     if fit.verdicts[0].distinguishable:
         dashed = {"color": RUN_COLORS[0], "linewidth": 1.1, "linestyle": "--"}
         above.plot(scale * line, straight, label="its straight part", **dashed)

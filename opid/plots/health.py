@@ -325,7 +325,7 @@ def _write(ax: Axes, text: str, height: float, *, color: str) -> None:
 
 
 def _brief(name: str) -> str:
-    """A name that fits above a history; of a long one the end is kept, which tells more than its beginning."""
+    """A name that fits above a history; of a long one the end is kept, which differs more than its beginning."""
     shown = name if name.isprintable() else ascii(name)[1:-1]
     return shown if len(shown) <= LONGEST_NAME else f"…{shown[1 - LONGEST_NAME :]}"
 

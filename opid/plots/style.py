@@ -22,7 +22,7 @@ from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.study import Run
 
-# the palette of Okabe & Ito (2008), told apart by colour-blind readers
+# the palette of Okabe & Ito (2008), distinct for colour-blind readers
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 INK, GREY, PALE = "#222222", "#7A7A7A", "#C4C4C4"
 RUN_COLORS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
@@ -185,7 +185,7 @@ def minus(text: str) -> str:
 
 
 def require_answer(result: AnyIdentification) -> None:
-    """Refuse to draw a fit of which the identification tells no number.
+    """Refuse to draw a fit of which the identification gives no number.
 
     Raises:
         NotDeterminedError: it was refused.

@@ -37,6 +37,8 @@ def as_text(document: Document) -> str:
     """Return a document for a terminal: paragraphs and aligned tables, without figures."""
     answer = f"Not determined: {ended(document.not_determined)}" if document.not_determined else document.answer
     title = f"{document.title} ({document.about})" if document.about else document.title
+    for file in document.command or ():  # a title may name what the command reads
+        title = title.replace(file, file.replace(" ", _NO_BREAK))
     blocks = [wrapped(title), wrapped(answer), *map(_block_lines, document.blocks)]
     return "\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n"
 

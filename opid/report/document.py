@@ -94,7 +94,7 @@ class Figure:
     Args:
         name: of its PNG file, without the ending.
         heading: its title.
-        text: tells what can be seen in it.
+        text: what can be seen in it.
         draw: draws it, and returns its Axes.
     """
 
@@ -113,7 +113,7 @@ class Document:
 
     Args:
         title: headline.
-        about: tells in a few words what was done; it is shown beside the title.
+        about: what was done, in a few words beside the title.
         answer: the main result in one sentence.
         not_determined: why there is no answer, shown in its place. Empty or None if there is an answer.
         blocks: shown in the text and on the page.

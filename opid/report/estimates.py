@@ -55,7 +55,7 @@ def estimate_table(rows: Iterable[Row], truth: Truth | None = None, title: str =
     ['', 'value', 'std. dev.', '95 % interval', 'unit']
     """
     heads = ("", "value", "std. dev.", "95 % interval", "unit", "truth", "error", "inside")
-    # the interval tells the standard deviation, too, and a terminal has only 80 characters
+    # the interval implies the standard deviation, and a terminal has only 80 characters
     shown = (0, 1, 2, 3, 4) if truth is None else (0, 1, 3, 4, 5, 6, 7)
     return Table(
         columns(*(heads[index] for index in shown), optional=() if truth is None else (5,)),

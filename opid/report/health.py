@@ -102,7 +102,7 @@ def _figures(health: Health, name: str) -> Iterator[Figure]:
 
 
 def channels_left_out(health: Health) -> str:
-    """Return a sentence that tells that some channels are not drawn; empty if all are."""
+    """Return a sentence on channels that are not drawn; empty if all are."""
     n, every = len(_choose_drawn(health)), len(health.channels)
     words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
     return words if n < every else ""
@@ -146,7 +146,7 @@ def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
         yield Table(
             columns("clock", "channels", "rate [Hz]", "samples", "length [s]", "gaps"),
             rows,
-            note=f"and {counted(more, 'clock')} with fewer samples (--json tells all)" if more > 0 else "",
+            note=f"and {counted(more, 'clock')} with fewer samples (--json lists all)" if more > 0 else "",
         )
     elif len(clocks) > 1:
         titles = (clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1) for clock in clocks)
@@ -193,7 +193,7 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
     has_numbers = any(channel.number for channel in shown)
     more = (
         f"and {len(channels) - len(shown)} channels more, {sum(channel.mute for channel in channels)} of all are "
-        "constant: --json tells all, and [channels] of a study (--study) names those wanted."
+        "constant: --json lists all, and [channels] of a study (--study) names those wanted."
     )
     yield Table(
         columns(
@@ -256,10 +256,10 @@ def _spectra(channels: Sequence[ChannelHealth]) -> Iterator[Block]:
     for kind, of_channels in kinds:
         some = [_line_words(channel, lines) for channel, lines in of_channels if lines]
         more = len(some) - MOST_WITH_LINES
-        rest = [f"{counted(more, 'channel')} more (--json tells all)"] * (more > 0)
-        yield Remarks(kind, (*some[:MOST_WITH_LINES], *rest))
+        more_channels = [f"{counted(more, 'channel')} more (--json lists all)"] * (more > 0)
+        yield Remarks(kind, (*some[:MOST_WITH_LINES], *more_channels))
         if some and kind == "Peaks":
-            yield Paragraph("A peak may be a line or a resonance: the record does not tell.")
+            yield Paragraph("A peak may be a line or a resonance: the record cannot decide.")
 
 
 def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
@@ -277,7 +277,7 @@ def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
 def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
     together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
     more, apart = len(together) - MOST_PAIRS, len(pairs) - len(together)
-    notes = [f"and {counted(more, 'pair')} more (--json tells all)."] * (more > 0)
+    notes = [f"and {counted(more, 'pair')} more (--json lists all)."] * (more > 0)
     notes += [f"{counted(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent."] * (apart > 0)
     if together:
         heads = columns("channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1))
@@ -309,7 +309,7 @@ def _findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
         sentences = list(_sentences([finding for finding in findings if finding.severity == severity]))
         more = len(sentences) - MOST_NOTES if severity == "note" else 0
         if more > 0:
-            sentences[MOST_NOTES:] = [f"and {counted(more, 'note')} more (--json tells all)"]
+            sentences[MOST_NOTES:] = [f"and {counted(more, 'note')} more (--json lists all)"]
         yield Remarks(severity.capitalize(), tuple(sentences), is_warning=severity != "note")
 
 
@@ -323,7 +323,7 @@ def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
     for by_message in alike.values():
         messages = list(by_message.items())
         concerned = list(dict.fromkeys(channel for channels in by_message.values() for channel in channels))
-        # the findings of a single clock or channel are told one by one
+        # the findings of a single clock or channel are listed one by one
         many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
         for message, channels in messages[:1] if many else messages:
             where = _list_names(channels)

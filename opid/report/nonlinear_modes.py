@@ -250,8 +250,8 @@ def figures_of(result: ModalIdentification, truth: ModalTruth | None) -> Iterato
     yield Figure(
         "auto_mac",
         "Are the shapes independent?",
-        "Modal assurance criterion of the shapes against each other. What is high off the diagonal is told apart by "
-        "few sensors only, and mixes in the modal filter.",
+        "Modal assurance criterion of the shapes against each other. Two modes with a high value "
+        "are distinguished by few sensors only, and mix in the modal filter.",
         lambda: plots.auto_mac(result),
     )
     if result.drive_point is not None:

@@ -236,7 +236,7 @@ def _coverage_table(result: Updating) -> Table:
         columns("within the band", *(f"mode {mode}" for mode in modes)),
         tuple(rows),
         note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
-        f"points: it tells whether the errors are as large as assumed, and is no test on new data.{gaps}",
+        f"points: it shows whether the errors are as large as assumed, and is no test on new data.{gaps}",
     )
 
 
@@ -398,7 +398,7 @@ def _class_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Fi
         "joint_forces",
         "What the classes make of the joints",
         "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
-        "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be told apart by these data.",
+        "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be distinguished by these data.",
         lambda: _draw_forces(result, truth),
     )
     for number, posterior in enumerate(result.classes, start=1):

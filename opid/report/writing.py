@@ -1,4 +1,4 @@
-"""Text and page of any result. A table tells which module reports which kind of result."""
+"""Text and page of any result. A table says which module reports which kind of result."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ KINDS = (
 
 
 def text(result: Result, truth: Truth | None = None) -> str:
-    """Return a result as text for a terminal of 80 columns: the numbers, what limits them, and what to doubt.
+    """Return a result as text for a terminal of 80 columns: the numbers, what limits them, and the warnings.
 
     Args:
         result: of any kind.

@@ -146,8 +146,10 @@ def write_files(study: ModalStudy, directory: Path) -> str:
 
 def _drive_point_faults(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
     forced = [each.called for each in study.tests if each.force is not None]
+    if drive_point is None and not forced:
+        return []
     if drive_point is None:
-        return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"] * bool(forced)
+        return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"]
     faults: list[str] = []
     with collect_faults(faults, "'drive_point': "):
         modes.row(drive_point)

@@ -1,6 +1,6 @@
 """Tables of a study file -> frozen records, and back. Each key is a field of a record, with its type and default.
 
-The records are those of the wings, or private ones of this folder if a file has other keys. An error tells what the
+The records are those of the wings, or private ones of this folder if a file has other keys. An error says what the
 type of a field needs; `Annotated[type, "words"]` gives better words. One walk finds all faults of a file, and builds
 its sound parts even so, so that the files that they name can be checked at the same time.
 
@@ -49,7 +49,7 @@ _UNSOUND = object()
 
 
 class _UnfitError(Exception):
-    """A value is not of its type; the message tells the value as the end of a sentence."""
+    """A value is not of its type; the message gives the value as the end of a sentence."""
 
 
 class _UnfitItemError(_UnfitError):
@@ -232,7 +232,7 @@ def _say_what_is_needed(hint: Any, path: str) -> str:
 
 
 def find_misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
-    """Return the keys that are missing because they are misspelt, so that each fault is told once.
+    """Return the keys that are missing because they are misspelt, so that each fault is reported once.
 
     >>> find_misspelt({"mas": 1.0, "x": 2.0}, ["mass", "length"])
     {'mass'}

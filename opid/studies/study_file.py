@@ -104,7 +104,7 @@ def read_study(path: str | os.PathLike[str], *, kind: type[S], progress: Say | N
 def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, progress: Say | None = None) -> AnyStudy:
     """Read a study file of any kind, and the logs, modes, matrices or backbones that it names.
 
-    The tables of the file tell what it is a study of.
+    The tables of the file show what it is a study of.
 
     **Suspensions** (`Study`): `title`, `date` (of the runs, without quotes: 2026-03-01) and one table `[[runs]]` for
     each log: `name`, `log` (path beside the study file), and optionally `start_s` and `stop_s` on the time axis of the

@@ -388,7 +388,7 @@ def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -
         ]
         words = (
             f"it is from one log with run {' and '.join(map(repr, alike))} and counts as another flight, though it "
-            "tells nothing of how much flights differ: the intervals are too narrow; give one run for each flight"
+            "says nothing about how much flights differ: the intervals are too narrow; give one run for each flight"
         )
         more = (Finding("warning", "same_log", "", words),) * bool(alike)
         found.append(replace(run, findings=(*run.findings, *more)))

@@ -92,7 +92,7 @@ class ClassTable:
     prior: Annotated[PriorRow | tuple[PriorRow, ...] | None, f"{PRIOR}, or one such list for each term"] = None
 
     def __post_init__(self) -> None:
-        _ = self.model  # so that its faults are told when it is read
+        _ = self.model  # so that its faults are reported when it is read
 
     @property
     def model(self) -> ModelClass:
@@ -140,7 +140,7 @@ class _Study(_settings("form", "harmonics")):  # type: ignore[misc]
 def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     """Read the matrices and the backbones that a study file names, and return the study."""
     study, faults = read_tables(_Study, document)
-    # the sound keys are read even so, and the faults of their files are told with the others
+    # the sound keys are read even so, and the faults of their files are reported with the others
     parameters, wrong = _parameters(document.get("structure"))
     faults += wrong
     structure, files = None, [source]

@@ -15,7 +15,7 @@ import numpy as np
 
 from opid.errors import nearest, refuse
 from opid.provenance import ReadFile
-from opid.result import MOST_ROWS
+from opid.result import first_lines
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.recording import FloatArray, Recording
@@ -223,13 +223,13 @@ class Study:
         refuse(list(_faults(self)), self.source)
 
     def __repr__(self) -> str:
-        lines = [f"Study: {self.title}"]
-        for run in self.runs[:MOST_ROWS]:
+        runs = []
+        for run in self.runs:
             change = f", {run.mass_change_kg:+g} kg" if run.masses else ""
-            lines.append(f"  run {run.name}: {run.recording.duration_s:.4g} s at {run.recording.fs:.6g} Hz{change}")
-        lines += [f"  {len(self.runs) - MOST_ROWS} more in runs"] if len(self.runs) > MOST_ROWS else []
-        lines += [f"  interface {each.name}: {each.sprung} above, {each.unsprung} below" for each in self.interfaces]
-        return "\n".join(lines)
+            runs.append(f"run {run.name}: {run.recording.duration_s:.4g} s at {run.recording.fs:.6g} Hz{change}")
+        interfaces = [f"interface {each.name}: {each.sprung} above, {each.unsprung} below" for each in self.interfaces]
+        lines = [*first_lines(runs, "runs"), *first_lines(interfaces, "interfaces")]
+        return "\n".join([f"Study: {self.title}", *lines])
 
     @property
     def fs(self) -> float:
@@ -404,14 +404,14 @@ def _interface_faults(study: Study) -> Iterator[str]:
     for each in wrong:
         close = next((axis for axis in allowed if axis == str(each.axis).lower()), None)
         remedy = f"did you mean {close!r}?" if close else f"give one of {', '.join(map(repr, allowed))}"
-        yield f"the axis{_of(study, each)} is {each.axis!r}, {remedy}"
+        yield f"the axis{_name_of_interface(study, each)} is {each.axis!r}, {remedy}"
     for each in study.interfaces:
         area = each.piston_area_m2
-        yield from area_faults(area, _of(study, each))
+        yield from area_faults(area, _name_of_interface(study, each))
         if area is not None and each.axis in ("down", "horizontal"):
             turned = "give both channels sign = -1 and the axis 'up', or " * (each.axis == "down")
             yield (
-                f"the piston_area_m2{_of(study, each)} is stated and its axis is {each.axis!r}: gas is told where it "
+                f"the piston_area_m2{_name_of_interface(study, each)} is stated and its axis is {each.axis!r}: gas is told where it "
                 f"carries weight and the channels count up; {turned}leave the area out"
             )
     axes = [axis for axis in allowed if any(each.axis == axis for each in study.interfaces)]
@@ -460,7 +460,7 @@ def _interface_faults(study: Study) -> Iterator[str]:
             )
 
 
-def _of(study: Study, interface: MeasuredInterface) -> str:
+def _name_of_interface(study: Study, interface: MeasuredInterface) -> str:
     """Whose a fact is, where there are several interfaces: nobody called that of one gear."""
     return "" if study.is_one_gear else f" of {interface.name!r}"
 

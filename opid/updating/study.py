@@ -13,6 +13,7 @@ import numpy as np
 from opid.errors import InputError, refuse
 from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.result import first_lines
 from opid.updating.checks import mode_faults, sensor_faults, shortened
 from opid.updating.likelihood.backbones import FORMS, Form, coefficient_of_variation, scatter_fault
 from opid.updating.likelihood.noise import NoiseSettings
@@ -105,6 +106,12 @@ class UpdatingStudy(UpdatingSettings):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
         refuse(list(_faults(self)), self.source)
+
+    def __repr__(self) -> str:
+        backbones = [f"backbone {each.name}: mode {each.mode}" for each in self.backbones]
+        classes = [f"class {each.name}" for each in self.classes]
+        lines = [*first_lines(backbones, "backbones"), *first_lines(classes, "classes")]
+        return "\n".join([f"UpdatingStudy: {self.title}", *lines])
 
 
 def _faults(study: UpdatingStudy) -> Iterator[str]:

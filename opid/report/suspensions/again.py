@@ -94,7 +94,7 @@ def _choices_of_law(law: str | None, ground: bool) -> Iterator[Choice]:
 
 
 def _choices_about_logs(study: Study) -> Iterator[Choice]:
-    """What the user told about the gear of some logs, where it differs from the default."""
+    """What the user stated about the gear of some logs, where it differs from the default."""
     gear = study.interfaces[0]
     if gear.axis != "up":
         yield ("--axis", gear.axis), f"axis={_quote(gear.axis)}"

@@ -19,7 +19,7 @@ LABELS = {
 def document_of(result: BenchLaw) -> Document:
     """Return the report of the law of a test bench: the numbers, their quality, and the warnings."""
     memory = result.memory
-    # a memory that is seen, or that cannot be tested, is told by a warning
+    # a warning speaks of a memory that is seen, or that cannot be tested
     is_warned = memory.seen or not memory.testable
     return Document(
         result.title or "Test bench",
@@ -119,7 +119,7 @@ def _loop_words(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
     of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
     if cycle.area_j.value is None:
-        return " The record does not tell what energy a cycle takes."
+        return " The record does not determine the energy of a cycle."
     words = (
         f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
     )

@@ -117,8 +117,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             lambda: plots.equation_residual(result),
         )
     yield from _of_left_out(result)
-    # the paper's chain takes its law from the joint fit, and takes none beside a refused driven model
-    if chain is not None and (isinstance(result, Identification) or not result.is_refused):
+    if chain is not None and not result.is_refused:
         yield Figure(
             "estimates",
             "Every method side by side",

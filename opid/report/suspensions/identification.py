@@ -340,7 +340,7 @@ def _loop_rows(
             known = scale * loop_area(true.law, *sine_like(size_m / math.sqrt(2), size_m * pace / math.sqrt(2)))
         yield (
             f"What remembers, in a sine of {1e3 * size_m:.3g} mm at {frequency_hz:.3g} Hz like run {each.run!r}"
-            f"{': these runs do not tell' * (each.loop.area_j.value is None)}",
+            f"{': these runs do not determine it' * (each.loop.area_j.value is None)}",
         )
         yield estimate_row("energy per cycle", "J/kg" if result.per_mass else "J", each.loop.area_j, known)
 
@@ -381,8 +381,8 @@ def _recommendation(result: Identification) -> str:
     best = result.recommended
     if best is None:
         explained = any(candidate.explains for candidate in result.candidates)
-        doubt = "their mass would be negative" if explained else "none leaves noise alone"
-        return f"Recommended: none of them, for {doubt}. The numbers are those of: {_in_words(result.structure)}."
+        reason = "their mass would be negative" if explained else "none leaves noise alone"
+        return f"Recommended: none of them, for {reason}. The numbers are those of: {_in_words(result.structure)}."
     return f"Recommended: {_in_words(best.kind)}. Why: {ended(result.reason)}"
 
 

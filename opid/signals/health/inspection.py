@@ -59,7 +59,8 @@ def inspect(
         progress: called with the fraction of the rows that has been read, where their number is known.
 
     Raises:
-        InputError: a channel that is not there, neither a rate nor time stamps, or what reading the file raises.
+        InputError: neither a log nor a recording, a channel that is not there, neither a rate nor time stamps, or what
+            reading the file raises.
 
     >>> rng = np.random.default_rng(0)
     >>> samples = np.clip(rng.standard_normal((2000, 1)).cumsum(axis=0), -20, 20)
@@ -68,6 +69,8 @@ def inspect(
     >>> health.findings[0].severity, health.findings[0].channel
     ('warning', 'upper_z')
     """
+    if not isinstance(what, Log | Recording):
+        raise InputError(f"what is of type {type(what).__name__}: give a Log, as open_log makes one, or a Recording")
     log = log_of_recording(what) if isinstance(what, Recording) else what
     wanted = _choose(log, channels, settings)
     n_done, n_all = 0, sum(track.n_samples or 0 for track in log.tracks)
@@ -175,19 +178,26 @@ def _merge(results: Sequence[_TrackFigures], wanted: Mapping[str, _Wanted]) -> H
     index = {name: i for i, name in enumerate(("", *wanted))}
     findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), index[finding.channel]))
     main = max((result.clock for result in results), key=lambda clock: clock.n_samples)
-    accelerations = [channel for channel in channels if channel.unit == "m/s^2"]
-    loudest = max(accelerations, key=lambda c: c.high_frequency_rms) if len(accelerations) > 1 else None
+    pairs = tuple(pair for result in results for pair in result.pairs)
     return Health(
         fs=main.fs,
         duration_s=main.duration_s,
         n_samples=main.n_samples,
         channels=channels,
-        looks_unsprung=loudest.name if loudest else None,
+        looks_unsprung=_find_unsprung(channels, pairs),
         findings=tuple(findings),
         clocks=tuple(result.clock for result in results),
-        pairs=tuple(pair for result in results for pair in result.pairs),
+        pairs=pairs,
         rms_history=tuple(result.rms_history for result in results),
     )
+
+
+def _find_unsprung(channels: Sequence[ChannelHealth], pairs: Sequence[PairHealth]) -> str | None:
+    """Of two accelerations that have motion in common, the one with more of it at high frequencies."""
+    accelerations = [channel for channel in channels if channel.unit == "m/s^2"]
+    names = {channel.name for channel in accelerations}
+    is_coherent = any({pair.first, pair.second} == names and pair.coherent_band_hz for pair in pairs)
+    return max(accelerations, key=lambda each: each.high_frequency_rms).name if is_coherent else None
 
 
 def _find_unit_faults(wanted: Mapping[str, _Wanted]) -> Iterator[Finding]:

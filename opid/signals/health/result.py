@@ -242,7 +242,8 @@ class Health(Result):
         duration_s: its length, s.
         n_samples: samples of each of its channels.
         channels: figures of each channel.
-        looks_unsprung: the acceleration channel that looks like the wheel's side; None if there is only one.
+        looks_unsprung: of two coherent accelerations the one that looks like the wheel's side; None where there are no
+            such two.
         findings: what is wrong, faults first.
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.

@@ -207,6 +207,8 @@ def _find_format(file: Path) -> Format:
     form = _READERS.get(ending)
     if form is None:
         alike = {each.name: each for each in _READERS.values() if head.startswith(each.magic)}
+        if ending == ".xls":
+            raise InputError(f"cannot read {file}: the older format of Excel is not read: save it as .xlsx")
         if len(alike) != 1:
             raise InputError(f"cannot read {file}: no format has the ending {ending!r}: {nearest(ending, _READERS)}")
         return next(iter(alike.values()))

@@ -17,12 +17,13 @@ from opid.errors import InputError
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.named_arrays import groups_of_values, tracks_of
+from opid.signals.units import time_name
 
 
 @reader(".npz", name="NumPy", magic=(b"PK\x03\x04",), apart=True)
 def open_npz(path: Path, settings: LogSettings) -> Log:
     """Open a NumPy archive."""
-    pickled = ""
+    pickled: list[str] = []
     values = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
@@ -31,13 +32,18 @@ def open_npz(path: Path, settings: LogSettings) -> Log:
             except ValueError:
                 if not _is_pickled(archive, name):
                     raise
-                pickled = " (arrays of Python objects are not read)"
+                pickled.append(name)
+    signals = [name for name, value in values.items() if np.size(value) > 1 and time_name([name]) is None]
+    if pickled and not signals:
+        raise InputError(
+            f"{path} holds no signals as numbers; not read, for they hold Python objects: {', '.join(pickled)}. Save "
+            "arrays of numbers, `time` or `fs` beside"
+        )
     tracks = tracks_of(path, list(groups_of_values(values, "", {})), settings, nullcontext)
     if not tracks:
-        raise InputError(
-            f"{path} holds no arrays of numbers{pickled}: save the signals themselves, `time` or `fs` beside"
-        )
-    return Log(path, "NumPy", tracks)
+        raise InputError(f"{path} holds no arrays of numbers: save the signals themselves, `time` or `fs` beside")
+    remarks = tuple(f"{name!r} holds Python objects and is not read" for name in pickled)
+    return Log(path, "NumPy", tracks, remarks=remarks)
 
 
 def _is_pickled(archive: Any, name: str) -> bool:
