@@ -16,7 +16,7 @@ CHANNELS = ("--sprung", "upper_z", "--unsprung", "lower_z")
 
 def shell(*arguments, cwd=None):
     """Run the command in a process of its own."""
-    command = [sys.executable, "-W", "error", "-m", "opid.cli", *map(str, arguments)]
+    command = [sys.executable, "-W", "error", "-m", "opid", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", cwd=cwd)
 
 

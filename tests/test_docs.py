@@ -81,7 +81,7 @@ def test_every_benchmark_stands_in_their_table_with_the_first_words_of_its_file(
 
 MOST_WORDS = 1100
 INSTALLED = {
-    "opid": f'exec "{sys.executable}" -m opid.cli "$@"',
+    "opid": f'exec "{sys.executable}" -m opid "$@"',
     "python": f'exec "{sys.executable}" "$@"',
     "pip": "exit 0",
     "pytest": "exit 0",
