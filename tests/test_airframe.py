@@ -284,7 +284,7 @@ def test_the_bending_mode_is_that_of_a_free_beam():
     assert natural_frequencies(only_body).frequency_hz[-1] == pytest.approx(8.0)
     heavy = with_bending(default_aircraft(), beam_mass_share=0.8)
     assert heavy.bending.modal_mass_kg == pytest.approx(0.2 * heavy.mass_kg)
-    with pytest.raises(InputError, match="has 0 of the airframe's mass: give positive numbers"):
+    with pytest.raises(InputError, match="has 0 times the mass of the airframe: give positive numbers"):
         with_bending(default_aircraft(), beam_mass_share=0)
 
 
@@ -502,8 +502,8 @@ NOSE = default_aircraft().gears[0]
         (lambda: replace(default_aircraft(), ixx_kg_m2=0.0), "ixx_kg_m2 of the airframe is 0.0"),
         (lambda: replace(default_aircraft(), x_cg_m=np.inf), "x_cg_m of the airframe is inf"),
         (lambda: replace(default_aircraft(), ixy_kg_m2=3e4), "not positive definite: ixy_kg_m2 is 30000.0"),
-        (lambda: replace(default_aircraft(), gears=(NOSE, NOSE)), "each a name of its own"),
-        (lambda: replace(default_aircraft(), gears=(NOSE, replace(NOSE, name=""))), "each a name of its own"),
+        (lambda: replace(default_aircraft(), gears=(NOSE, NOSE)), "each with a name of its own"),
+        (lambda: replace(default_aircraft(), gears=(NOSE, replace(NOSE, name=""))), "each with a name of its own"),
         (lambda: replace(default_aircraft(), gears=()), "one gear or more"),
         (lambda: replace(default_aircraft(), ixx_kg_m2=None), "without ixx_kg_m2 only heaves"),
         (lambda: replace(default_aircraft(), iyy_kg_m2=None), "iyy_kg_m2 of the airframe is None"),
@@ -532,7 +532,7 @@ NOSE = default_aircraft().gears[0]
         (lambda: run(fs=-1.0), "fs -1.0 Hz"),
         (lambda: run(road_class="Z"), "no road class 'Z'"),
         (lambda: run(speed_m_per_s=(-18.0, 0.0)), "speeds that are not negative"),
-        (lambda: tyre_forces(default_aircraft(), [], np.zeros(3), np.zeros(3)), "one road a gear"),
+        (lambda: tyre_forces(default_aircraft(), [], np.zeros(3), np.zeros(3)), "one road for each gear"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said(call, message):

@@ -59,12 +59,12 @@ def test_columns_come_in_the_order_of_the_sensors_and_forces_are_left_out(tmp_pa
         ("f,tip\n1,2\n2,x\n", "line 3 has 'x'"),
         ("f,tip\n1,2\n2\n", "line 3 has 1 cells"),
         ("f,tip [kg]\n1,2\n2,3\n3,4\n", "give a unit of motion"),
-        ("f,tip [mm]\n1,2\n0,3\n3,4\n", "row 2 has no positive frequency"),
-        ("f,tip [mm],tpi [mm]\n1,2,3\n", "'tpi [mm]' is no sensor of the structure: did you mean 'tip'"),
+        ("f,tip [mm]\n1,2\n0,3\n3,4\n", "frequency of row 2 is not positive"),
+        ("f,tip [mm],tpi [mm]\n1,2,3\n", "'tpi [mm]' is not a sensor of the structure: did you mean 'tip'"),
         ("f,tip [mm],tip [m]\n1,2,3\n", "two columns"),
         ("f,force [N]\n1,2\n", "no column of a sensor"),
-        ("f,tip\n14,0.2\n15,1\n16,4\n", "reaches 4 m, for no unit is stated"),
-        ("f,tip [m]\n14,0.2\n15,1\n16,4\n", "reaches 4 m, as it is stated"),
+        ("f,tip\n14,0.2\n15,1\n16,4\n", "reaches 4 m, because no unit is stated"),
+        ("f,tip [m]\n14,0.2\n15,1\n16,4\n", "reaches 4 m, in the stated unit"),
         ("f,tip [mm]\n14,1\n15,2\n", "has 2 point(s): give at least 3"),
         ("f,tip [mm]\n14,1\n15,3\n16,2\n", "does not grow at point 3"),
         ("f,tip [mm]\n14,1\n15,\n16,2\n", "not finite"),
@@ -86,7 +86,7 @@ def test_a_sensor_that_cannot_head_a_column_is_not_written(tmp_path):
 @pytest.mark.parametrize("unit", ["mm", "cm", "in"])
 def test_metres_called_millimetres_are_refused_with_a_hint(tmp_path, unit):
     path = written(tmp_path, f"f,tip [{unit}]\n14,0.00001\n15,0.00005\n16,0.0001\n")
-    with pytest.raises(InputError, match=f"reaches 0.0001 {unit}, .* micrometres: are the numbers metres"):
+    with pytest.raises(InputError, match=f"reaches 0.0001 {unit}, .* micrometres: if the numbers are metres"):
         read_backbone(path, mode=1, controlled_sensor="tip")
 
 

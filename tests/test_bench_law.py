@@ -183,7 +183,7 @@ def test_a_term_that_the_motion_does_not_bend_is_told_from_no_other():
     # friction of a scale far above the velocities: its cubic part is all that is seen of it
     soft = law("arctan_velocity", amplitude_n=4e3, scale_m_per_s=0.35)
     found = law_of_bench(simulated(soft, noise_n=60.0), candidates=LIBRARY, most_terms=1)
-    assert any("cannot be told from" in warning for warning in found.warnings)
+    assert any("cannot be distinguished from" in warning for warning in found.warnings)
 
 
 def test_a_long_record_is_thinned_for_the_search_and_fitted_whole():

@@ -84,7 +84,7 @@ def test_a_law_that_remembers_is_found(name):
     # the memory is told to be in the law, and none is left
     assert not found.memory.seen
     assert found.memory.r2_at_most < found.r2_left_out < found.memory.r2_with_law + 1e-3
-    assert f"with what {name} remembers" in found.memory.statement
+    assert f"with the memory of {name}" in found.memory.statement
     assert "no other memory is seen" in found.memory.statement
     assert not any("library" in warning for warning in found.warnings)
 
@@ -133,7 +133,7 @@ def test_sliders_that_never_slip_are_springs():
     found = law_of_bench(bench_of(z, v, force), candidates=("iwan_friction",))
     assert found.law.name == "iwan_friction"
     assert found.parameters.stiffness_n_per_m.interval95 is None
-    assert any("which is a spring until then" in warning for warning in found.warnings)
+    assert any("is a spring as K until it does" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize("name", ["dahl_friction", "maxwell_arm"])

@@ -145,7 +145,7 @@ def test_a_slow_test_has_no_time(tmp_path):
         (
             "force = 'load'\ntravel = 'stroke'\nquasi_static = true\nmoving_mass = true\nvelocity = 'speed'\n",
             "",
-            "quasi_static beside velocity and moving_mass: a test whose time means nothing has none; leave it out",
+            "quasi_static beside velocity and moving_mass: a test without a time scale has none; leave it out",
         ),
         (
             "force = 'load'\ntravel = 'stroke'\nquasi_static = true\nstart_s = 1\n",

@@ -14,7 +14,7 @@ from opid.updating.sampling.chains import (
     diagnose,
     effective_samples,
     evaluate,
-    presses_against,
+    find_pressures,
     split_r_hat,
     spread_starts,
     starting_densities,
@@ -106,7 +106,7 @@ def test_diagnosis_names_the_worst_parameter(three_columns):
     [
         (np.zeros((4, 3, 1)), "at least four samples"),
         (np.zeros((4, 30)), "give \\(chains, samples, parameters\\)"),
-        (np.full((2, 10, 1), np.nan), "not all finite"),
+        (np.full((2, 10, 1), np.nan), "not finite"),
     ],
 )
 def test_diagnostics_refuse_what_they_cannot_judge(samples, message):
@@ -132,7 +132,7 @@ def test_a_posterior_well_inside_presses_against_nothing():
     rng = np.random.default_rng(2)
     draws = np.stack([rng.normal(5, 1, 3000), rng.normal(0, 0.9, 3000), np.exp(rng.normal(0.1, 0.2, 3000))], axis=1)
     priors = [Prior("uniform", 0, 10), Prior("normal", 0, 1), Prior("lognormal", 1, 0.5)]
-    assert presses_against(draws, priors) == ()
+    assert find_pressures(draws, priors) == ()
 
 
 @pytest.mark.parametrize("n", [200, 5000])
@@ -149,7 +149,7 @@ def test_the_side_of_each_prior_is_named(n):
         axis=1,
     )
     priors = [Prior("uniform", 0, 10), Prior("uniform", 0, 10), Prior("uniform", -1, 1), Prior("normal", 0, 1)]
-    found = presses_against(draws, [*priors, Prior("lognormal", 1, 0.5)])
+    found = find_pressures(draws, [*priors, Prior("lognormal", 1, 0.5)])
     sides = [(each.parameter, each.side) for each in found]
     assert sides == [(1, "lower"), (2, "upper"), (3, "lower"), (3, "upper"), (4, "lower"), (5, "upper")]
     assert found[1].sentence.startswith("presses against the upper end 10")
@@ -160,14 +160,14 @@ def test_the_side_of_each_prior_is_named(n):
 def test_a_bound_counts_by_the_density_there(deviations, pressed):
     # exp(-1.5^2 / 2) = 0.32 and exp(-2.8^2 / 2) = 0.02 of the largest density
     draws = np.random.default_rng(3).normal(deviations, 1.0, 20000)
-    assert bool(presses_against(draws[draws > 0][:, None], [Prior("uniform", 0, 100)])) == pressed
+    assert bool(find_pressures(draws[draws > 0][:, None], [Prior("uniform", 0, 100)])) == pressed
 
 
 def test_pressure_refuses_what_it_cannot_judge():
     with pytest.raises(InputError, match="one column for each of 2"):
-        presses_against(np.zeros((500, 1)), [Prior(), Prior()])
-    with pytest.raises(InputError, match="50 samples say too little"):
-        presses_against(np.zeros((50, 1)), [Prior()])
+        find_pressures(np.zeros((500, 1)), [Prior(), Prior()])
+    with pytest.raises(InputError, match="50 samples are too few"):
+        find_pressures(np.zeros((50, 1)), [Prior()])
 
 
 # ------------------------------------------------------------------------------------------------ densities, starts

@@ -34,8 +34,8 @@ def test_laws_have_short_and_full_names_and_scales_have_units():
         ({"law": "cubic", "scale": 1, "prior": ("uniform", 5, 0)}, "lower end first"),
         ({"law": "cubic + quintic", "scale": 1, "prior": (("uniform", 0, 1),)}, "2 term(s) and 1 prior(s)"),
         ({"law": "cubic + cubic", "scale": 1}, "twice"),
-        ({"law": "signed power", "scale": 1}, "no spring with one coefficient"),
-        ({"law": "cubic damping", "scale": 1}, "no spring"),
+        ({"law": "signed power", "scale": 1}, "not a spring with one coefficient"),
+        ({"law": "cubic damping", "scale": 1}, "not a spring"),
     ],
 )
 def test_a_class_that_cannot_be_is_refused(table, words):

@@ -157,7 +157,7 @@ def test_a_slow_test_needs_no_time(slow_test, tmp_path):
 def test_a_test_without_time_is_told_how_to_do_without(slow_test):
     refused(opid("law", slow_test, *COLUMNS), "there is no time column", "--quasi-static")
     said = refused(opid("law", slow_test, *COLUMNS, "--quasi-static", "--moving-mass", "--velocity", "load"))
-    assert "quasi_static beside velocity and moving_mass: a test whose time means nothing has none" in said
+    assert "quasi_static beside velocity and moving_mass: a test without a time scale has none" in said
 
 
 def test_noise_ends_with_status_1_and_what_there_is(tmp_path):

@@ -9,9 +9,15 @@ from scipy.stats import binom, norm
 
 from opid.estimate import Estimate
 from opid.suspensions.flights.comparison import compare
-from opid.suspensions.flights.departures import FlightSettings, chance_of_steps, judged, measured, scatter_between
+from opid.suspensions.flights.departures import (
+    FlightSettings,
+    chance_of_steps,
+    collect_values,
+    judge_series,
+    scatter_between,
+)
 from opid.suspensions.flights.result_file import Flight, Quantity
-from opid.suspensions.flights.results import Flights, in_order
+from opid.suspensions.flights.results import Flights, put_in_order
 
 MASS = Quantity("", "mass", "kg")
 
@@ -98,7 +104,7 @@ def test_departures_from_the_earlier_mean_are_independent_and_normal():
     departures = []
     for _ in range(300):
         flights = one_series(100 + rng.standard_normal(5), 1.0)
-        series = judged(measured(flights.flights, MASS), scatter=0.0, freedom=np.inf, chance=1e-6)
+        series = judge_series(collect_values(flights.flights, MASS), scatter=0.0, freedom=np.inf, chance=1e-6)
         departures.append([point.departure for point in series.points[1:]])
     covariance = np.cov(np.array(departures).T)
     assert np.allclose(covariance, np.eye(4), atol=0.25)
@@ -150,8 +156,8 @@ def test_a_great_loss_in_the_third_flight_is_no_scatter():
         (change,) = result.changes
         assert (change.quantity.gear, change.quantity.name, change.first) == ("left", "stiffness", 2)
         told = " ".join(result.warnings)
-        assert "rests on the intervals of the results" in told
-        assert "judged with it" not in told
+        assert "depend on the intervals of the results" in told
+        assert "included in the limits" not in told
 
 
 def test_a_strut_that_softens_from_flight_to_flight_is_no_scatter():
@@ -162,7 +168,7 @@ def test_a_strut_that_softens_from_flight_to_flight_is_no_scatter():
         flights[i] = Flight(flight.name, Path(), None, "model", "x", flight.laws, {**flight.values, **softer})
     result = compare(Flights(tuple(flights), False))
     assert {change.quantity for change in result.changes} == {left}
-    assert "judged with it" not in " ".join(result.warnings)
+    assert "included in the limits" not in " ".join(result.warnings)
 
 
 def test_a_single_odd_flight_is_not_confirmed_and_the_next_are_judged_without_it():
@@ -238,15 +244,15 @@ def test_flags_of_few_flights_that_may_be_scatter_are_said_to_be_that():
     result = compare(fleet(np.random.default_rng(1), 4, std=0.003, scatter=0.02))
     assert result.changes
     told = " ".join(result.warnings)
-    assert "a flag may be scatter (wheel tracks, temperature, loading) that more flights would show" in told
-    assert "rests on the intervals" in told
+    assert "a flag may be scatter (wheel tracks, temperature, loading); more flights would show this" in told
+    assert "depend on the intervals" in told
 
 
 def test_what_scatter_hides_is_said():
     result = compare(fleet(np.random.default_rng(1), 12, std=0.003, scatter=0.015))
     told = " ".join(result.warnings)
-    assert "the departures are judged with it, and one flight alone shows a change of" in told
-    assert "rests on the intervals" not in told
+    assert "is included in the limits, so that a single flight shows changes of" in told
+    assert "depend on the intervals" not in told
 
 
 def test_changes_of_all_gears_at_once_are_told_to_be_that():
@@ -267,7 +273,7 @@ def test_one_day_with_two_flights_is_said():
     from dataclasses import replace
     from datetime import date
 
-    same = in_order([replace(flight, date=date(2026, 3, 1)) for flight in (second, first)])
+    same = put_in_order([replace(flight, date=date(2026, 3, 1)) for flight in (second, first)])
     assert [flight.name for flight in same.flights] == ["f1", "f0"]
     assert "2 flights have the date 2026-03-01" in same.notes[0]
 
@@ -283,4 +289,4 @@ def test_the_numbers_of_a_comparison_can_be_passed_and_stand_in_it():
 
 def test_the_odd_one_of_two_is_not_known():
     result = compare(one_series([100.0, 120.0], 1.0))
-    assert any("which of the two is the odd one is not known" in warning for warning in result.warnings)
+    assert any("is not known which of the two is unusual" in warning for warning in result.warnings)

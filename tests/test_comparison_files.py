@@ -60,10 +60,10 @@ def test_results_per_unit_of_mass_are_compared_with_each_other(tmp_path):
 
 
 REFUSAL = (
-    "the structure leaves 90 times the sensors' noise (most at 'right: upper': 127, the others 1), so every number of "
-    "it would be a guess: check channels (exchanged, upside down); or coordinates"
+    "no number is reported: the structure leaves 90 times the sensors' noise (most at 'right: upper': 127, the others "
+    "1); check channels (exchanged, upside down); or coordinates"
 )
-SAME_LOADING = "all runs have the same loading: only ratios can be told; give `loading`"
+SAME_LOADING = "all runs have the same loading: only ratios are determined; give `loading`"
 
 
 def tables_of(document):
@@ -224,12 +224,12 @@ def test_bad_input_is_one_sentence_each(folder, tmp_path):
         ('{"schema": "opid.law/1"}', "has the schema 'opid.law/1'"),
         (
             '{"schema": "opid.identification/1"}',
-            "is no sound result: method is missing, text is needed; parameters is missing, a table is needed; law is "
-            "missing, a table is needed: write it anew",
+            "is no valid result: method is missing, text is needed; parameters is missing, a table is needed; law is "
+            "missing, a table is needed: write it again",
         ),
         (
             text.replace('"value": ', '"value": "x", "other": ', 1),
-            r"result.json is no sound result: parameters.sprung_mass_kg.value is 'x' where a number is needed: write",
+            r"result.json is no valid result: parameters.sprung_mass_kg.value is 'x' where a number is needed: write",
         ),
         (text.replace('"2026-01-19"', '"5.1.26"'), "date is '5.1.26' where a date like '2026-03-01' is needed"),
         (text.replace('"interfaces": [', '"interfaces": [3, '), r"interfaces\[0\] is 3 where a table is needed"),
@@ -245,7 +245,7 @@ def test_bad_input_is_one_sentence_each(folder, tmp_path):
 
 def test_what_two_flights_cannot_tell_is_said(folder):
     told = " ".join(compare(read_flights([folder / "flight7", folder / "flight8"])).warnings)
-    assert "with 2 flights the scatter between flights is hardly seen" in told
+    assert "with 2 flights the scatter between flights cannot be estimated" in told
 
 
 def test_a_gear_of_one_flight_is_said(tmp_path):
@@ -256,5 +256,5 @@ def test_a_gear_of_one_flight_is_said(tmp_path):
             document["interfaces"][0]["name"] = "front"
         write_result(tmp_path / f"f{i}", document)
     told = " ".join(compare(read_flights([tmp_path])).warnings)
-    assert "'front' stands in 'f1' (2026-01-12) alone, so it is not compared" in told
+    assert "'front' occurs only in 'f1' (2026-01-12), so it is not compared" in told
     assert "stiffness of 'nose', damping of 'nose'" in told

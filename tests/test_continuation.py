@@ -103,7 +103,7 @@ def test_a_softening_spring_with_a_largest_amplitude_of_the_sensor_ends_with_a_r
 def test_too_few_points_leave_the_beginning():
     curve = continued_backbone(SYSTEM, CUBIC, mode=4, sensor="tip 1", harmonics=(1,), most_points=5, **ENDS)
     assert curve.amplitude.size == 5
-    assert "5 points are taken" in curve.reason
+    assert "point 5: it has 5 points" in curve.reason
 
 
 def test_free_modes_that_joints_hold_keep_their_mean_position():
@@ -119,7 +119,7 @@ def test_free_modes_that_joints_hold_keep_their_mean_position():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"first_amplitude_m": 5e-3}, "give the smaller first"),
+        ({"first_amplitude_m": 5e-3}, "give the smaller one first"),
         ({"first_amplitude_m": 0.0}, "positive numbers"),
         ({"largest_step": 0.0}, "largest_step is 0"),
         ({"mode": 12}, "there is no mode 12"),

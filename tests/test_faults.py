@@ -10,8 +10,8 @@ from law_runs import MASS_KG, STIFFNESS, fitted, runs_of, study_of
 from opid.mechanics.laws.law import LINEAR
 from opid.signals.recording import Recording
 from opid.suspensions.candidates import fit_rigid, gear_body
-from opid.suspensions.fitting.faults import Hypothesis, _hypotheses, _is_plausible, let_in, promising_coupling
-from opid.suspensions.fitting.fit import carried_over, fit_model
+from opid.suspensions.fitting.faults import Hypothesis, _hypotheses, _is_plausible, add_faults, find_coupling
+from opid.suspensions.fitting.fit import carry_over, fit_model
 from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
 from opid.suspensions.model.unknowns import GROUND, Group
@@ -36,7 +36,7 @@ def first_fit(seed=0, *, gear=None, lower=None, upper=None):
 @pytest.mark.parametrize("seed", range(5))
 def test_sound_runs_demand_nothing(seed):
     fit, start = first_fit(seed)
-    same, demands = let_in(fit, ground=True, start=start)
+    same, demands = add_faults(fit, ground=True, start=start)
     assert demands == ()
     assert same is fit
 
@@ -76,26 +76,26 @@ FAULTS = {
 def test_a_fault_is_found_and_nothing_else(fault):
     gear, lower, upper, expected = FAULTS[fault]
     before, start = first_fit(gear=gear, lower=lower, upper=upper)
-    fit, demands = let_in(before, ground=True, start=start)
+    fit, demands = add_faults(before, ground=True, start=start)
     assert {demand.name for demand in demands} == set(expected)
     for demand in demands:
         assert abs(demand.value - expected[demand.name]) < 5 * demand.std
         assert demand.std < 0.03 * abs(expected[demand.name])
         assert demand.error_after < demand.error_before
-        assert demand == demand.updated(fit)
+        assert demand == demand.update(fit)
     assert fit.ratio == pytest.approx(1.0, rel=0.06)
     assert before.ratio > 1.4 * fit.ratio
     place = fit.model.names.index("inverse_mass")
     assert abs(fit.theta[place] - 1 / MASS_KG) < 4 * fit.std[place]
     # and once in, nothing more is asked for
-    again, same = let_in(fit, demands, ground=True, start=start)
+    again, same = add_faults(fit, demands, ground=True, start=start)
     assert {demand.name for demand in same} == set(expected)
     assert set(again.model.names) == set(fit.model.names)
 
 
 def test_a_ground_spring_is_let_in_only_where_it_may_be():
     before, _ = first_fit(gear={"ground_stiffness_n_per_m": 4e3})
-    fit, demands = let_in(before, ground=False)
+    fit, demands = add_faults(before, ground=False)
     assert GROUND not in fit.model.names
     # it passes for a gain error of K3/K2, which explains the runs less well than the spring does
     assert demands[0].name == "gain_sprung"
@@ -107,7 +107,7 @@ def test_a_fault_far_beyond_what_sensors_do_is_not_let_in():
     """A gain of 1.3 would lower the error a lot, and stands in for something else: a wrong channel, another unit."""
     before, start = first_fit(upper={"gain": 1.3})
     assert before.ratio > 20
-    fit, demands = let_in(before, ground=False, start=start)
+    fit, demands = add_faults(before, ground=False, start=start)
     assert "gain_sprung" not in {demand.name for demand in demands}
     for fault in fit.model.faults:
         assert abs(fit.value(fault.name) - fault.nominal) < FaultSettings().plausible_std * fault.std
@@ -118,19 +118,19 @@ def test_an_ac_coupling_with_no_corner_is_none(corners_hz, is_one):
     """It would only free the offsets of the sensors, which mend whatever is slow."""
     fit, _ = first_fit()
     (coupling,) = (each for each in _hypotheses(fit.model, False, FaultSettings()) if each.is_coupling)
-    model = coupling.added_to(fit.model)
+    model = coupling.add_to(fit.model)
     corners = dict(zip(("corner_unsprung_hz", "corner_sprung_hz"), corners_hz, strict=True))
-    theta = carried_over(fit, model, corners)
+    theta = carry_over(fit, model, corners)
     grown = replace(fit, model=model, theta=theta, errors=model.evaluate(theta))
     assert _is_plausible(grown, coupling) == is_one
 
 
 def test_an_ac_coupling_is_let_in_where_a_spring_to_the_ground_stood_in_its_place():
     before, start = first_fit(lower={"corner_hz": 1.5}, upper={"corner_hz": 2.0})
-    ground = Hypothesis("a spring to the ground", ground=True).added_to(before.model)
-    sprung = fit_model(ground, carried_over(before, ground))
+    ground = Hypothesis("a spring to the ground", ground=True).add_to(before.model)
+    sprung = fit_model(ground, carry_over(before, ground))
     assert sprung.ratio < 0.9 * before.ratio
-    fit, demands = let_in(sprung, ground=True, start=start)
+    fit, demands = add_faults(sprung, ground=True, start=start)
     assert {demand.name for demand in demands} == {"corner_unsprung_hz", "corner_sprung_hz"}
     assert GROUND not in fit.model.names
     assert fit.ratio == pytest.approx(1.0, rel=0.06)
@@ -140,14 +140,14 @@ def test_a_ground_spring_that_holds_a_fit_in_a_worse_minimum_is_taken_out():
     """A fit may begin with one, for start values take a law that is missing for it. Where it harms nothing it stays."""
     ground = Hypothesis("a spring to the ground", ground=True)
     before, start = first_fit()
-    sprung = ground.added_to(before.model)
-    sound = fit_model(sprung, carried_over(before, sprung))
-    assert let_in(sound, ground=True, start=start)[0].model.ground
+    sprung = ground.add_to(before.model)
+    sound = fit_model(sprung, carry_over(before, sprung))
+    assert add_faults(sound, ground=True, start=start)[0].model.ground
     # held away from its minimum, by as much as a hundred standard deviations of the damping
     theta = sound.theta.copy()
     theta[sprung.names.index("damping_per_mass")] += 100 * sound.std[sprung.names.index("damping_per_mass")]
     held = replace(sound, theta=theta, errors=sprung.evaluate(theta))
-    fit, demands = let_in(held, ground=True, start=start)
+    fit, demands = add_faults(held, ground=True, start=start)
     assert (fit.model.ground, demands) == (False, ())
     np.testing.assert_allclose(fit.theta[:4], before.theta[:4], rtol=1e-3)
 
@@ -161,7 +161,8 @@ def test_a_fault_that_is_not_let_in_is_told_and_takes_the_intervals(gain):
     assert implausible.value == pytest.approx(gain, abs=0.02)
     assert implausible.error_after < 0.2 * implausible.error_before
     assert "gain_sprung" not in evidence.fit.model.names
-    assert any("the runs demand a gain error between the sensors (gain" in warning for warning in result.warnings)
+    said = "a gain error between the sensors that the study does not state was added to the model (gain"
+    assert any(said in warning for warning in result.warnings)
     (interface,) = result.interfaces
     told = [*result.ratios.items(), *result.parameters.items(), *interface.items()]
     told += [each for equivalent in result.equivalents for each in equivalent.items()]
@@ -219,7 +220,7 @@ def test_a_coupling_promises_to_help_before_laws_are_searched_where_there_is_one
         "sound": study,
         "bending": lambda: study(runs=short_runs(8.0)),
     }[world]()
-    promising = promising_coupling(fit_rigid(task_of(given, LINEAR)).fit)
+    promising = find_coupling(fit_rigid(task_of(given, LINEAR)).fit)
     assert (promising is not None) == (world == "coupled")
     assert promising is None or promising.is_coupling
 
@@ -249,7 +250,7 @@ def test_a_fault_of_one_sensor_of_an_aircraft_is_found(fault):
     assert found.residual_over_noise < 1.1
     mass = found.parameters.sprung_mass_kg
     assert abs(mass.value - aircraft().mass_kg) < 4 * mass.std < 0.05 * mass.value
-    assert any("the runs demand" in warning and "nobody stated" in warning for warning in found.warnings)
+    assert any("that the study does not state was added" in warning for warning in found.warnings)
 
 
 def test_sound_sensors_of_an_aircraft_demand_nothing():

@@ -13,7 +13,7 @@ from opid.mechanics.laws.law import LINEAR, Law, default_law, law
 from opid.mechanics.structure import Structure
 from opid.suspensions.candidates import fit_alone, fit_rigid, groups_of, is_mass_free, loading_matrix, static_loads
 from opid.suspensions.fitting.fit import (
-    carried_over,
+    carry_over,
     first_vector,
     fit_model,
     left_out_ratio,
@@ -230,7 +230,7 @@ def test_what_is_carried_over_stays_and_what_is_new_is_nominal():
     fit = fitted(runs_of(DEFAULT_LAW), DEFAULT_LAW)
     sensors = fit.model.sensors.changed("sprung", 0, gain_tolerance=0.03, corner_hz=0.3, corner_tolerance=0.5)
     groups = (replace(fit.model.groups[0], ground=True),)
-    theta = carried_over(fit, replace(fit.model, sensors=sensors, groups=groups), {"damping_per_mass": 7.0})
+    theta = carry_over(fit, replace(fit.model, sensors=sensors, groups=groups), {"damping_per_mass": 7.0})
     model = replace(fit.model, sensors=sensors, groups=groups)
     found = dict(zip(model.names, theta, strict=False))
     assert found | {"damping_per_mass": 0.0} == dict(zip(fit.model.names, fit.theta, strict=False)) | {
@@ -262,7 +262,7 @@ def test_the_origin_of_coordinates_changes_nothing(found):
         for run in short_runs()
     )
     moved = fit_rigid(task_of(study(runs=runs, shift=tuple(shift)), FRICTION))
-    here, there = (each.known.of_rigid_body()[0] for each in (found, moved))
+    here, there = (each.known.estimate_rigid_body()[0] for each in (found, moved))
     for name, estimate in here.items():
         expected = estimate.value + dict(zip(("x_cg_m", "y_cg_m"), shift, strict=True)).get(name, 0.0)
         assert abs(getattr(there, name).value - expected) < 0.1 * estimate.std, name

@@ -16,7 +16,7 @@ from opid.signals.recording import Channel, Recording
 from opid.suspensions import identification
 from opid.suspensions.answer import warnings as doubts
 from opid.suspensions.answer.refusals import why_no_mass
-from opid.suspensions.candidates import Fitted, groups_of
+from opid.suspensions.candidates import FittedStructure, groups_of
 from opid.suspensions.identification import identify
 from opid.suspensions.law_search import driven as driven_laws
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters
@@ -154,10 +154,10 @@ def test_noise_that_is_not_stated_and_a_low_rate_are_told():
         for run in given.runs
     )
     part = SimpleNamespace(level=0.0053, is_noise_of_fit=False, settings=Settings())
-    told = list(doubts._of_the_record(SimpleNamespace(study=replace(given, runs=slow), parts=[part])))
-    assert told[0].startswith("the noise of the sensors, 5.3 mm/s^2, is taken from their quietest spectra")
+    told = list(doubts._warn_of_record(SimpleNamespace(study=replace(given, runs=slow), parts=[part])))
+    assert told[0].startswith("the noise of the sensors, 5.3 mm/s^2, is estimated from their quietest spectra")
     assert told[1].startswith("the runs are sampled at 64 Hz, and compared up to 25.6 Hz")
-    assert not list(doubts._of_the_record(SimpleNamespace(study=study(), parts=[part])))
+    assert not list(doubts._warn_of_record(SimpleNamespace(study=study(), parts=[part])))
 
 
 def test_a_loading_that_moves_nothing_does_not_give_the_mass():
@@ -165,7 +165,7 @@ def test_a_loading_that_moves_nothing_does_not_give_the_mass():
     found = identify(study(runs=runs), law=LAW)
     assert found.structure == "rigid_body"
     assert found.residual_over_noise < 1.2
-    assert "the change of loading ('light' +0 kg, 'heavy' +1 kg) moves too little" in found.not_determined
+    assert "the change of loading ('light' +0 kg, 'heavy' +1 kg) has too small an effect" in found.not_determined
     assert found.parameters == BodyParameters()
     assert found.candidates[0].sprung_mass_kg == Estimate()
     check_ratios(found)
@@ -245,7 +245,7 @@ def test_a_body_that_does_not_roll_does_not_tell_its_inertia_in_roll():
     assert found.residual_over_noise < 1.2
     assert found.parameters.roll_inertia_kg_m2 == found.ratios.roll_radius_m == Estimate()
     (sentence,) = found.warnings
-    assert sentence.startswith("these runs do not tell the inertia in roll: the body hardly moves in it")
+    assert sentence.startswith("these runs do not determine the inertia in roll: this motion is too small")
     assert "let left and right run over different ground, load one side" in sentence
     assert near(found.parameters.sprung_mass_kg, true.mass_kg)
     assert near(found.parameters.pitch_inertia_kg_m2, true.iyy_kg_m2)
@@ -265,8 +265,8 @@ def test_runs_that_do_not_go_together_are_not_recommended(monkeypatch):
     assert (rigid.left_out_over_noise, rigid.explains, rigid.recommended) == (pytest.approx(1.5), False, False)
     assert "1.5 times as much in runs that the others predict" in rigid.why
     assert "leaves 0.997 times the noise, but 1.50 in runs that the others predict" in found.warnings[0]
-    assert found.warnings[1].startswith("runs that the others predict leave 1.50 times the noise: a loading may have")
-    assert found.warnings[2].startswith("the intervals are withheld: what the structure leaves is no noise")
+    assert found.warnings[1].startswith("runs that are predicted from the other runs leave 1.50 times the noise")
+    assert found.warnings[2].startswith("the intervals are withheld: the residual of the structure is not noise")
     mass = found.parameters.sprung_mass_kg
     assert mass.value == pytest.approx(aircraft().mass_kg, rel=0.02)
     assert mass.interval95 is None
@@ -278,7 +278,7 @@ def test_a_refit_that_fails_does_not_throw_the_fit_away(monkeypatch):
     assert near(found.parameters.sprung_mass_kg, aircraft().mass_kg)
     assert found.candidates[0].left_out_over_noise is None
     assert found.candidates[0].recommended
-    assert "the model cannot follow the runs without one of them" in found.warnings[0]
+    assert "the model cannot be fitted when one of the runs is left out" in found.warnings[0]
 
 
 def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
@@ -295,7 +295,7 @@ def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
 def test_noise_of_all_sensors_that_the_runs_contradict_is_named(compared, fraction):
     found = identify(study(noise_m_per_s2=fraction * NOISE), law=LAW)
     assert found.warnings[0].startswith("the stated noise of the sensors, ")
-    assert "contradicts the runs: what the model leaves is white, at 5 mm/s^2" in found.warnings[0]
+    assert "contradicts the runs: the residual of the model is white, with 5 mm/s^2" in found.warnings[0]
     assert len(found.warnings) == 1
     assert found.limited_by == "noise"
     assert found.recommended is not None
@@ -321,8 +321,8 @@ def test_a_force_that_nobody_measured_widens_the_intervals_of_an_aircraft_and_be
     assert found.recommended is not None
     assert "is incoherent with every motion measured below it" in found.warnings[0]
     assert "limited by something that moves the body" in found.warnings[1]
-    assert any("from forces that nobody measured" in each for each in found.evidence[0].limits)
-    assert not any("nothing is said of runs that the others predict" in sentence for sentence in found.warnings)
+    assert any("from unmeasured forces" in each for each in found.evidence[0].limits)
+    assert not any("prediction of each run from the others is not" in sentence for sentence in found.warnings)
     for run, left in zip(found.runs, found.evidence[0].error.left_out, strict=True):
         assert 0.5 * fraction < run.unexplained < 2 * fraction
         assert left.unexplained < 1.2 * run.unexplained
@@ -403,7 +403,7 @@ def test_pairs_are_found_by_their_places():
 
 def test_where_nothing_can_be_fitted_it_is_said(monkeypatch):
     def fails(task, interfaces):
-        return Fitted("single", interfaces, None, task.noise, task, "it grows")
+        return FittedStructure("single", interfaces, None, task.noise, task, "it grows")
 
     monkeypatch.setattr(identification, "fit_alone", fails)
     with pytest.raises(NotDeterminedError, match="no structure can be fitted to these runs: it grows; it grows"):
@@ -415,7 +415,7 @@ def test_a_gear_that_cannot_be_fitted_leaves_no_mass_of_the_whole(monkeypatch):
 
     def fails_at_the_nose(task, interfaces):
         if interfaces == (0,):
-            return Fitted("single", interfaces, None, task.noise, task, "it grows")
+            return FittedStructure("single", interfaces, None, task.noise, task, "it grows")
         return real(task, interfaces)
 
     monkeypatch.setattr(identification, "fit_alone", fails_at_the_nose)
@@ -492,10 +492,10 @@ def test_a_single_gear_of_a_rolling_aircraft_gets_no_mass_and_is_told_that_it_ma
     logs = [Run(run.name, run.recording, 0.4 * run.mass_change_kg) for run in short_runs()]
     found = identify(study_of_gear("left", sprung="left_upper_z", unsprung="left_lower_z", runs=logs), law=LAW)
     assert found.residual_over_noise > 3
-    assert "this gear may not be alone on its body, which rolls and pitches on others" in found.not_determined
+    assert "the body also rolls and pitches on other gears" in found.not_determined
     assert "describe all of them in [[interfaces]]" in found.not_determined
     assert found.parameters == GearParameters()
-    assert any("a gear on a body that rolls or pitches is no gear alone" in each for each in found.warnings)
+    assert any("roll or pitch of a body on several gears" in each for each in found.warnings)
     # forces are per kg here, and so is every number in a sentence
     assert all("N/m per kg" in each for each in found.warnings if "K3 = " in each)
 

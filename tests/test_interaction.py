@@ -45,7 +45,7 @@ def test_the_coupled_plate_is_flagged(ratio):
     assert (found.mac[found.holds] >= 0.9).all()
     assert (found.mac_of_others < 0.3).all()
     assert (found.driven_fraction < 0.1).all()
-    assert found.statement.startswith("Mode 10 works on mode 18: from level")
+    assert found.statement.startswith("Mode 10 drives mode 18: from level")
 
 
 @pytest.mark.parametrize("build", [{"ratio": 2.2}, {"coupling_n_per_m2": 0.0}])
@@ -113,7 +113,7 @@ def test_bad_input_is_refused():
             modal_interaction(found, **wrong)
     with pytest.raises(InputError, match="least_levels is 0"):
         modal_interaction(found, least_levels=0)
-    with pytest.raises(InputError, match="other sensors"):
+    with pytest.raises(InputError, match="different sensors"):
         modal_interaction(found, LinearModes([100.0], [0.004], [[1.0]], ("drive",)))
     single = LinearModes(modes.frequency_hz * [1.0, 0.0], modes.damping_ratio, modes.shapes, NAMES)
     with pytest.raises(InputError, match="no other elastic mode"):

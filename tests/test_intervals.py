@@ -121,11 +121,21 @@ def test_what_is_not_defined_has_no_estimate(fit, known, has_levels):
         with np.errstate(invalid="ignore"):
             return np.array([theta[0], np.sqrt(-theta[0]), np.sqrt(theta[0] - fit.theta[0]), 5.0])
 
-    stiffness, frequency, at_its_edge, constant = parameters.of_function(of_vector)
+    stiffness, frequency, at_its_edge, constant = parameters.estimate_function(of_vector)
     assert stiffness.value == fit.theta[0]
     assert stiffness.std == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-3)
     assert (frequency, at_its_edge) == (Estimate(), Estimate())
     assert constant == Estimate.normal(5.0, 0.0)
+
+
+def test_an_entry_that_nothing_determines_has_the_numbers_of_the_others(fit, known):
+    """The logarithm of a stop's stiffness that is never reached: a step of its own deviation would be no number."""
+    covariance = known.covariance.copy()
+    covariance[1, 1] = 1e12
+    parameters = Parameters(fit, covariance)
+    stiffness, stop = parameters.estimate_function(lambda theta: np.array([theta[0], np.exp(theta[1])]))
+    assert stiffness.std == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-3)
+    assert stop.std > 1e4 * stop.value
 
 
 def test_no_ground_spring_is_zero_as_well_as_it_would_be_known(known):

@@ -8,7 +8,7 @@ import pytest
 
 from opid.updating.likelihood.backbones import backbone_data, log_likelihood
 from opid.updating.settings import UPDATING
-from opid.updating.warnings import LackOfFit, lack_of_fit, unexplained_fraction, warnings_of_fit
+from opid.updating.warnings import LackOfFit, lack_of_fit, unexplained_fraction, warn_of_fit
 
 GRID = np.linspace(0.3, 4.0, 371)[:, None]
 
@@ -20,7 +20,7 @@ def misfits_at_best(measured, model_class, **settings):
 
 
 def told(misfits, unexplained=0.0):
-    return list(warnings_of_fit(misfits, unexplained))
+    return list(warn_of_fit(misfits, unexplained))
 
 
 @pytest.mark.parametrize("form", ["recommended", "paper"])
@@ -35,8 +35,8 @@ def test_the_right_law_is_not_doubted_and_a_wrong_one_is(form, noise):
         assert max(each.fraction for each in wrong) > 0.1
         (sentence,) = told(wrong)
         assert "of the measured growth of the frequencies of mode" in sentence
-        assert "unexplained, the same way in all curves" in sentence
-        assert "this law does not fit the backbones, its intervals mean nothing" in sentence
+        assert "unexplained, alike in all curves" in sentence
+        assert "this law does not fit the backbones, do not use its intervals" in sentence
 
 
 def test_noise_that_hides_the_misfit_is_no_doubt():
@@ -51,7 +51,7 @@ def test_few_curves_are_judged_by_their_points():
     _, _, right = misfits_at_best(measured, made.CUBIC)
     assert told(right) == []
     _, _, wrong = misfits_at_best(measured, made.QUADRATIC)
-    assert "the same way in all curves" in told(wrong)[0]
+    assert "alike in all curves" in told(wrong)[0]
 
 
 @pytest.mark.parametrize("n_curves", [1, 3, 12])
@@ -79,12 +79,12 @@ def test_curves_without_noise_and_curves_too_short():
     assert lack_of_fit(data, made.CUBIC, np.array([made.TRUTH])) == ()
     assert unexplained_fraction(data, made.CUBIC, np.array([0.0])) == pytest.approx(1.0, abs=0.05)
     (sentence,) = told((), unexplained_fraction(data, made.CUBIC, np.array([0.5])))
-    assert "% of the measured growth of the frequencies unexplained: this law does not fit" in sentence
+    assert "% of the measured growth of the frequencies stay unexplained: this law does not fit" in sentence
 
 
 def test_rare_and_large_is_doubted_but_neither_alone():
     rare, likely, small = UPDATING.rare / 10, 0.1, UPDATING.least_misfit / 2
     assert told([LackOfFit(7, small, rare), LackOfFit(8, 0.2, likely)]) == []
     (sentence,) = told([LackOfFit(7, 0.09, rare), LackOfFit(8, 0.12, rare)])
-    assert "leaves 12 % of the measured growth of the frequencies of mode 8" in sentence
+    assert "12 % of the measured growth of the frequencies of mode 8" in sentence
     assert "less than one of 1000 sets" in sentence

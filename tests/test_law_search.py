@@ -11,8 +11,8 @@ from opid.mechanics.laws.kinds import Kind, Parameter
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law, law
 from opid.mechanics.laws.own_kinds import register_kind, unregister_kind
 from opid.suspensions.fitting.fit import fit_model, refit
-from opid.suspensions.fitting.search import Found, with_simpler_laws
-from opid.suspensions.law_search.driven import DrivenLaws, cannot_be
+from opid.suspensions.fitting.search import SearchResult, with_simpler_laws
+from opid.suspensions.law_search.driven import DrivenLaws, is_impossible
 from opid.suspensions.law_search.pursuit import (
     LawStep,
     _limits,
@@ -80,14 +80,14 @@ def test_no_law_leaves_the_body_without_a_place_to_rest(friction):
         other = replace(model, groups=(replace(model.groups[0], law=cube),))
         shared_part = [theta[model.names.index(name)] for name in ("stiffness_per_mass", "damping_per_mass")]
         vector = np.concatenate([shared_part, [cube.terms[0].amplitude], theta[model.names.index("inverse_mass") :]])
-        assert cannot_be(replace(friction, model=other, theta=vector)) is expected
+        assert is_impossible(replace(friction, model=other, theta=vector)) is expected
 
 
 def test_simpler_laws_are_those_with_a_term_less_and_their_relatives():
     truth = law("dahl_friction", amplitude_n=400.0, scale_m=1e-3)
     beside = truth + law("cubic_stiffness", stiffness_n_per_m3=1e7)
     fit = fitted(runs_of(truth, duration_s=10.0), beside)
-    found = Found(fit, (LawStep(fit, True, "pursuit"),))
+    found = SearchResult(fit, (LawStep(fit, True, "pursuit"),))
     simpler = list(with_simpler_laws(found, library()))
     names = [each.fit.law_name for each in simpler]
     # without the friction much more is left; a cube that is not there may go, and other memories are alike
@@ -321,7 +321,7 @@ def test_laws_are_not_searched_where_they_promise_nothing(friction):
     assert linear.ratio > 2.0
     kinds = ("arctan_velocity", "cubic_stiffness")
     (dictionary,) = LAWS_OF_RUNS.dictionaries(linear, kinds).values()
-    assert dictionary.most_promised() > SETTINGS.good_fraction
+    assert dictionary.largest_expected_gain() > SETTINGS.good_fraction
     # something else pushes the body: nothing of it is a law's
     push = 1.0 * np.random.default_rng(5).normal(size=(2, linear.model.runs[0].sprung.size, 1))
     runs = tuple(
@@ -427,5 +427,5 @@ def test_a_law_about_a_rest_that_no_run_comes_near_is_no_answer():
 
     assert wrong.theta[0] > 2.5 * right.theta[0]
     assert wrong.ratio < 1.002 * right.ratio
-    assert cannot_be(wrong)
-    assert not cannot_be(right)
+    assert is_impossible(wrong)
+    assert not is_impossible(right)

@@ -208,8 +208,11 @@ def test_a_law_goes_to_json_and_back(name):
         (lambda: default_law(""), "the law '' lacks a name: give one on each side of +"),
         (lambda: default_law("dahl_friction+"), "lacks a name"),
         (lambda: default_law(3), "the law is 3: give its name in quotes"),
-        (lambda: default_law("cubic_stiffness").resting_at(float("nan")), "to rest at nan: give the extension in m"),
-        (lambda: default_law("cubic_stiffness").resting_at("a"), "to rest at 'a'"),
+        (
+            lambda: default_law("cubic_stiffness").resting_at(float("nan")),
+            "rest_m of a law is nan: give the extension in m",
+        ),
+        (lambda: default_law("cubic_stiffness").resting_at("a"), "rest_m of a law is 'a'"),
         (lambda: law("cubic_stiffness", stiffness=1.0), "did you mean 'stiffness_n_per_m3'"),
         (lambda: law("arctan_velocity", amplitude_n=1.0), "needs scale_m_per_s"),
         (lambda: law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=-0.1), "give a positive number"),
@@ -217,7 +220,7 @@ def test_a_law_goes_to_json_and_back(name):
         (lambda: law("cubic_stiffness", stiffness_n_per_m3="stiff"), "give numbers"),
         (lambda: law("linear", stiffness={}), "has no term 'stiffness'"),
         (lambda: law("cubic_stiffness+cubic_damping", cubic_stiffness=3.0), "give a dict"),
-        (lambda: Term("cubic_stiffness", (1.0, 2.0)), "it takes stiffness_n_per_m3"),
+        (lambda: Term("cubic_stiffness", (1.0, 2.0)), "give one for each of stiffness_n_per_m3"),
         (lambda: Term("cubic", (1.0,)), "no law 'cubic'"),
         (lambda: default_law("cubic_stifness"), "no law 'cubic_stifness': did you mean 'cubic_stiffness'.$"),
         (lambda: default_law("arctan_velocity").with_vector([1.0]), "has 2 parameter"),
@@ -305,7 +308,7 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
 def test_an_unknown_law_names_those_that_are_searched_apart_from_those_that_are_only_known():
     with pytest.raises(InputError) as caught:
         default_law("foo")
-    searched, others = str(caught.value).split("; fitted only where they are named are ")
+    searched, others = str(caught.value).split("; only a study that names them fits ")
     assert {name for name in LAWS if f"'{name}'" in searched} == set(library())
     assert {name for name in LAWS if f"'{name}'" in others} == set(LAWS) - set(library())
 

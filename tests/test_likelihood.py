@@ -193,7 +193,7 @@ def test_bad_input(measured):
         backbone_data(system, measured, form="papers")
     with pytest.raises(InputError, match="no measured backbone"):
         backbone_data(system, [])
-    with pytest.raises(InputError, match="the curves of mode 2 do not tell how lambda varies"):
+    with pytest.raises(InputError, match="the curves of mode 2 do not show how lambda varies"):
         backbone_data(system, measured[:1], form="paper")
     renamed = replace(measured[0], sensors=("elsewhere", *measured[0].sensors[1:]))
     with pytest.raises(InputError, match="there is no sensor 'elsewhere'"):

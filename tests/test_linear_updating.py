@@ -321,9 +321,9 @@ def test_what_is_to_be_doubted_is_told(seed):
     assert "wall presses against the upper end 0.5" in told
     assert "not mixed" not in told
     assert "between presses against the upper end 0.6" in told
-    assert "scatter of mode 2 is estimated from 3 curves: measure more, give cov, or take the recommended" in told
+    assert "scatter of mode 2 is estimated from only 3 curves: measure more, give cov, or take the recommended" in told
     assert "the updated mode 2 lies at" in told
-    assert "error that its parameters cannot mend" in told
+    assert "error that its parameters cannot correct" in told
 
 
 def test_an_updated_shape_that_is_not_the_measured_one_is_doubted():
@@ -336,7 +336,7 @@ def test_an_updated_shape_that_is_not_the_measured_one_is_doubted():
         found = update_linear(three_springs(), signed, priors=priors, rng=np.random.default_rng(1), n_samples=100)
         told.append([each for each in found.warnings if "is not the measured one (MAC 0." in each])
     assert not told[0]
-    assert "look whether the curves are of another mode, and at the names and signs of the sensors" in told[1][0]
+    assert "check whether the curves are of another mode, and check the names and signs of the sensors" in told[1][0]
 
 
 def test_a_mode_that_is_missed_by_no_more_than_the_common_error_is_not_doubted():
@@ -347,7 +347,7 @@ def test_a_mode_that_is_missed_by_no_more_than_the_common_error_is_not_doubted()
     one = AffineStructure(structure.mass, 0.97 * structure.parts["between"], between, ("a", "b"), ("a", "b"), {})
     for error in (0.0, 0.01):
         found = update_linear(one, curves, rng=np.random.default_rng(1), common_error=error, **given)
-        told.append(any("error that its parameters cannot mend" in warning for warning in found.warnings))
+        told.append(any("error that its parameters cannot correct" in warning for warning in found.warnings))
     assert told == [True, False]
 
 
@@ -366,16 +366,16 @@ def test_lowest_points_that_are_nonlinear_are_told():
         ([curve(1, 3.0, [1, 1])], {}, "mode 1 has one backbone, which has no scatter: give cov"),
         ([curve(1, 3.0, [1, 1]), curve(1, 3.0, [1, 1.1], name="b")], {}, "begin at the same frequency: give cov"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.0}, "cov of mode 1 is 0.0: give a positive number"),
-        ([curve(1, 3.0, [1, 1])], {"cov": {3: 0.1}}, "cov names mode 3, of which there is no backbone"),
+        ([curve(1, 3.0, [1, 1])], {"cov": {3: 0.1}}, "cov names mode 3, which has no backbone"),
         ([curve(1, 3.0, [1, 1])], {"cov": "guess"}, "cov is 'guess'"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "weight": -1.0}, "weight is -1.0: give a positive number"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "common_error": -0.1}, "common_error is -0.1: give 0 or more"),
         ([curve(1, 3.0, [1, 1])], {"cov": {1: "guess"}}, "cov is 'guess': give 'scatter', 'inferred' or a number"),
-        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": {2: 0.1}}, "shape_std names mode 2, of which there is no"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": {2: 0.1}}, "shape_std names mode 2, which has no backbone"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_factor": 0.0}, "shape_factor is 0.0: give a positive number"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": "paper?"}, "shape_std is 'paper"),
         ([curve(1, 3.0, [1, 1], sensors=("a", "c"))], {"cov": 0.1}, "has the sensor 'c', which the structure does not"),
-        ([curve(1, 3.0, [1], sensors=("a",))], {"cov": 0.1, "shape_std": 0.1}, "one sensor, which makes no shape"),
+        ([curve(1, 3.0, [1], sensors=("a",))], {"cov": 0.1, "shape_std": 0.1}, "one sensor has no shape"),
         (
             [curve(1, 3.0, [1, 1]), curve(1, 3.1, [1, 1], name="b", sensors=("b", "a"))],
             {},
@@ -391,9 +391,9 @@ def test_bad_data_are_told(curves, settings, message):
 @pytest.mark.parametrize(
     ("priors", "message"),
     [
-        ({"wal": Prior()}, "there is a prior for 'wal', which is no parameter: did you mean 'wall'"),
+        ({"wal": Prior()}, "there is a prior for 'wal', which is not a parameter: did you mean 'wall'"),
         ({"wall": Prior("uniform", -2.0, -1.0)}, "prior of 'wall' allows nothing above 0"),
-        ({}, "no parameter is to vary"),
+        ({}, "no parameter varies"),
     ],
 )
 def test_bad_priors_are_told(priors, message):
@@ -404,7 +404,7 @@ def test_bad_priors_are_told(priors, message):
 def test_modes_and_boxes_that_cannot_be_are_told():
     with pytest.raises(InputError, match=r"modes are \[3\]: give numbers from 1 to 2"):
         ritz_model(two_springs(), box={"wall": (0.5, 2.0)}, modes=[3])
-    with pytest.raises(InputError, match="to vary from 0 to 2: give positive ends"):
+    with pytest.raises(InputError, match="varies from 0 to 2: give positive ends"):
         ritz_model(two_springs(), box={"wall": (0.0, 2.0)}, modes=[1])
     model = ritz_model(two_springs(), box={"wall": (0.5, 2.0)}, modes=[1])
     with pytest.raises(InputError, match="give one column for each of 1 parameters"):

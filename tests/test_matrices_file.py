@@ -130,7 +130,7 @@ def one_sided(matrix):
 BAD = [
     ({"mass": None}, "there is no matrix 'mass': known are 'stiffness', 'part_E'"),
     ({"mass": None, "maas": MASS}, "there is no matrix 'mass': did you mean 'maas'"),
-    ({"stifness": SOFT, "stiffness": None}, "'stifness' is no matrix that is known: did you mean 'stiffness'"),
+    ({"stifness": SOFT, "stiffness": None}, "'stifness' is not a known name of a matrix: did you mean 'stiffness'"),
     ({"stiffness": None, "part_E": None}, "neither a matrix 'stiffness' nor a part_NAME"),
     ({"part_E": one_sided(PART)}, "stiffness part 'E' matrix is not symmetric: export the whole matrix"),
     ({"mass": one_sided(MASS) + np.eye(N_DOF, k=-1)}, "mass matrix is not symmetric"),
@@ -139,21 +139,21 @@ BAD = [
     ({"mass": np.where(MASS == 3, 0, MASS)}, "mass of '3 UX' is not positive"),
     ({"mass": MASS + 9 * (np.eye(N_DOF, k=1) + np.eye(N_DOF, k=-1))}, "mass matrix is not positive"),
     ({"part_E": -PART}, "stiffness matrix is not positive"),
-    ({"mass": MASS * 1j}, "'mass' holds no real numbers"),
+    ({"mass": MASS * 1j}, "'mass' does not hold real numbers"),
     ({"mass": np.where(MASS == 3, np.nan, MASS)}, "entries that are not finite"),
-    ({"sensors": np.array(["1 UX", "7 UX"])}, "sensor names the degree of freedom '7 UX', which is not there: did you"),
+    ({"sensors": np.array(["1 UX", "7 UX"])}, "names the degree of freedom '7 UX', which does not exist: did you"),
     ({"sensors": None}, "no sensor is named"),
     ({"joints": np.array([["link", "2 UX", "5 UY"]])}, "joint 'link' names the degree of freedom '5 UY'"),
     ({"joints": np.array([["link", "2 UX", "2 UX"]])}, "between '2 UX' and itself"),
     ({"joints": np.array([["link", "2 UX"]])}, r"the joint 'link' lies between \['2 UX'\]: name two"),
-    ({"joints": np.array([["a", "2 UX", "5 UX"], ["a", "1 UX", "5 UX"]])}, "the joint 'a' stands twice"),
+    ({"joints": np.array([["a", "2 UX", "5 UX"], ["a", "1 UX", "5 UX"]])}, "two joints are called 'a'"),
     ({"dofs": np.array(DOFS[:5])}, "names 5 degrees of freedom, the matrices have 6"),
-    ({"dofs": np.array([*DOFS[:5], "1 UX"])}, "'1 UX' stands twice"),
-    ({"dofs": np.array(DOFS, dtype=object)}, "holds pickled objects, which are never opened"),
+    ({"dofs": np.array([*DOFS[:5], "1 UX"])}, "called '1 UX'"),
+    ({"dofs": np.array(DOFS, dtype=object)}, "holds pickled objects, which opid never opens"),
     ({"part_E": None, "part_E_indptr": np.arange(7)}, "the sparse matrix 'part_E' lacks part_E_data"),
     (
         {"mass": None, "mass_data": np.ones(6), "mass_indices": np.full(6, 9), "mass_indptr": np.arange(7)},
-        "the pieces of 'mass' are no sparse matrix",
+        "the arrays of 'mass' do not make a sparse matrix",
     ),
 ]
 
@@ -181,7 +181,7 @@ def test_all_faults_of_matrices_are_told_at_once(tmp_path):
     assert message.startswith(f"{file}: 10 faults: (1) ")
     for words in (
         "mass of '3 UX' is not positive", "stiffness matrix is not symmetric", "'part_E' has shape (4, 6)",
-        "'part_F' has shape (5, 5) and 'mass' (6, 6)", "'maas' is no matrix that is known", "'7 UX'", "'8 UX'",
+        "'part_F' has shape (5, 5) and 'mass' (6, 6)", "'maas' is not a known name of a matrix", "'7 UX'", "'8 UX'",
         "joint 'link' names the degree of freedom '5 UY'", "between '2 UX' and itself", "no matrix 'part_G'",
     ):  # fmt: skip
         assert words in message
@@ -194,7 +194,7 @@ def test_all_files_that_cannot_be_read_are_told_at_once(tmp_path):
         read_structure(files, sensors=["9"], joints={})
     message = str(caught.value)
     assert message.startswith("the matrices: 3 faults: ")
-    for words in ("there is no file", "e.xls is of no format", "'9', which is not there"):
+    for words in ("there is no file", "e.xls has an unknown format", "'9', which does not exist"):
         assert words in message
 
 
@@ -210,8 +210,8 @@ def test_bad_files_are_told(tmp_path):
         (tmp_path / "text.mat", "cannot be read"),
         (tmp_path / "new.mat", "version 7.3: save it with '-v7'"),
         (tmp_path / "m.mtx", "holds one matrix: give a file for each"),
-        (tmp_path / "m.xls", "no format that is known: give .npz, .mat"),
-        ({"mass": tmp_path / "m.xls"}, "no format that is known for a matrix"),
+        (tmp_path / "m.xls", "unknown format: give .npz, .mat"),
+        ({"mass": tmp_path / "m.xls"}, "unknown format for a matrix"),
         ({"mass": tmp_path / "m.mtx"}, "cannot be read"),
     ]:
         with pytest.raises(InputError, match=message):

@@ -235,7 +235,7 @@ def test_a_long_record_takes_no_more_memory_than_a_short_one():
 
 @pytest.mark.parametrize(
     ("scale_m", "message"),
-    [(6e-4, r"turns over within .* ms .* steps a sample"), (1e-4, r"a law with memory turns over fast")],
+    [(6e-4, r"reverses within .* ms .* steps"), (1e-4, r"a law with memory reverses fast")],
 )
 def test_steps_that_are_too_long_for_a_memory_are_refused(scale_m, message):
     subject = law("dahl_friction", amplitude_n=400.0, scale_m=scale_m)
@@ -340,7 +340,7 @@ def test_two_memories_at_once_are_no_damping():
     both = default_law("dahl_friction") + law("maxwell_arm", stiffness_n_per_m=8e4, relaxation_s=0.03)
     found = identify(_study_of(replace(LandingGear(), law=both)), law="dahl_friction")
     assert found.residual_over_noise > 2.0
-    assert any("the force that remembers is another one in part" in each for each in found.warnings)
+    assert any("the force with memory is only partly this one" in each for each in found.warnings)
     assert found.parameters.suspension_damping_n_s_per_m.interval95 is None
     assert all(each.loop.area_j.interval95 is None for each in found.interfaces[0].at_rest)
     mass = found.parameters.sprung_mass_kg
@@ -382,7 +382,7 @@ def test_an_energy_near_nothing_is_not_told():
     stiff = usual.with_vector([usual.vector[0], 80 * usual.vector[1], *usual.vector[2:]])
     found = identify(_study_of(replace(LandingGear(), law=stiff), 1), law="bouc_wen")
     assert [each.loop.area_j for each in found.interfaces[0].at_rest] == [Estimate(), Estimate()]
-    assert "these runs do not tell" in " ".join(text(found).split())
+    assert "these runs do not determine" in " ".join(text(found).split())
 
 
 @pytest.mark.parametrize("jump", [0.05, 0.5])

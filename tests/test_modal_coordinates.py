@@ -49,7 +49,7 @@ def test_a_missing_sensor_is_left_out_while_the_rest_can_tell_the_modes():
     names = ("force", *"abcd")
     fewer = modal_test(recording(("N",) + 4 * ("m/s^2",), names), FOUR, name="t", force="force", drive_point="a")
     assert fewer.acceleration.shape == (100, 4)
-    with pytest.raises(InputError, match=r"3 sensor\(s\) cannot tell 4 modes apart"):
+    with pytest.raises(InputError, match=r"3 sensor\(s\) cannot separate 4 modes"):
         modal_test(recording(("N",) + 3 * ("m/s^2",), ("force", *"abc")), FOUR, name="t")
 
 
@@ -67,7 +67,7 @@ def test_a_missing_sensor_is_left_out_while_the_rest_can_tell_the_modes():
         ),
         (("N",) + 5 * ("m/s^2",), ("force", *"vwxyz"), "force", "a", "has none of the sensors 'a'"),
         (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "forse", "a", "there is no channel 'forse'"),
-        (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", None, "say at which sensor the force acts"),
+        (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", None, "name the sensor at which the force acts"),
         (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "q", "there is no sensor 'q'"),
     ],
 )

@@ -154,7 +154,7 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     test = measured(softening(right, 3), beat(40.0), rng)
     band = (100.0, 140.0)
     assert measure_outside_shapes(test, band)[0] < 0.01
-    for row, words in ((3, "with the sign of 'd' turned"), (6, "with the sign of 'g' turned")):
+    for row, words in ((3, "with the opposite sign of 'd'"), (6, "with the opposite sign of 'g'")):
         turned = right.shapes * np.where(np.arange(8) == row, -1.0, 1.0)[:, None]
         share, cause = measure_outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
         assert share > 0.1
@@ -166,7 +166,7 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
     faults, (warning,) = check_shapes(wrong, 3, band)
     assert not faults
-    assert "cannot be made of the shapes: with 'b' and 'e' exchanged it would be 0 %" in warning
+    assert "is no sum of the mode shapes: with 'b' and 'e' exchanged it would be 0 %" in warning
     many = replace(right, shapes=right.shapes[::-1])
     (fault,), warnings = check_shapes(replace(test, modes=many), 3, band)
     assert not warnings
@@ -180,7 +180,7 @@ def test_a_correction_stays_with_the_linear_properties_it_was_found_with():
     tests = [replace(test, modes=own) for test in beats(softening(FOUR, 3), np.random.default_rng(7), LEVELS)]
     found = identify_modes(study([StudyTest(test) for test in tests], **ORDERS, free_linear=True))
     assert found.model.modes.frequency_hz[2] == pytest.approx(FREQUENCY, rel=1e-12)
-    assert any("the model keeps the study's" in warning for warning in found.warnings)
+    assert any("the model keeps the frequency and damping of the study" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize("fs", [480.0, 720.0])
@@ -191,12 +191,12 @@ def test_powers_do_not_fold_back_at_low_rates(fs):
     ]
     fit = fit_mode(tests, 3, **ORDERS, free_linear=False)
     assert abs(fit.stiffness[3].value / K3 - 1) < 0.01
-    assert any("do not hold its third harmonic" in warning for warning in fit.warnings)
+    assert any("are sampled too slowly for its third harmonic" in warning for warning in fit.warnings)
 
 
 def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
     fits = [replace(each, mode=3) for each in two_modes[:4]]
-    with pytest.raises(InputError, match=r"mode 4: .*moves mode 4 more than the others"):
+    with pytest.raises(InputError, match=r"mode 4: .*moves mode 4 more than the other modes"):
         identify_modes(study(fits, (3, 4), **ORDERS))
     quiet = [replace(each, use="level", mode=None) for each in two_modes[:1]]
     with pytest.raises(NotDeterminedError, match="no mode is named as nonlinear"):
@@ -206,7 +206,7 @@ def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"nonlinear": (9,)}, "nonlinear names mode 9, modes are counted from 1 to 4"),
+        ({"nonlinear": (9,)}, "nonlinear names mode 9, give numbers from 1 to 4"),
         ({"nonlinear": (1,)}, r"mode 1, a rigid-body mode \(0 Hz\)"),
         ({"nonlinear": (3, 3)}, "name each mode once"),
         ({"stiffness_order": 7}, r"stiffness_order is 7, give 1 \(linear\) to 5"),
@@ -221,7 +221,7 @@ def test_a_study_that_cannot_be_is_refused(two_modes, change, words):
 def test_a_truth_test_beyond_the_fit_is_doubted(two_modes):
     fits = [each for each in two_modes[:3] if each.use == "fit"]
     found = identify_modes(study([*fits, two_modes[-1]], **ORDERS, free_linear=False))
-    assert any("there its force is an extrapolation" in warning for warning in found.warnings)
+    assert any("the force there is an extrapolation" in warning for warning in found.warnings)
 
 
 def test_a_mode_that_answers_at_twice_the_frequency_is_named():

@@ -178,7 +178,7 @@ def test_all_faults_are_said_at_once(logs):
             MODES + '[log]\nclock = "sun"\n' + TEST,
             ("'clock' in [log] is 'sun', give one of 'stamps', 'reconstructed'",),
         ),
-        (MODES + '\n[[tests]]\nlog = "decay.csv"\nuse = "level"\n', ("'level' and has no force",)),
+        (MODES + '\n[[tests]]\nlog = "decay.csv"\nuse = "level"\n', ("use = 'level' and no force",)),
         (MODES + TEST + "start_s = 50.0\n", ("test 'beat'",)),
     ],
 )

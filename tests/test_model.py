@@ -63,7 +63,7 @@ def vector(model, values, starts=()):
     """The vector of named values; faults and coordinates as stated where they are not named, laws as in the model."""
     known = {fault.name: fault.nominal for fault in model.faults}
     for group in model.groups:
-        known |= {f"{group.called('law')}[{k}]": value for k, value in enumerate(to_free(group.law))}
+        known |= {f"{group.name_of('law')}[{k}]": value for k, value in enumerate(to_free(group.law))}
     known |= dict(zip(model.body.names, FACTORS, strict=False))
     shared = [(known | values).get(name, 0.0) for name in model.names]
     at_rest = np.zeros(2 * model.body.n_interfaces * len(model.runs))
@@ -219,7 +219,7 @@ def _recorded(run, sensors, values, wanted):
     shape = run.sprung.shape
 
     def undone(flat):
-        return replace(run, sprung=flat.reshape(shape)).corrected("sprung", sensors, values).value.ravel()
+        return replace(run, sprung=flat.reshape(shape)).correct("sprung", sensors, values).value.ravel()
 
     nothing = undone(np.zeros(run.sprung.size))
     operator = LinearOperator((run.sprung.size,) * 2, lambda flat: undone(flat) - nothing)
@@ -265,7 +265,7 @@ def body_with_everything():
     model = made(runs, body, groups, sensors=sensors)
     values = {"inverse_mass": 1 / MASS_KG, "ground_stiffness_per_mass[left, right]": 6.0}
     for group, stiffness in zip(groups, (28.0, 87.0), strict=True):
-        values |= {group.called("stiffness_per_mass"): stiffness, group.called("damping_per_mass"): stiffness / 65}
+        values |= {group.name_of("stiffness_per_mass"): stiffness, group.name_of("damping_per_mass"): stiffness / 65}
     values |= {"gain_sprung[tail]": 1.01, "gain_unsprung[left]": 0.99, "corner_sprung_hz[nose]": 0.28, "leak[1]": 0.01}
     rng = np.random.default_rng(4)
     values |= {coordinate.name: 0.01 * rng.standard_normal() for coordinate in body.coordinates}

@@ -14,12 +14,12 @@ from opid.updating.identification import predict
 from opid.updating.likelihood import backbones
 from opid.updating.likelihood.backbones import (
     backbone_data,
-    curves_of,
+    describe_failures,
+    describe_interactions,
+    find_met_modes,
     likelihood_function,
     log_likelihood,
-    met_modes,
-    where_it_fails,
-    where_modes_interact,
+    make_curves,
     without_interactions,
 )
 from opid.updating.likelihood.noise import NoiseSettings
@@ -27,7 +27,7 @@ from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import reduce
-from opid.updating.warnings import warnings_of_choice, warnings_of_curves
+from opid.updating.warnings import warn_of_choice, warn_of_curves
 from opid.virtual.backbone_tests.measured import synthetic_backbones
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
@@ -73,9 +73,9 @@ def between(low, high):
 @pytest.mark.parametrize("hole", [between(6e-4, 8.5e-4), between(1.95e-3, 1.0), between(0.0, 2.5e-4)])
 def test_a_gap_is_bridged_from_the_rest_of_the_curve(data, monkeypatch, hole):
     whole, mode = log_likelihood(data, made.CUBIC, THETA), data.modes[0]
-    exact = curves_of(data, mode, made.CUBIC)(THETA)
+    exact = make_curves(data, mode, made.CUBIC)(THETA)
     with_holes(monkeypatch, backbones, hole)
-    eigenvalue, shapes, missing, lost = curves_of(data, mode, made.CUBIC)(THETA)
+    eigenvalue, shapes, missing, lost = make_curves(data, mode, made.CUBIC)(THETA)
     assert missing.any()
     assert not lost.any()
     np.testing.assert_allclose(eigenvalue, exact[0], rtol=2e-5)
@@ -95,13 +95,13 @@ def test_a_curve_with_too_much_missing_is_impossible(data, monkeypatch, hole):
 
 
 def test_where_it_fails_names_mode_amplitude_and_point(data, monkeypatch):
-    assert where_it_fails(data, made.CUBIC, THETA) == []
+    assert describe_failures(data, made.CUBIC, THETA) == []
     with_holes(monkeypatch, backbones, lambda c, a: between(1.6e-3, 1.8e-3)(c, a) & (c > 1e8)[:, None])
-    (told,) = where_it_fails(data, made.CUBIC, THETA)  # mode 3 ends below
+    (told,) = describe_failures(data, made.CUBIC, THETA)  # mode 3 ends below
     assert told.startswith("mode 2 at 1.")
     assert "mm of sensor 'left' (point" in told
     assert told.endswith("of 12) for 67 %")
-    assert where_it_fails(data, made.CUBIC, THETA, lost=True) == []
+    assert describe_failures(data, made.CUBIC, THETA, lost=True) == []
 
 
 def test_gaps_in_the_posterior_are_told_and_the_class_is_kept(data, monkeypatch):
@@ -111,7 +111,7 @@ def test_gaps_in_the_posterior_are_told_and_the_class_is_kept(data, monkeypatch)
     assert found.log_evidence == pytest.approx(before.log_evidence, abs=0.05)
     (told,) = found.warnings
     assert told.startswith("in mode 2 at 1.")
-    assert "for 100 % of the samples the model does not converge: its curve is bridged there" in told
+    assert "for 100 % of the samples the model does not converge: its curve is interpolated there" in told
     assert "take fewer harmonics, or leave out measured points near those amplitudes" in told
 
 
@@ -147,7 +147,7 @@ def test_the_rest_of_a_band_is_kept(predicted, measured, monkeypatch):
     np.testing.assert_allclose(bands[0].low_hz[~gap], whole[0].low_hz[~gap], rtol=1e-4)
     np.testing.assert_array_equal(bands[1].low_hz, whole[1].low_hz)
     assert bands[0].coverage == pytest.approx(whole[0].coverage, abs=0.05)
-    told = list(warnings_of_choice([found], bands))
+    told = list(warn_of_choice([found], bands))
     assert told[0].startswith("mode 2: there is no band at 1.6")
     assert "where the model does not converge for most draws: take fewer harmonics" in told[0]
     assert None in plain(bands[0].low_hz)
@@ -178,10 +178,10 @@ def test_one_mode_without_a_band_leaves_the_other_and_none_is_told(predicted, me
 
 
 def test_sentences_of_points():
-    assert warnings.named_points(np.array([1e-3, 2e-3]), np.array([True, False]), "10") == (
+    assert warnings.describe_points(np.array([1e-3, 2e-3]), np.array([True, False]), "10") == (
         "1 mm of sensor '10' (point 1 of 2)"
     )
-    many = warnings.named_points(np.linspace(1e-3, 1e-2, 10), np.ones(10, dtype=bool), "10")
+    many = warnings.describe_points(np.linspace(1e-3, 1e-2, 10), np.ones(10, dtype=bool), "10")
     assert many == "1 to 10 mm of sensor '10' (points 1, 2, 3 and 7 more of 10)"
 
 
@@ -228,14 +228,14 @@ def test_beside_an_interaction_the_curve_is_that_of_the_whole_structure(wing):
     system, measured = wing
     data = backbone_data(system, measured)
     mode = data.modes[1]
-    assert (met_modes(data, mode) + 1).tolist() == [12, 13]
+    assert (find_met_modes(data, mode) + 1).tolist() == [12, 13]
     third = 3 * np.sqrt(mode.eigenvalue) / (2 * np.pi)
     apart = np.abs(third / system.frequency_hz[12] - 1) > 0.02
     exact = backbone_family(
         system, PAPERS_CUBIC.kinds, PAPERS_CUBIC.coefficients([[WING_THETA]]),
         mode=8, sensor="10", amplitude=np.sort(mode.amplitude[apart]), harmonics=(1, 3),
     )  # fmt: skip
-    eigenvalue, _, _, _ = curves_of(data, mode, PAPERS_CUBIC)(np.array([[WING_THETA]]))
+    eigenvalue, _, _, _ = make_curves(data, mode, PAPERS_CUBIC)(np.array([[WING_THETA]]))
     order = np.argsort(mode.amplitude[apart])
     np.testing.assert_allclose((mode.between @ eigenvalue[0])[apart][order], exact.eigenvalue[0], rtol=5e-5)
 
@@ -251,23 +251,23 @@ def test_the_first_harmonic_keeps_the_modes_that_others_meet(wing):
     flexibility = [one.at_joints / (one.eigenvalue - middle) @ one.at_joints.T for one in (system, smooth)]
     np.testing.assert_allclose(flexibility[0], flexibility[1], rtol=1e-9)
     with_one_harmonic = replace(data, harmonics=(1,))
-    assert met_modes(with_one_harmonic, mode).size == 0
+    assert find_met_modes(with_one_harmonic, mode).size == 0
     assert without_interactions(with_one_harmonic, mode) is system
 
 
 def test_measured_points_at_an_interaction_are_told(wing_structure):
     system = reduce(wing_structure, {"E_aluminium": 0.98 * 0.88, "E_steel": 0.31})
     measured = synthetic_backbones(system, PAPERS_CUBIC, (WING_THETA,), rng=np.random.default_rng(0), linear_error=0.0)
-    told = where_modes_interact(backbone_data(system, measured), PAPERS_CUBIC, [WING_THETA])
+    told = describe_interactions(backbone_data(system, measured), PAPERS_CUBIC, [WING_THETA])
     assert len(told) == 1
     assert told[0].startswith("mode 8 at 2.3")
     assert told[0].endswith("measured amplitudes) harmonic 3 meets mode 13 at 57.53 Hz")
-    (sentence,) = warnings_of_curves((), (), told)
+    (sentence,) = warn_of_curves((), (), told)
     assert sentence.startswith("in mode 8 at 2.3")
-    assert "may lie off the smooth backbone of the model, which knows no interaction" in sentence
+    assert "may lie off the smooth backbone of the model, which leaves interactions out" in sentence
     rough = backbone_data(system, measured, noise=NoiseSettings(point_noise=0.05))
-    assert where_modes_interact(rough, PAPERS_CUBIC, [WING_THETA]) == []
-    assert where_modes_interact(backbone_data(system, measured, harmonics=(1,)), PAPERS_CUBIC, [WING_THETA]) == []
+    assert describe_interactions(rough, PAPERS_CUBIC, [WING_THETA]) == []
+    assert describe_interactions(backbone_data(system, measured, harmonics=(1,)), PAPERS_CUBIC, [WING_THETA]) == []
 
 
 def test_a_band_runs_smoothly_past_an_interaction(wing):

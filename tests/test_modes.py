@@ -114,7 +114,7 @@ def test_modes_do_not_change_with_the_arrays_they_came_from():
         ({"shapes": np.column_stack([np.ones((4, 2)), np.zeros(4)])}, "mode 3 is zero at every sensor"),
         ({"shapes": np.ones(4)}, "one row a sensor and one column a mode"),
         ({"sensors": ("a", "b", "c")}, "give one for each row"),
-        ({"sensors": ("a", "b", "c", "a")}, "'a' stands 2 times"),
+        ({"sensors": ("a", "b", "c", "a")}, "'a' is named 2 times"),
     ],
 )
 def test_what_cannot_be_is_refused(change, words):
@@ -129,7 +129,7 @@ def test_transposed_shapes_are_recognised():
 
 
 def test_too_few_or_dependent_sensors_are_refused_by_the_filter():
-    with pytest.raises(InputError, match="cannot tell 3 modes apart"):
+    with pytest.raises(InputError, match="cannot separate 3 modes"):
         modal_filter(with_sensors(some_modes(), ["a", "b"]))
     with pytest.raises(InputError, match="depend on each other"):
         modal_filter(LinearModes([1, 2], [0, 0], [[1, 2], [1, 2], [2, 4]], ("a", "b", "c")))
@@ -155,7 +155,7 @@ def test_assurance_takes_single_shapes_and_zero_ones():
     ("shapes", "sensors", "words"),
     [
         ([[1.0 + 1j]], ("a",), "shapes is complex: give real normal modes"),
-        ([["x"]], ("a",), "shapes is no array of numbers"),
+        ([["x"]], ("a",), "shapes is not an array of numbers"),
         ([[1.0]], "a", "sensors is 'a': give a sequence of names"),
     ],
 )

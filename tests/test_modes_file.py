@@ -87,7 +87,7 @@ def test_tables_are_read_however_they_are_spelled(tmp_path, text):
         (TABLE.replace("damping_ratio", "damping_raito"), "no row 'damping_ratio'.*did you mean 'damping_raito'"),
         (TABLE.replace("frequency_hz", "omega_rad_s"), "no row 'frequency_hz'"),
         (TABLE + "fn,1,2,3\n", "both stand for frequency_hz"),
-        (TABLE + "tail,1,2,3\n", "'tail' stands 2 times"),
+        (TABLE + "tail,1,2,3\n", "2 rows are called 'tail'"),
         (TABLE.replace("25.5", "about 25"), "line 2 .'frequency_hz'. has 'about 25' where a number"),
         (TABLE.replace("-0.3", "-0.3+0.1j"), "line 5 .'tail'. has the complex value.*real normal modes"),
         (TABLE.replace("-0.3", "-0.3+0.1i"), "real normal modes"),
@@ -150,9 +150,9 @@ def test_faulty_arrays_are_refused(tmp_path, change, words):
 
 def test_files_that_hold_no_modes_are_refused(tmp_path):
     for name, content, words in (
-        ("a.npz", b"no zip", "no sound .npz|Python objects"),
-        ("b.npz", b"PK\x03\x04 cut off", "no sound .npz"),
-        ("c.npz", b"", "no sound .npz"),
+        ("a.npz", b"no zip", "not a valid .npz|Python objects"),
+        ("b.npz", b"PK\x03\x04 cut off", "not a valid .npz"),
+        ("c.npz", b"", "not a valid .npz"),
         ("d.csv", b"sensor,\xff\xfe\n", "not UTF-8"),
         ("e.txt", b"", "npz or .csv"),
     ):

@@ -145,11 +145,11 @@ STATED = "the stated noise of the sensors"
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
-        (0.0005, f"{STATED}, 0.5 mm/s^2, contradicts the runs: what the model leaves is white, at 5 mm"),
-        (0.0025, f"{STATED}, 2.5 mm/s^2, contradicts the runs: what the model leaves is white, at 5 mm"),
+        (0.0005, f"{STATED}, 0.5 mm/s^2, contradicts the runs: the residual of the model is white, with 5 mm"),
+        (0.0025, f"{STATED}, 2.5 mm/s^2, contradicts the runs: the residual of the model is white, with 5 mm"),
         (0.0045, None),
         (0.0075, None),
-        (0.05, f"{STATED}, 50 mm/s^2, contradicts the runs: what the model leaves is white, at 5 mm"),
+        (0.05, f"{STATED}, 50 mm/s^2, contradicts the runs: the residual of the model is white, with 5 mm"),
     ],
 )
 def test_stated_noise_that_the_runs_contradict_is_named_and_bends_nothing(stated, said):

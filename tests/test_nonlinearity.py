@@ -50,7 +50,7 @@ def test_the_papers_stiffness_arctangent_is_a_straight_line_and_said_to_be():
     fit = fit_surface(_surface(paper, noise=0.03), "arctan_displacement")
     verdict = fit.verdicts[0]
     assert not verdict.distinguishable
-    assert "cannot be told from stiffness" in verdict.statement
+    assert "cannot be distinguished from stiffness" in verdict.statement
     # slope and arctangent together are determined all the same
     slope = fit.straight["stiffness_per_mass"] + fit.law.gradient(0.0, 0.0)[0]
     np.testing.assert_allclose(slope, 200 + 36, rtol=0.02)

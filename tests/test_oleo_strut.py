@@ -18,16 +18,16 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS, LINEAR, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
-from opid.suspensions.answer.warnings import doubts_of_gas
+from opid.suspensions.answer.warnings import warn_of_gas
 from opid.suspensions.candidates import gear_body
-from opid.suspensions.fitting.fit import carrying
+from opid.suspensions.fitting.fit import make_carrying_column
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.model.body import rigid_body
 from opid.suspensions.model.driven_model import Model
 from opid.suspensions.model.law_parameters import to_free
 from opid.suspensions.model.run import driven_run
-from opid.suspensions.model.unknowns import Group, known_before
+from opid.suspensions.model.unknowns import Group, compare_with_prior
 from opid.suspensions.sensor_facts import ideal_sensors
 from opid.suspensions.settings import GasSettings, Settings
 from opid.suspensions.study import Run, study_of_gear
@@ -101,7 +101,7 @@ def test_a_run_so_light_that_its_strut_rests_on_its_stop_is_said_to():
     stopped = law_from_parameters("+".join(values), values)
     gear = LandingGear(suspension_stiffness_n_per_m=0.0, suspension_damping_n_s_per_m=2e3, law=stopped)
     without = identify(strut_study(gear), law="gas_column+orifice_damping")
-    assert "a mass change may have put the strut on a stop that the law lacks" in without.not_determined
+    assert "a mass change put the strut on a stop that the law lacks" in without.not_determined
     for removed_kg in (222.0, 100.0):
         found = identify(strut_study(gear, removed_kg=removed_kg), law=stopped.name)
         assert found.parameters.sprung_mass_kg.holds(MASS_KG)
@@ -133,7 +133,7 @@ def gear_rest(gear, removed_n):
 
 
 def test_a_column_that_carries_a_weight_is_as_stiff_as_the_spring_in_its_place():
-    column = carrying("gas_column", WEIGHT_N, 2.6e5)
+    column = make_carrying_column("gas_column", WEIGHT_N, 2.6e5)
     found = law("gas_column", **dict(zip(VALUES["gas_column"], column.values, strict=True)))
     assert float(found.gradient(0.0, 0.0)[0]) == pytest.approx(2.6e5, rel=1e-6)
 
@@ -204,8 +204,8 @@ def test_every_strut_of_an_aircraft_has_gas_of_a_usual_exponent_before_any_measu
     behind = [bool(parameter.known) for parameter in column.parameter_list].index(True)
     exponents = [aircraft.law_indices(number).start + behind for number in range(3)]
     at_usual[exponents] = np.log(usual[0])
-    assert not known_before(aircraft, at_usual, is_held=False)[0][-3:].any()
-    far, by = known_before(aircraft, theta, is_held=False)
+    assert not compare_with_prior(aircraft, at_usual, is_held=False)[0][-3:].any()
+    far, by = compare_with_prior(aircraft, theta, is_held=False)
     np.testing.assert_allclose(far[-3:], np.log(1.27 / usual[0]) * usual[0] / usual[1])
     np.testing.assert_allclose(by[-3:, exponents], np.eye(3) * usual[0] / usual[1])
 
@@ -219,7 +219,7 @@ def test_gas_of_any_strut_is_doubted_and_once_where_struts_share_it():
 
     nose, left, right = body.interfaces
     struts = (on_gas(nose, 1.2), on_gas(left, 1.6, ("right",)), on_gas(right, 1.6, ("left",)))
-    doubts = list(doubts_of_gas(struts, body.study.interfaces, GasSettings()))
+    doubts = list(warn_of_gas(struts, body.study.interfaces, GasSettings()))
     assert len(doubts) == 1
     assert doubts[0].startswith("at 'left, right': the exponent 1.6 of gas_column is unusual")
 
@@ -355,7 +355,7 @@ def test_a_piston_of_no_size_is_refused(area_m2):
 
 @pytest.mark.parametrize(("axis", "remedy"), [("horizontal", "up; leave the area out"), ("down", "give both channels")])
 def test_gas_that_carries_no_weight_or_counts_downwards_has_no_pressure(axis, remedy):
-    with pytest.raises(InputError, match=rf"its axis is '{axis}': gas is told where it carries weight .*{remedy}"):
+    with pytest.raises(InputError, match=rf"its axis is '{axis}': gas is reported only if it carries .*{remedy}"):
         strut_study(on_air(0.004), piston_area_m2=0.004, axis=axis)
 
 
@@ -457,6 +457,6 @@ def test_friction_that_gas_loads_tells_no_mass_where_runs_of_two_masses_are_stat
     assert result.residual_over_noise < 1.2
     assert (result.ratios.stiffness_per_mass.interval95 is None) == is_withheld
     assert (result.ratios.damping_per_mass.interval95 is None) == is_withheld
-    assert ("from the quick curve of the gas" in (result.not_determined or "")) == is_withheld
+    assert ("from the gas curve of quick motion" in (result.not_determined or "")) == is_withheld
     if is_withheld:
         assert result.parameters.sprung_mass_kg == Estimate()

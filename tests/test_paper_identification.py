@@ -168,7 +168,7 @@ def test_a_mass_change_that_did_not_happen_gives_no_mass():
 def test_a_law_that_explains_nothing_is_refused_and_carries_no_numbers(study):
     result = identify_by_paper(study, law="linear")
     assert result.residual_over_noise > result.settings.verdicts.refused
-    assert "would be a guess" in result.not_determined
+    assert "no number is reported" in result.not_determined
     assert any("times the sensor noise" in warning for warning in result.warnings)
     assert (result.parameters, result.ratios) == (GearParameters(), GearRatios())
     assert (result.law_estimates, result.added_mass, result.restoring_force.travel.size) == ({}, None, 0)
@@ -215,7 +215,7 @@ def test_a_real_ground_spring_is_found_and_warned_of():
 def test_a_straight_arctangent_gets_no_interval_and_neither_does_what_it_trades_with():
     straight = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.5)
     result = identify_by_paper(_study(_taxi(LandingGear(law=straight))), law="arctan_velocity")
-    assert any("cannot be told from damping" in warning for warning in result.warnings)
+    assert any("cannot be distinguished from damping" in warning for warning in result.warnings)
     assert result.parameters.suspension_damping_n_s_per_m.interval95 is None
     assert result.ratios.damping_per_mass.interval95 is None
     assert all(each.interval95 is None for each in result.law_estimates["arctan_velocity"].values())

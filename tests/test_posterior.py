@@ -11,7 +11,7 @@ from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.model_class import Prior
 from opid.updating.posterior import density_of, update_class
 from opid.updating.sampling.evidence import Evidence, maximum_a_posteriori
-from opid.updating.warnings import warnings_of_choice, warnings_of_classes
+from opid.updating.warnings import warn_of_choice, warn_of_classes
 
 
 @pytest.fixture(scope="module")
@@ -141,15 +141,13 @@ def test_amplitudes_a_thousand_times_too_small_are_one_sentence():
         update_class(data, each, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
         for each in (made.CUBIC, made.BOTH)
     ]
-    (sentence,) = warnings_of_classes(found)
-    assert sentence.startswith("no class moves the frequencies by more than 5 % of their measured growth: look at the")
+    (sentence,) = warn_of_classes(found)
+    assert sentence.startswith("no class moves the frequencies by more than 5 % of their measured growth: check the")
     assert "unit of the amplitudes" in sentence
-    assert list(warnings_of_choice(found, ())) == []
-    whole = replace(found[0], warnings=("one", "two"), moves_nothing=False)
-    assert warnings_of_classes([whole, found[1]])[:2] == ["class 'cubic': one", "class 'cubic': two"]
-    assert warnings_of_classes([whole, found[1]])[2].startswith(
-        "class 'cubic and quintic': no theta that its prior allows"
-    )
+    assert list(warn_of_choice(found, ())) == []
+    whole = replace(found[0], warnings=("one", "two"), has_no_effect=False)
+    assert warn_of_classes([whole, found[1]])[:2] == ["class 'cubic': one", "class 'cubic': two"]
+    assert warn_of_classes([whole, found[1]])[2].startswith("class 'cubic and quintic': no theta that its prior allows")
 
 
 def test_the_prior_of_any_class_may_decide(cubic):
@@ -165,13 +163,13 @@ def test_the_prior_of_any_class_may_decide(cubic):
             for name, (value, change) in zip(names, given, strict=True)
         ]
 
-    assert list(warnings_of_choice(ranked((50.0, -0.69), (47.0, -0.69), (40.0, 5.0)), ())) == []
-    (own,) = warnings_of_choice(ranked((50.0, -4.0), (47.0, -0.69), (40.0, 0.0)), ())
+    assert list(warn_of_choice(ranked((50.0, -0.69), (47.0, -0.69), (40.0, 5.0)), ())) == []
+    (own,) = warn_of_choice(ranked((50.0, -4.0), (47.0, -0.69), (40.0, 0.0)), ())
     assert own.startswith("with a prior of theta_1 twice as wide, 'second' would come before 'first' (-4.0 against 3.0")
-    (third,) = warnings_of_choice(ranked((50.0, -0.69), (47.0, -0.69), (40.0, 12.0)), ())
+    (third,) = warn_of_choice(ranked((50.0, -0.69), (47.0, -0.69), (40.0, 12.0)), ())
     assert third == (
         "with a prior of its theta_1 twice as wide, 'third' would come before 'first' (+12.0 against 10.0 in log "
-        "evidence): the prior decides"
+        "evidence): the prior decides, so give reasons for its width"
     )
 
 

@@ -278,5 +278,5 @@ def test_damping_that_changed_much_is_named_where_the_mass_is_not_told():
     runs = runs_that_differ(Departure(damper=-0.1), duration_s=25)
     result = identify(gear_study(*runs, repeatability=None), law=LAW)
     if result.parameters.sprung_mass_kg.value is None:
-        assert "hides what the mass change of 220 kg does" in result.not_determined
+        assert "hides the effect of the mass change of 220 kg" in result.not_determined
     assert any("the damping" in each and "in run 'light'" in each for each in result.warnings)

@@ -620,9 +620,12 @@ def test_a_truth_keeps_where_its_laws_rest(record, tmp_path):
     ("text", "message"),
     [
         ("{}", "it has no 'schema'"),
-        ("[1]", "a value in it is not what such a file holds"),
-        ("not JSON", r"is no truth of a simulated field test, it is no JSON .line 1: .*give the truth.json that"),
-        ('{"schema": "opid.identification/1"}', "'opid.truth/1' is needed: it is no truth of a simulated field test"),
+        ("[1]", "one of its values is not of the kind that such a file holds"),
+        ("not JSON", r"is not the truth of a simulated field test, it is not JSON .line 1: .*give the truth.json that"),
+        (
+            '{"schema": "opid.identification/1"}',
+            "'opid.truth/1' is needed: it is not the truth of a simulated field test",
+        ),
         ('{"schema": "opid.truth/1", "parameters": {}}', "it has no 'sprung_mass_kg'"),
         (
             '{"schema": "opid.truth/1", "parameters": {"sprung_mass_kg": 1, "suspension_stiffness_n_per_m": 1, '

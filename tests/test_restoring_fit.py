@@ -114,7 +114,7 @@ def test_what_cannot_be_fitted_is_said(noisy):
     tests = noisy[0]
     with pytest.raises(InputError, match="the order is 6: give 1"):
         fit_mode(tests, 1, stiffness_order=6, damping_order=1)
-    with pytest.raises(InputError, match="moves mode 1 more than the others"):
+    with pytest.raises(InputError, match="moves mode 1 more than the other modes"):
         fit_mode([], 1)
     with pytest.raises(InputError, match=r"puts no energy into 300 to 330 Hz"):
         fit_mode(tests, 1, band_hz=(300.0, 330.0), **CUBIC)

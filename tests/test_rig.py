@@ -197,7 +197,10 @@ RNG = np.random.default_rng(0)
         (lambda: rig_run(rig(), np.zeros((9, 2)), fs=FS, rng=RNG), r"the voltage has shape \(9, 2\)"),
         (lambda: rig_run(rig(), np.full(99, np.nan), fs=FS, rng=RNG), "not finite"),
         (lambda: rig_run(rig(), np.zeros(99), fs=FS, rng=RNG, noise_share=-1.0), "noise_share is -1.0"),
-        (lambda: drive(open_rig(rig(), FS), open_rig(rig(), FS).start, np.zeros((3, 1))), "one voltage a half step"),
+        (
+            lambda: drive(open_rig(rig(), FS), open_rig(rig(), FS).start, np.zeros((3, 1))),
+            "one voltage for each half step",
+        ),
         (lambda: drive(open_rig(rig(), FS), open_rig(rig(), FS).start, np.zeros(4)), "the forces have shape"),
         (lambda: impact(rig(), peak_n=1.0, pulse_s=1e-3, fs=FS, duration_s=1.0, rng=RNG), "four samples or more"),
         (lambda: impact(rig(), peak_n=1.0, pulse_s=0.01, fs=FS, duration_s=0.02, rng=RNG), "inside the record"),

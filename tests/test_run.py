@@ -53,7 +53,7 @@ def run_of(unsprung=SIGNALS[:, :3], sprung=SIGNALS[:, 3:7], leaks=SIGNALS[:, 7:1
 @pytest.mark.parametrize("coarse", [False, True])
 def test_derivatives_are_the_limits_of_differences(side, fault, coarse):
     run = replace(run_of(), stride=2) if coarse else run_of()
-    corrected = partial(run.corrected, side)
+    corrected = partial(run.correct, side)
     by = {name: (channel, column) for name, channel, column in corrected(ALL, AWAY).by}
     step = 1e-6 * max(abs(AWAY[fault.name]), 0.01)
     ahead, behind = (corrected(ALL, AWAY | {fault.name: AWAY[fault.name] + sign * step}).value for sign in (1, -1))
@@ -72,19 +72,19 @@ def test_derivatives_are_the_limits_of_differences(side, fault, coarse):
 
 
 def test_derivatives_stand_where_the_predictor_takes_them():
-    corrected = run_of().corrected("sprung", ALL, AWAY)
+    corrected = run_of().correct("sprung", ALL, AWAY)
     directions = corrected.directions(4)
     assert directions.shape == (N, len(corrected.by), 4)
     for place, (_, channel, column) in enumerate(corrected.by):
         np.testing.assert_array_equal(directions[:, place, channel], column)
         assert not np.delete(directions[:, place], channel, axis=1).any()
-    assert run_of().corrected("sprung", ideal_sensors(3, 4), {}).directions(4) is None
+    assert run_of().correct("sprung", ideal_sensors(3, 4), {}).directions(4) is None
 
 
 def test_ideal_sensors_change_nothing_but_the_mean():
     run = run_of(SIGNALS[:, :3] + 9.8, SIGNALS[:, 3:7] - 3.0, None)
     sensors = ideal_sensors(3, 4)
-    drive, readings = run.corrected("unsprung", sensors, {}), run.corrected("sprung", sensors, {})
+    drive, readings = run.correct("unsprung", sensors, {}), run.correct("sprung", sensors, {})
     assert drive.by == readings.by == ()
     below, above = (samples - samples.mean(axis=0) for samples in (SIGNALS[:, :3], SIGNALS[:, 3:7]))
     np.testing.assert_allclose(drive.value, half_steps(below), atol=1e-12)
@@ -116,8 +116,8 @@ def test_an_ac_coupling_is_undone(corner_hz):
     run = run_of(reading, reading, None)
     time = np.arange(N) / FS
     for found in (
-        run.corrected("unsprung", one(facts, facts), {}).value[::2, 0],
-        run.corrected("sprung", one(facts, facts), {}).value[:, 0],
+        run.correct("unsprung", one(facts, facts), {}).value[::2, 0],
+        run.correct("sprung", one(facts, facts), {}).value[:, 0],
     ):
         # a straight line is left; with the mean alone taken off it would grow to 0.5 to 2 m/s^2
         slope, constant = np.polyfit(time, found - SIGNALS[:, 0], 1)
@@ -131,7 +131,7 @@ def test_a_lag_is_undone(samples):
     lag_s = samples / FS
     sensors = one(above=SensorFacts(lag_tolerance_s=0.01))
     reading = read(SIGNALS[:, 1], lag_s=lag_s)
-    found = run_of(SIGNALS[:, 0], reading, None).corrected("sprung", sensors, {"lag_s": lag_s}).value[:, 0]
+    found = run_of(SIGNALS[:, 0], reading, None).correct("sprung", sensors, {"lag_s": lag_s}).value[:, 0]
     assert np.std((found - SIGNALS[:, 1])[INTERIOR]) < 3e-3
     assert np.std((reading - SIGNALS[:, 1])[INTERIOR]) > 0.1 * samples
 
@@ -144,8 +144,8 @@ def test_gains_are_divided_out_and_leaks_taken_out_of_the_side_that_they_went_in
     run = run_of(lower, upper, SIGNALS[:, 2:4])
     # a leak is a fraction of the reading: this one came in before the gain
     faults = {"gain_unsprung": 1.03, "gain_sprung": 0.97, "leak[0]": 0.03 * 1.03, "leak[1]": -0.02 * 0.97}
-    np.testing.assert_allclose(run.corrected("unsprung", sensors, faults).value[::2, 0], SIGNALS[:, 0], atol=1e-12)
-    np.testing.assert_allclose(run.corrected("sprung", sensors, faults).value[:, 0], SIGNALS[:, 1], atol=1e-12)
+    np.testing.assert_allclose(run.correct("unsprung", sensors, faults).value[::2, 0], SIGNALS[:, 0], atol=1e-12)
+    np.testing.assert_allclose(run.correct("sprung", sensors, faults).value[:, 0], SIGNALS[:, 1], atol=1e-12)
 
 
 # ---- lines, rates ----------------------------------------------------------------------------------
@@ -183,11 +183,11 @@ def test_a_run_is_thinned_as_far_as_its_steps_and_its_band_allow(fs, band_hz, st
     coarse = run.coarse
     assert (coarse is run) == (stride == 1)
     assert (coarse.stride, coarse.fs) == (stride, fs / stride)
-    drive = coarse.corrected("unsprung", ideal_sensors(1, 1), {}).value
+    drive = coarse.correct("unsprung", ideal_sensors(1, 1), {}).value
     assert drive.shape == (2 * coarse.n_samples - 1, 1)
     assert coarse.n_samples * stride <= len(noise)
     # readings are compared as they are, at the instants of the steps
-    readings = coarse.corrected("sprung", ideal_sensors(1, 1), {}).value
+    readings = coarse.correct("sprung", ideal_sensors(1, 1), {}).value
     np.testing.assert_array_equal(readings, run.sprung[::stride][: coarse.n_samples])
     # the same band, but for the few samples that make no even number of steps
     assert coarse.omega[-1] == pytest.approx(run.omega[-1], rel=0.01)
@@ -198,7 +198,7 @@ def test_a_slow_drive_is_the_same_at_a_coarse_rate_and_what_would_fold_is_gone()
         wave = np.sin(2 * np.pi * hz * np.arange(n) / fs)[:, np.newaxis]
         coarse = driven_run(wave, wave, fs=fs).coarse
         # a filter needs some samples at either end
-        return coarse, coarse.corrected("unsprung", ideal_sensors(1, 1), {}).value[200:-200, 0]
+        return coarse, coarse.correct("unsprung", ideal_sensors(1, 1), {}).value[200:-200, 0]
 
     coarse, drive = at_a_coarse_rate(10.0, 2000.0, 20_000)
     time = np.arange(200, 200 + drive.size) / (2 * coarse.fs)
@@ -278,7 +278,7 @@ def test_a_delay_is_that_of_a_quintic_spline_and_is_held_beyond_the_ends(steps):
     late = ideal_sensors(1, 1).changed("sprung", 0, lag_tolerance_s=0.1)
     samples = SIGNALS[:, 3]
     run = driven_run(SIGNALS[:, 0], samples, fs=FS)
-    corrected = run.corrected("sprung", late, {late.faults[0].name: steps / FS})
+    corrected = run.correct("sprung", late, {late.faults[0].name: steps / FS})
     spline = interpolate.make_interp_spline(np.arange(N), samples, k=5)
     place = np.arange(N) + steps
     inner = slice(40, -40)

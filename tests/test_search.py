@@ -14,7 +14,7 @@ from opid.signals.recording import Recording
 from opid.suspensions import candidates
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
 from opid.suspensions.fitting import search
-from opid.suspensions.fitting.search import Question, find_model, folded_power, is_hopeless, judged
+from opid.suspensions.fitting.search import Question, find_model, is_hopeless, judge_search, measure_folded_power
 from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
 from opid.suspensions.model.run import driven_run
@@ -46,7 +46,7 @@ def found_of(runs, question, law=LINEAR):
 
 def test_a_given_law_is_the_only_one_that_is_tried():
     question = Question(law_is_given=True)
-    found = judged(found_of(runs_of(DEFAULT_LAW), question, DEFAULT_LAW), question)
+    found = judge_search(found_of(runs_of(DEFAULT_LAW), question, DEFAULT_LAW), question)
     (step,) = found.ladder
     assert (step.law_name, step.method, step.kept) == ("arctan_velocity", "given", True)
     assert step.left_out == pytest.approx(NOISE, rel=0.05)
@@ -60,9 +60,9 @@ def test_a_friction_that_remembers_and_leaves_more_than_noise_is_tried_anew():
     model, start = begun(runs, question)
 
     def asked(name, question):
-        best = search.Found(fitted(runs, default_law(name)), ())
+        best = search.SearchResult(fitted(runs, default_law(name)), ())
         assert not search.is_noise(best.fit)
-        return search._Search(start, question, lambda step: None, model.settings)._from_own_equation(model, best)
+        return search._Search(start, question, lambda step: None, model.settings)._start_from_own_equation(model, best)
 
     found = asked("dahl_friction", question)
     assert found.fit.law_name == "iwan_friction"
@@ -90,7 +90,7 @@ def test_a_fit_that_forgets_the_first_periods_must_leave_noise_to_be_likelier(mo
 @pytest.mark.parametrize("method", ["pursuit", "sparse regression", "both"])
 def test_every_method_ends_at_the_true_law(method):
     question = Question(method_of_law=method)
-    found = judged(found_of(runs_of(default_law("quadratic_damping")), question), question)
+    found = judge_search(found_of(runs_of(default_law("quadratic_damping")), question), question)
     assert found.fit.law_name == "quadratic_damping"
     assert found.fit.ratio == pytest.approx(1.0, abs=0.05)
     assert [step.law_name for step in found.ladder if step.kept][-1] == "quadratic_damping"
@@ -163,9 +163,9 @@ def test_a_wrong_structure_is_refused_on_pieces_of_the_runs(monkeypatch, long_ru
 def test_only_what_explains_nothing_begins_in_vain(long_runs):
     """A wrong structure does; a right one does not, nor does one whose law is missing."""
     question = Question(law_is_given=True)
-    assert search.begins_in_vain(*begun([swapped(run) for run in long_runs], question), question)
-    assert not search.begins_in_vain(*begun(long_runs, question, DEFAULT_LAW), question)
-    assert not search.begins_in_vain(*begun(long_runs, question), question)
+    assert search.is_start_useless(*begun([swapped(run) for run in long_runs], question), question)
+    assert not search.is_start_useless(*begun(long_runs, question, DEFAULT_LAW), question)
+    assert not search.is_start_useless(*begun(long_runs, question), question)
 
 
 def test_runs_without_loading_are_not_searched_where_no_run_is_explained(monkeypatch):
@@ -210,11 +210,11 @@ def test_a_coupling_that_nobody_stated_is_looked_for_on_whole_runs(monkeypatch, 
 
     monkeypatch.setattr(search._Search, "first_fit", lambda self, model, theta: fit)
     monkeypatch.setattr(search._Search, "try_several", try_several)
-    monkeypatch.setattr(search._Search, "_coupled", with_coupling)
+    monkeypatch.setattr(search._Search, "_search_with_coupling", with_coupling)
     for name, answer in (("is_hopeless", True), ("runs_contradict_each_other", False)):
         monkeypatch.setattr(search, name, lambda fit, answer=answer: answer)
-    monkeypatch.setattr(search, "_shares_nothing", lambda fit: False)
-    monkeypatch.setattr(search, "_strongest_pieces", lambda model: pieces)
+    monkeypatch.setattr(search, "_is_unrelated_to_drive", lambda fit: False)
+    monkeypatch.setattr(search, "_take_strongest_pieces", lambda model: pieces)
     started = search._Search(None, Question(), print, settings)
     if explains:
         assert started.find(whole, np.zeros(1)) is coupled
@@ -365,11 +365,11 @@ def test_folded_power_is_that_of_the_lines_that_fold():
     """Of white noise it is one; a tone counts where thinning by two takes it for one of the band."""
     run = driven_run(np.zeros((5120, 1)), np.zeros((5120, 1)), fs=512.0)
     white = np.random.default_rng(0).standard_normal((1, 5120))
-    assert folded_power(white, run, run.coarse) == pytest.approx(1.0, abs=0.2)
+    assert measure_folded_power(white, run, run.coarse) == pytest.approx(1.0, abs=0.2)
     time_s = np.arange(5120) / 512.0
     for tone_hz, counts in ((240.0, True), (220.0, True), (200.0, False), (16.0, False)):
         tone = np.sin(2 * np.pi * tone_hz * time_s)[np.newaxis]
-        assert (folded_power(tone, run, run.coarse) > 1.0) == counts, tone_hz
+        assert (measure_folded_power(tone, run, run.coarse) > 1.0) == counts, tone_hz
 
 
 def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(fast, monkeypatch):

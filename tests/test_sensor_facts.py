@@ -101,5 +101,5 @@ def test_the_mean_of_a_pair_errs_less_and_keeps_its_corner_and_leaks():
 
 def test_unlike_corners_have_no_mean():
     sensors = Sensors((IDEAL, IDEAL), (SensorFacts(corner_hz=0.33, corner_tolerance=0.2), IDEAL), ("left", "right"))
-    with pytest.raises(NotDeterminedError, match=r"the sprung sensors have unlike corners .*\(0.33 and none, in Hz\)"):
+    with pytest.raises(NotDeterminedError, match=r"sprung sensors have different corners .*\(0.33 and none, in Hz\)"):
         sensors.mean_of((0, 1))

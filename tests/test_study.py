@@ -67,7 +67,7 @@ FAULTS = [
     (with_left(x_m=math.nan), "interface 'left': x_m is nan, give a place within 200 m"),
     (with_left(y_m=1600.0), "interface 'left': y_m is 1600, give a place within 200 m"),
     (with_left(sensor_y_m=math.inf), "interface 'left': sensor_y_m is inf"),
-    (with_left(x_m=0.0, y_m=-1.58), "'left' and 'right' are both at .* two suspensions cannot be at one place"),
+    (with_left(x_m=0.0, y_m=-1.58), "'left' and 'right' are both at .* two suspensions cannot be at one position"),
     (
         with_left(sensor_x_m=9.0),
         r"sensor at \(9, 1.6\) m, more than 5 m apart: .*, the others in \[\[body_sensors\]\]",
@@ -101,11 +101,11 @@ FAULTS = [
         "'shared' names 'rigth', which is no interface: did you mean 'right'",
     ),
     (with_structure(shared=(("left", "right"), ("left",))), "'shared' names 'left' twice"),
-    (with_left(x_m=2.5, y_m=-0.8), "the interfaces are at .* which is one line or less: a rigid body in heave"),
-    ({"interfaces": THREE[:2]}, "take kind = 'single' or 'pair', or mend the coordinates"),
+    (with_left(x_m=2.5, y_m=-0.8), "the interfaces are at .* all on one line: a rigid body in heave"),
+    ({"interfaces": THREE[:2]}, "take kind = 'single' or 'pair', or correct the coordinates"),
     (
         {"interfaces": tuple(replace(each, sensor_y_m=0.0) for each in THREE)},
-        "the sensors on the body are at .* one line or less",
+        "the sensors on the body are at .* all on one line",
     ),
     ({"interfaces": THREE[:2], **with_structure("pair")}, "kind is 'pair' and no two interfaces mirror each other"),
     (with_runs(), "there are no runs, give at least one"),

@@ -165,7 +165,7 @@ def test_what_it_cannot_go_on_with():
         run(lambda t: np.full(len(t), np.nan), log_prior, sample)
     with pytest.raises(InputError, match="one number for each row"):
         run(lambda t: t, log_prior, sample)
-    with pytest.raises(InputError, match="different priors"):
+    with pytest.raises(InputError, match="for the same prior"):
         run(lambda t: t[:, 0], log_prior, lambda n, rng: rng.uniform(-10, 0, (n, 1)))
     with pytest.raises(InputError, match="sample_prior returned shape"):
         run(lambda t: t[:, 0], log_prior, lambda n, rng: rng.uniform(0, 1, n))

@@ -134,7 +134,7 @@ def test_settings_of_the_papers_forms_are_for_both_phases_of_these(monkeypatch):
         assert found == {"cov": noise.cov, "weight": 2.0, "shape_std": None, "shape_factor": 3.0}
     assert settings_of_phase_i(monkeypatch, noise=noise) == settings_of_phase_i(monkeypatch)
     told = update_study(study(noise=noise, classes=(made.CUBIC,))).warnings
-    assert any("recommended form does not use weight, cov, shape_factor: leave out what" in each for each in told)
+    assert any("does not use weight, cov, shape_factor: leave these settings out" in each for each in told)
 
 
 def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from_phase_i(monkeypatch):
@@ -168,8 +168,8 @@ def test_a_class_without_backbones_is_left_out_with_a_reason(monkeypatch):
     monkeypatch.setattr(posterior, "likelihood_function", some)
     found = update_study(study(n_samples=1000))
     assert [each.model_class.name for each in found.classes] == ["cubic"]
-    assert any("'quadratic' is left out" in each for each in found.warnings)
-    with pytest.raises(NotDeterminedError, match="'quadratic' is left out"):
+    assert any("'quadratic' has no posterior and is left out" in each for each in found.warnings)
+    with pytest.raises(NotDeterminedError, match="'quadratic' has no posterior and is left out"):
         update_study(study(classes=(made.QUADRATIC,)))
 
 
@@ -186,7 +186,7 @@ def test_a_class_without_backbones_is_left_out_with_a_reason(monkeypatch):
         ({"harmonics": (3,)}, r"harmonics are \[3\]"),
         ({"n_internal": -1}, "n_internal is -1"),
         ({"parameters": {"plate": BOUNDS}}, "give its matrices or name no parameter"),
-        ({"structure": made.structure(), "parameters": {"steel": BOUNDS}}, "parameter 'steel' is none"),
+        ({"structure": made.structure(), "parameters": {"steel": BOUNDS}}, "no parameter 'steel'"),
         ({"structure": replace(made.structure(), joints={})}, "has no joint"),
         ({"structure": replace(made.system(), sensors=("a", "b", "c", "d", "e"))}, "sensors plate"),
     ],
@@ -206,4 +206,4 @@ def test_everything_wrong_is_said_at_once():
 def test_classes_that_cannot_be_told_apart_are_doubted():
     twin = ModelClass("the same", made.CUBIC.kinds, made.CUBIC.scales, made.CUBIC.priors)
     found = update_study(study(classes=(made.CUBIC, twin)))
-    assert any("cannot tell them apart" in each for each in found.warnings)
+    assert any("cannot distinguish them" in each for each in found.warnings)

@@ -145,7 +145,7 @@ def test_everything_that_is_wrong_is_said_at_once(place):
     assert "7 faults" in told
     refused(place, STUDY.replace("E = [", "F = ["), "[structure.priors] has 'F', which is no parameter to update")
     refused(place, STUDY.replace('"lognormal"', '"flat"'), "'E' in [structure.priors] holds 'flat', give a list like")
-    refused(place, STUDY.replace("1, 0.3", "1, -3"), "[structure.priors] 'E': a lognormal prior with a standard deviat")
+    refused(place, STUDY.replace("1, 0.3", "1, -3"), "[structure.priors] 'E': a lognormal prior has a standard deviat")
 
 
 def test_a_table_at_fault_does_not_hide_what_is_wrong_elsewhere(place):
@@ -169,7 +169,7 @@ def test_what_is_wrong_with_many_files_is_said_once(place):
     for number in range(5):
         (place / f"{number}.csv").write_text("frequency_hz,tipp [mm]\n1,2\n", encoding="utf-8")
         text += f'[[backbones]]\nfile = "{number}.csv"\nmode = 1\ncontrolled_sensor = "tip"\n'
-    told = refused(place, text, "[[backbones]] 5 files ('0.csv' and 4 others): the column 'tipp [mm]' is no sensor")
+    told = refused(place, text, "[[backbones]] 5 files ('0.csv' and 4 others): the column 'tipp [mm]' is not a sensor")
     assert "faults" not in told
 
 
@@ -219,7 +219,7 @@ def test_what_update_study_would_refuse_is_said_when_the_study_is_read(place):
     even = STUDY.replace('law = "cubic"\nscale = "0.068 N/mm^3"', 'law = "even quadratic"\nscale = 1e5')
     told = refused(place, 'form = "paper"\n' + even + "[noise]\ncov = {4 = 0.01}\n", "3 faults", "cov names mode 4")
     assert "class 'class 2': even_quadratic_stiffness is not odd" in told
-    assert "the curves of mode 1 do not tell how lambda varies" in told
+    assert "the curves of mode 1 do not show how lambda varies" in told
     other = curve_of(name="b")
     write_backbone(replace(other, sensors=DOFS[1:], amplitude=other.amplitude[:, 1:]), place / "b.csv")
     twice = STUDY + '[[backbones]]\nfile = "b.csv"\nmode = 1\ncontrolled_sensor = "tip"\n'

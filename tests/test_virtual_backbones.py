@@ -100,7 +100,7 @@ def test_the_linear_error_is_common_to_a_mode_and_fades_with_the_nonlinearity(sy
         ({"amplitude_m": ((4e-3, 2e-4), (2e-4, 2e-3))}, "smallest and a largest"),
         ({"amplitude_m": ((2e-4, 4e-3),)}, "for each mode"),
         ({"offset_fraction": -1.0}, "offset_fraction"),
-        ({"point_noise": (1e-4, 1e-4, 1e-4)}, "one a mode"),
+        ({"point_noise": (1e-4, 1e-4, 1e-4)}, "one for each mode"),
         ({"amplitude_jitter": 0.6}, "cross"),
         ({"controlled_sensor": "15"}, "no sensor '15'"),
         ({"modes": (7, 40)}, "no mode 40"),

@@ -94,7 +94,7 @@ def test_a_spring_that_gives_way_at_once_is_found_its_place(sign):
 
 def test_a_spring_that_cannot_carry_the_weight_is_named():
     yielding = Interface(0.0, 1.0, law=law("arctan_displacement", amplitude_n=1e3, scale_m=0.01))
-    with pytest.raises(UnboundedResponseError, match=r"at most 50 % of the weight.*off its stop: check the mass"):
+    with pytest.raises(UnboundedResponseError, match=r"at most 50 % of the weight.*beyond its stop: check the mass"):
         find_rest([yielding], np.ones((1, 1)), np.array([-2e3]))
 
 

@@ -131,8 +131,8 @@ def test_a_single_track_is_a_road():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: tracks(()), "one finite number a wheel"),
-        (lambda: tracks((0.0, np.nan)), "one finite number a wheel"),
+        (lambda: tracks(()), "one finite number for each wheel"),
+        (lambda: tracks((0.0, np.nan)), "one finite number for each wheel"),
         (lambda: tracks(length_m=-1.0), "length is -1.0 m"),
         (lambda: tracks(footprint_m=-0.3), "footprint -0.3 m"),
         (lambda: iso8608_tracks("b", lateral_m=(0.0,), length_m=9.0, rng=np.random.default_rng(1)),

@@ -1,6 +1,6 @@
-"""A body on suspensions whose unsprung sides are measured: its response, and what its sensors read next.
+"""A body on suspensions whose unsprung sides are measured: its response, and the prediction of its sensors.
 
-Nothing is known of the ground. Below each suspension (interface) an accelerometer gives u = x1''; the relative motion
+The ground is unknown. Below each suspension (interface) an accelerometer gives u = x1''; the relative motion
 z = x2 - x1 of each interface then obeys
 
     z'' = -A F - u,    F_i = K_i z_i + C_i z_i' + f_i(z_i, z_i') + G_i x2_i,    x2'' = -A F,
@@ -10,10 +10,10 @@ measured acceleration is never integrated: it drives a damped system, so nothing
 
 The measured acceleration is noisy. A free simulation (`driven_response`) carries that noise along, more so where a law
 is stiff, where a ground spring takes part, or where an AC coupling was undone. `predict` therefore corrects the motion
-by every reading on the body, by as much as the noise of the sensors allows: a Kalman filter about the nonlinear
-trajectory. What is left, the innovation, is white for the true model, whatever the law is, and least squares over it
+by every reading on the body, by as much as the noise of the sensors allows: it is a Kalman filter about the nonlinear
+trajectory. The remainder, the innovation, is white for the true model, whatever the law is, and least squares over it
 are maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4). With an exact drive and a
-known start nothing is corrected.
+known start there is no correction.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from opid.mechanics.kernels import law_arrays, predictor
 from opid.mechanics.laws.law import LINEAR, FloatArray, TermSet
 
 N_HEAD = 4
-"""Parameters of an interface before those of its law: stiffness, damping, ground stiffness, where the law rests."""
+"""Number of parameters of an interface before those of its law: stiffness, damping, ground stiffness, rest position."""
 
 
 class UnboundedResponseError(NotDeterminedError):
-    """A driven body whose motion grows without bound: no such suspension was recorded."""
+    """A driven body whose motion grows without bound, which no recorded suspension does."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class Interface:
     """One suspension between a measured unsprung side and the body.
 
     Args:
-        stiffness: K, N/m.
-        damping: C, N s/m.
-        ground_stiffness: G, from the body to the ground at this place, N/m.
-        law: f(z, z'), N, and where it rests.
+        stiffness: stiffness K, N/m.
+        damping: damping C, N s/m.
+        ground_stiffness: stiffness G of a spring from the body to the ground at this interface, N/m.
+        law: law f(z, z'), N, with its position at rest.
     """
 
     stiffness: float
@@ -54,7 +54,7 @@ class Interface:
 
     @property
     def n_parameters(self) -> int:
-        """Stiffness, damping, ground stiffness, where the law rests, and the parameters of the law."""
+        """Number of parameters: stiffness, damping, ground stiffness, rest position, and those of the law."""
         return N_HEAD + self.law.vector.size
 
 
@@ -67,8 +67,8 @@ class DrivenResponse:
         velocity: (n, n_interfaces) z', m/s.
         acceleration: (n, n_interfaces) x2'' of the body at the interfaces, m/s^2.
         sensitivity: (n, n_interfaces, n_parameters) derivatives of `acceleration`: by stiffness, damping, ground
-            stiffness, rest and law of each interface in turn, by each direction of the accelerance, by each direction
-            of the drive, and by travel and velocity, position and velocity below the suspension at the start.
+            stiffness, rest position and law of each interface in turn, by each direction of the accelerance, by each
+            direction of the drive, and by travel and velocity, position and velocity below the suspension at the start.
     """
 
     travel: FloatArray
@@ -91,15 +91,16 @@ def driven_response(
 ) -> DrivenResponse:
     """Return the response of a body to the accelerations measured below its suspensions, and its derivatives.
 
-    Classical Runge-Kutta, one step a sample; the derivatives are those of the steps themselves, to the last digit.
+    The method is classical Runge-Kutta, one step for each sample; the derivatives are those of the steps themselves, to
+    the last digit.
 
     Args:
         interfaces: the suspensions.
         accelerance: (n_interfaces, n_interfaces) A, 1/kg.
         drive: (2 n - 1, n_interfaces) u at half steps, m/s^2, see `half_steps`.
-        fs: samples a second, Hz.
-        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
-        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of u to differentiate by.
+        fs: sampling rate, Hz.
+        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A, directions of differentiation.
+        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of u, directions of differentiation.
         start: (4, n_interfaces) z, z', x1 and x1' at the first sample; zero where left out.
         ground: whether x1 is followed; if not, derivatives by ground stiffness, x1 and x1' at the start are zero.
         sensitivity: whether derivatives are wanted; if not, `sensitivity` of the response has no parameter.
@@ -122,7 +123,7 @@ def driven_response(
             f"accelerance, drive and start have shapes {matrix.shape}, {u.shape} and {first.shape}: give ({n}, {n}), "
             f"(2 n_samples - 1, {n}) and (4, {n}) for {n} interface(s)"
         )
-    # exact sensors correct nothing, and for readings of zero the innovation is the negative acceleration of the body
+    # Exact sensors correct nothing, and for readings of zero the innovation is the negative acceleration of the body.
     states = np.concatenate([first if ground else first[:2], np.zeros((2, n))])
     found = predict(
         interfaces,
@@ -141,7 +142,7 @@ def driven_response(
     n_known = found.sensitivity.shape[1]
     by_answer = np.zeros((n, n_known + (2 * n if sensitivity and not ground else 0), len(found.acceleration)))
     np.negative(found.sensitivity, out=by_answer[:, :n_known])
-    # one signal after the other in memory, for transforms along time
+    # The signals lie one after the other in memory, for transforms along time.
     return DrivenResponse(found.travel, found.velocity, found.acceleration, by_answer.transpose(2, 0, 1))
 
 
@@ -149,10 +150,10 @@ def half_steps(samples: ArrayLike) -> FloatArray:
     """Interpolate a band-limited signal at the middle between its samples (Kaiser-windowed sinc).
 
     Args:
-        samples: (n, ...) one signal a column.
+        samples: (n, ...) signals, one for each column.
 
     Returns:
-        (2 n - 1, ...) the samples and what lies between them.
+        (2 n - 1, ...) the samples and the values between them.
 
     >>> t = np.arange(400) / 100.0
     >>> middle = half_steps(np.sin(2 * np.pi * 20 * t))[201:-201:2]
@@ -162,18 +163,18 @@ def half_steps(samples: ArrayLike) -> FloatArray:
     from scipy import ndimage
 
     values = np.asarray(samples, dtype=np.float64)
-    # under a Kaiser window of 8.6 a longer kernel than 32 samples on each side gains nothing
+    # With a Kaiser window of 8.6 a kernel longer than 32 samples on each side has no advantage.
     offset = np.arange(-32, 32) + 0.5
     kernel = np.sinc(offset) * np.kaiser(offset.size, 8.6)
     doubled = np.empty((2 * values.shape[0] - 1, *values.shape[1:]))
     doubled[::2] = values
-    # with an even length entry i lies between samples i and i + 1
+    # With an even length entry i lies between samples i and i + 1.
     doubled[1::2] = ndimage.convolve1d(values, kernel / kernel.sum(), axis=0, mode="mirror")[:-1]
     return doubled
 
 
 def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.ndarray, ...]:
-    """Return interfaces as the compiled functions take them.
+    """Return interfaces in the form that the compiled functions take.
 
     First come stiffness, damping, ground stiffness and, with ground, stiffness at rest including that of the law,
     (n_interfaces, 4); then rows, codes, number of inner values, and the other fields of `LawArrays`.
@@ -185,7 +186,7 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
     if not ground and linear[:, 2].any():
         raise InputError("an interface has a ground stiffness, but ground is False: set it to 0, or leave ground out")
     if ground:
-        # a kind may divide zero by zero at rest before it replaces the result
+        # A kind may divide zero by zero at rest before it replaces the result.
         with np.errstate(all="ignore"):
             linear[:, 3] = [i.stiffness + float(i.law.gradient(0.0, 0.0)[0]) for i in interfaces]
     firsts, codes, *others = law_arrays(*(interface.law for interface in interfaces))
@@ -193,8 +194,8 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
     return linear, firsts, codes, n_inner, *others
 
 
-def directions(name: str, given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
-    """Return directions to differentiate by as an array; `empty` is its shape without any, 0 for their number.
+def read_directions(name: str, given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
+    """Return directions of differentiation as an array; `empty` is its shape without any, 0 for their number.
 
     Raises:
         InputError: the argument called `name` has another shape.
@@ -216,11 +217,11 @@ class Noise:
         drive: rms of the white noise on the drive, m/s^2.
         measured: rms of the white noise on the readings of the body, m/s^2.
         drive_walk: rms step of the drive's offset, a random walk, from sample to sample, m/s^2.
-        measured_walk: rms step of the readings' offset, likewise, m/s^2.
+        measured_walk: rms step of the readings' offset, a random walk, from sample to sample, m/s^2.
         motion: rms of a white noise on z'' alone, m/s^2, which neither the sensors below nor the ground show.
-        unmeasured: rms acceleration of the body by forces that nobody measured, m/s^2, a process of first order; 0 for
-            none.
-        unmeasured_corner_hz: above this frequency its spectral density falls, Hz.
+        unmeasured: rms acceleration of the body by forces that no sensor measured, m/s^2, a process of first order; 0
+            if there are none.
+        unmeasured_corner_hz: frequency above which its spectral density falls, Hz.
     """
 
     drive: float | Sequence[float]
@@ -232,7 +233,7 @@ class Noise:
     unmeasured_corner_hz: float | Sequence[float] = 10.0
 
     def table(self, n: int) -> FloatArray:
-        """(7, n) the rows as the predictor takes them: the last is a rate, 1/s."""
+        """(7, n) rows in the form that the predictor takes; the last is a rate, 1/s."""
         rows = (self.drive, self.measured, self.drive_walk, self.measured_walk, self.motion, self.unmeasured)
         rate = 2 * np.pi * np.asarray(self.unmeasured_corner_hz, dtype=np.float64)
         return np.stack([np.broadcast_to(row, n) for row in (*rows, rate)]).astype(np.float64)
@@ -243,13 +244,14 @@ class Prediction:
     """The prediction of each sample from the ones before it.
 
     Args:
-        innovation: (n_interfaces, n) reading less prediction over its standard deviation; it is white with unit
+        innovation: (n_interfaces, n) reading less prediction, over its standard deviation; it is white with unit
             variance for the true model and noise.
-        spread: (n_interfaces, n) that standard deviation, m/s^2.
+        spread: (n_interfaces, n) standard deviation of reading less prediction, m/s^2.
         sensitivity: (n_interfaces, n_parameters, n) derivatives of `innovation`: by stiffness, damping, ground
-            stiffness, rest and law of each interface in turn, by each direction of the accelerance, of the drive and of
-            the readings, and by travel, velocity (and, with ground, place and velocity below the suspension) at the
-            start, those by ground stiffness zero without ground; no parameters if not asked for.
+            stiffness, rest position and law of each interface in turn, by each direction of the accelerance, of the
+            drive and of the readings, and by travel, velocity (and, with ground, position and velocity below the
+            suspension) at the start. Without ground those by ground stiffness are zero. There are no parameters if no
+            derivatives are wanted.
         travel: (n, n_interfaces) z, m.
         velocity: (n, n_interfaces) z', m/s.
         acceleration: (n, n_interfaces) predicted x2'' of the body at its sensors, m/s^2.
@@ -288,18 +290,18 @@ def predict(
         accelerance: (n_interfaces, n_interfaces) A, 1/kg.
         drive: (2 n - 1, n_interfaces) acceleration below each suspension at half steps, m/s^2.
         measured: (n, n_interfaces) acceleration of the body as the sensor of each interface reads it, m/s^2.
-        fs: samples a second, Hz.
-        noise: of the sensors.
+        fs: sampling rate, Hz.
+        noise: noise of the sensors.
         start: (6 or 4, n_interfaces) rows z, z', [x1, x1'], offset of the drive and of the readings at the first
-            sample; the two in brackets, place and velocity below the suspension, with `ground` only.
-        start_covariance: (6 n_interfaces or 4 n_interfaces, the same) of these, row by row.
-        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
+            sample; the two in brackets, position and velocity below the suspension, with `ground` only.
+        start_covariance: (6 n_interfaces or 4 n_interfaces, the same) covariance of these, row by row.
+        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A, directions of differentiation.
         reading: (n_interfaces, n_interfaces) R, 1/kg, for sensors that are not at their interfaces: the forces F of the
             interfaces make them read -R F; A where left out.
         reading_directions: (n_directions, n_interfaces, n_interfaces) changes of R that go with those of A; those of A
             where left out.
-        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive to differentiate by.
-        measured_directions: (n, n_directions, n_interfaces) changes of the readings to differentiate by.
+        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive, directions of differentiation.
+        measured_directions: (n, n_directions, n_interfaces) changes of the readings, directions of differentiation.
         ground: whether a spring acts between body and ground, which needs the body's own displacement.
         sensitivity: whether derivatives are wanted.
 
@@ -321,16 +323,16 @@ def predict(
     )
     rows = 6 if ground else 4
     seen = matrix if reading is None else np.ascontiguousarray(reading, dtype=np.float64)
-    by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
+    by_accelerance = read_directions("accelerance_directions", accelerance_directions, (0, n, n))
     by_reading = (
         by_accelerance
         if reading_directions is None
-        else directions("reading_directions", reading_directions, (0, n, n))
+        else read_directions("reading_directions", reading_directions, (0, n, n))
     )
     if seen.shape != (n, n) or by_reading.shape != by_accelerance.shape:
         raise InputError(
             f"reading and its directions have shapes {seen.shape} and {by_reading.shape}: give {(n, n)} and "
-            f"{by_accelerance.shape}, as of the accelerance"
+            f"{by_accelerance.shape}, as for the accelerance"
         )
     shapes = (matrix.shape, u.shape, y.shape, first.shape, covariance.shape)
     needed = ((n, n), (2 * y.shape[0] - 1, n), (y.shape[0], n), (rows, n), (rows * n, rows * n))
@@ -352,8 +354,8 @@ def predict(
         reading=seen,
         by_mass=by_accelerance,
         by_reading=by_reading,
-        by_drive=directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
-        by_measured=directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
+        by_drive=read_directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
+        by_measured=read_directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
     )(first.ravel())
     if not (np.isfinite(innovation[:, -1]).all() and np.isfinite(changes[..., -1]).all()):
         raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")

@@ -1,4 +1,4 @@
-"""The force of a law along a motion, with what it remembers on the way, and the energy that it takes in a cycle."""
+"""The force of a law along a motion, with its memory, and the energy that it takes in a cycle."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidates
 
-# number of evaluations that a recorded motion keeps; a fit of three or four inner parameters asks for so many again
+# number of evaluations that a recorded motion keeps; a fit of three or four inner parameters repeats as many
 _N_KEPT = 8
 
 
@@ -30,26 +30,26 @@ class Motion:
 
     def force(self, law: Law) -> FloatArray:
         """Return the force of a law, N, (n,)."""
-        return self.parameter_gradient(law)[:, _amplitudes(law)] @ law.vector[_amplitudes(law)]
+        return self.parameter_gradient(law)[:, _index_amplitudes(law)] @ law.vector[_index_amplitudes(law)]
 
     def parameter_gradient(self, law: Law) -> FloatArray:
         """Return the derivatives of the force by each entry of `law.vector`, (n, n_parameters)."""
         return law.parameter_gradient(self.z, self.v)
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return what memories that are not zero at the start add to the force, (n, n_memories), in any unit."""
+        """Return the forces of memories that are not zero at the start, (n, n_memories), in any unit."""
         return np.empty((self.z.size, 0))
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedPath:
-    """The velocity of a whole record, along which terms that remember are followed.
+    """The velocity of a whole record, along which terms with memory are followed.
 
-    A fit asks for the same term more than once, so the last evaluations are kept.
+    A fit evaluates the same term more than once, so the last evaluations are kept.
 
     Args:
         v: (n,) velocity, m/s: a straight line between samples.
-        fs: samples a second, Hz.
+        fs: sampling rate, Hz.
         is_thinned: whether it has fewer samples than the record; its start columns are then approximate.
     """
 
@@ -68,34 +68,34 @@ class RecordedPath:
         unit = Term(term.name, (1.0, *term.inner))
         found = self._followed.pop(unit, None)
         if found is None:
-            found = np.column_stack([_follow_memory((unit,), self.v, self.fs), self._start_column(unit)])
+            found = np.column_stack([_follow_memory((unit,), self.v, self.fs), self._find_start_column(unit)])
         _keep(self._followed, unit, found)
         return found
 
-    def _start_column(self, unit: Term) -> FloatArray:
+    def _find_start_column(self, unit: Term) -> FloatArray:
         """Return the start column; a thinned path takes that of a term with rounded parameters."""
         if not self.is_thinned:
-            return _start_column(unit, self.v, self.fs)
-        near = _near_by(unit)
+            return _find_start_column(unit, self.v, self.fs)
+        near = _round_parameters(unit)
         found = self._starts.pop(near, None)
         if found is None:
-            found = _start_column(near, self.v, self.fs)
+            found = _find_start_column(near, self.v, self.fs)
         _keep(self._starts, near, found)
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion(Motion):
-    """Samples of a recorded motion: what a law remembers is followed through the whole record.
+    """Samples of a recorded motion: the memory of a law is followed through the whole record.
 
-    What a memory holds where a record begins is unknown. The force that it adds fades and is nearly proportional to it,
-    exactly so for Dahl, LuGre and Maxwell.
+    The memory is unknown where a record begins. The force that it adds fades and is nearly proportional to it, exactly
+    so for Dahl, LuGre and Maxwell.
 
     Args:
         z: (m,) travel of the samples, m.
-        v: (m,) their velocity, m/s.
-        sample: (m,) their positions on the path; between its samples where that is thinned.
-        path: of the whole record.
+        v: (m,) velocity of the samples, m/s.
+        sample: (m,) positions of the samples on the path; between its samples where the path is thinned.
+        path: path of the whole record.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> v = np.full(1000, 0.01)
@@ -114,22 +114,22 @@ class RecordedMotion(Motion):
         for term in law.terms:
             last = first + len(term.values)
             if term.kind.memory is not None:
-                gradient[:, first:last] = self._at_samples(term)[:, :-1]
+                gradient[:, first:last] = self._interpolate_at_samples(term)[:, :-1]
                 gradient[:, first + 1 : last] *= term.amplitude
             first = last
         return gradient
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return what memories that are not zero at the start add to the force, (m, n_memories), in any unit."""
-        columns = [self._at_samples(term)[:, -1] for term in law.terms if term.kind.memory is not None]
+        """Return the forces of memories that are not zero at the start, (m, n_memories), in any unit."""
+        columns = [self._interpolate_at_samples(term)[:, -1] for term in law.terms if term.kind.memory is not None]
         return np.stack(columns, axis=1) if columns else super().start_columns(law)
 
     def part(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> RecordedMotion:
         """Return some of the samples."""
         return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.path)
 
-    def _at_samples(self, term: Term) -> FloatArray:
-        """What `RecordedPath.follow` returns, at the samples."""
+    def _interpolate_at_samples(self, term: Term) -> FloatArray:
+        """Return the columns of `RecordedPath.follow` at the samples."""
         along = self.path.follow(term)
         if not self.path.is_thinned:
             return along[self.sample]
@@ -145,7 +145,7 @@ def _keep(kept: dict[Term, FloatArray], term: Term, found: FloatArray) -> None:
         del kept[next(iter(kept))]
 
 
-def _near_by(term: Term) -> Term:
+def _round_parameters(term: Term) -> Term:
     """Return the term with rounded inner parameters: positive ones to steps of about 20 %, others to 0.2."""
     values = [
         math.exp(0.2 * round(5.0 * math.log(value)))
@@ -162,15 +162,15 @@ def recorded_motion(z: FloatArray, v: FloatArray, fs: float, *, steps_per_rms: f
     Args:
         z: (n,) travel, m.
         v: (n,) velocity, m/s: a straight line between samples.
-        fs: samples a second, Hz.
-        steps_per_rms: memories are followed in steps in which the rms velocity covers the rms travel divided by this
-            number, where the record has more samples than that; None for every sample.
+        fs: sampling rate, Hz.
+        steps_per_rms: number of steps in which the rms velocity covers the rms travel; memories are followed in these
+            steps where the record has more samples; None for every sample.
     """
     every = 1 if steps_per_rms is None else int(fs * np.std(z) / max(float(np.std(v)), 1e-300) / steps_per_rms)
     every = min(every, z.size // 2)
     if every <= 1:
         return RecordedMotion(z, v, np.arange(z.size), RecordedPath(v, fs, is_thinned=False))
-    # means over a step keep the travel that is covered
+    # Means over a step keep the travel that is covered.
     ends = np.concatenate([v, np.full(every, v[-1])])
     sums = np.concatenate([[0.0], np.cumsum(ends)])
     nodes = np.arange(0, z.size + every - 1, every)
@@ -185,8 +185,8 @@ def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatA
     Args:
         law: any law; its memories are zero at the start.
         z: (n,) extension, m.
-        v: (n,) its rate, m/s: a straight line between samples.
-        fs: samples a second, Hz.
+        v: (n,) rate of the extension, m/s: a straight line between samples.
+        fs: sampling rate, Hz.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> t = np.arange(1000) / 1000.0
@@ -194,7 +194,7 @@ def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatA
     >>> friction[[0, 50, 999]].round(1)
     array([  0. , 252.8, 400. ])
     """
-    amplitudes = _amplitudes(law)
+    amplitudes = _index_amplitudes(law)
     return gradient_along(law, z, v, fs)[:, amplitudes] @ law.vector[amplitudes]
 
 
@@ -215,12 +215,12 @@ class Loop(Estimates):
     """The loop that a force draws over travel, under a sine of the size and pace of a record.
 
     Args:
-        travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
-        frequency_hz: of the sine, its rms velocity over its rms travel that of the record; None where time means
-            nothing.
-        area_j: what the loop encloses, the energy that is taken per cycle (per kg where forces are); empty where its
-            interval reaches farther than the energy that a dry friction as strong as the rms force takes, for then it
-            says nothing.
+        travel_amplitude_m: amplitude of the sine, sqrt(2) times the rms travel.
+        frequency_hz: frequency of the sine, whose rms velocity over rms travel is that of the record; None where time
+            has no meaning.
+        area_j: area of the loop, the energy that is taken per cycle (per kg if forces are per kg); empty where its
+            interval is wider than the energy that a dry friction as strong as the rms force takes, for then it is
+            unknown.
     """
 
     travel_amplitude_m: float
@@ -236,14 +236,14 @@ class Loop(Estimates):
         return Estimate(value, std, ends)
 
     def within(self, force_rms: float) -> Loop:
-        """Return it as it is told beside the rms of the whole force, N, or per kg."""
+        """Return the loop as it is reported beside the rms of the whole force, N, or per kg."""
         ends = self.area_j.interval95
         if ends is None or ends[1] - ends[0] <= 8.0 * self.travel_amplitude_m * force_rms:
             return self
         return Loop(self.travel_amplitude_m, self.frequency_hz, Estimate())
 
 
-# in the fourth cycle what a memory held at the start is forgotten
+# In the fourth cycle the start value of a memory is forgotten.
 _N_CYCLES, _CYCLE_SAMPLES = 4, 2000
 
 
@@ -251,8 +251,8 @@ def sine_like(travel_rms: float, velocity_rms: float) -> tuple[FloatArray, Float
     """Return travel (m), velocity (m/s) and rate (Hz) of some cycles of a sine of the size and pace of a motion.
 
     Args:
-        travel_rms: of the motion, m.
-        velocity_rms: likewise, m/s.
+        travel_rms: rms travel of the motion, m.
+        velocity_rms: rms velocity of the motion, m/s.
 
     >>> z, v, fs = sine_like(0.01, 0.01 * np.pi)
     >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / 2000)]
@@ -264,25 +264,25 @@ def sine_like(travel_rms: float, velocity_rms: float) -> tuple[FloatArray, Float
 
 
 def taken_per_cycle(force: FloatArray, v: FloatArray, fs: float) -> FloatArray:
-    """Return the energy that forces take in the last cycle of a motion as `sine_like` makes it.
+    """Return the energy that forces take in the last cycle of a motion from `sine_like`.
 
     Args:
-        force: (n,) or (n, n_forces) along it, N.
+        force: (n,) or (n, n_forces) forces along the motion, N.
         v: (n,) velocity, m/s.
-        fs: samples a second, Hz.
+        fs: sampling rate, Hz.
     """
     n = len(v) // _N_CYCLES
     return np.asarray(force[-n:].T @ v[-n:] / fs)
 
 
 def loop_area(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> float:
-    """Return the energy that the terms of a law that remember take in the last cycle of a motion, J.
+    """Return the energy that the terms of a law with memory take in the last cycle of a motion, J.
 
     Args:
         law: any law.
-        z: (n,) travel, m, as `sine_like` makes it.
-        v: (n,) its rate, m/s.
-        fs: samples a second, Hz.
+        z: (n,) travel from `sine_like`, m.
+        v: (n,) velocity, m/s.
+        fs: sampling rate, Hz.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> motion = sine_like(0.01 / np.sqrt(2), 0.1)
@@ -296,7 +296,7 @@ def loop_area(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> float:
 
 def _follow_memory(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
     """Return the derivatives along a motion by the values of terms with memory, (n, n_parameters)."""
-    # numba takes long to load, and laws without memory do not need it
+    # numba takes long to load, and laws without memory do not need it.
     from opid.mechanics.driven import N_HEAD, Interface, joint_arrays
     from opid.mechanics.kernels import remembered_along
 
@@ -306,21 +306,21 @@ def _follow_memory(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArra
     return found[:, N_HEAD:]
 
 
-def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
+def _find_start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
     """Return half the difference of the forces after a motion forward and one back, (n,), for unit amplitude.
 
-    It fades, so the record is followed only as far as it shows.
+    It fades, so the record is only followed until it has faded.
     """
     n_before, scale = 20, term.inner[0]
     if is_of_travel := term.kind.parameters[1].unit == "m":
         covered = np.cumsum(np.abs(v)) / fs
     else:
         covered = np.arange(1, v.size + 1) / fs
-    # after its scale a memory of travel is nearly full, and one without a bound is not driven far; a memory of time
-    # takes any speed
+    # After its scale a memory of travel is nearly full, and one without a bound is not driven far; a memory of time
+    # takes any speed.
     speed = scale * fs / n_before if is_of_travel else 1.0
     column = np.zeros(v.size)
-    # exp(-14) of most memories is left after fourteen times the scale; one that slips may keep more
+    # After fourteen times the scale exp(-14) of most memories is left; one that slips may keep more.
     n = max(256, int(np.searchsorted(covered, 14.0 * scale)))
     while True:
         part = v[:n]
@@ -334,6 +334,6 @@ def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
         n *= 4
 
 
-def _amplitudes(law: TermSet) -> list[int]:
+def _index_amplitudes(law: TermSet) -> list[int]:
     """Return the indices of the amplitudes in `law.vector`."""
     return np.cumsum([0, *(len(term.values) for term in law.terms)])[:-1].tolist()

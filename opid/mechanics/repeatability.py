@@ -1,7 +1,7 @@
-"""No two runs are alike: springs, damping and friction of one suspension differ a little from run to run.
+"""Repeatability: springs, damping and friction of one suspension differ a little from run to run.
 
 A seal settles, gas and oil warm up. In each run stiffness and laws of the travel are multiplied by 1 + e, damping and
-its laws by 1 + e with another e, and friction with a third.
+its laws by 1 + e with another e, and friction by 1 + e with a third.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class Departure:
     """Relative differences of a suspension in one run from its average.
 
     Args:
-        spring: of stiffness and laws of the travel.
-        damper: of damping and laws of the velocity.
-        friction: of dry friction.
+        spring: relative difference of stiffness and laws of the travel.
+        damper: relative difference of damping and laws of the velocity.
+        friction: relative difference of dry friction.
 
     >>> Departure(spring=0.01).of(Interface(2000.0, 30.0))
     Interface(stiffness=2020.0, damping=30.0, ground_stiffness=0.0, law=Law(terms=(), rest_m=0.0))
@@ -41,7 +41,7 @@ class Departure:
         return self.spring, self.damper, self.friction
 
     def of(self, interface: Interface) -> Interface:
-        """Return the suspension of that run; where it rests does not change."""
+        """Return the suspension of that run; its position at rest does not change."""
         factor = {part: 1.0 + each for part, each in zip(PARTS, self.values, strict=True)}
         terms = tuple(
             replace(term, values=(factor[part_of(term.kind)] * term.amplitude, *term.inner))
@@ -57,7 +57,7 @@ class Departure:
 
 
 def part_rows(interface: Interface) -> list[list[tuple[int, float]]]:
-    """Return what each of `PARTS` multiplies: indices among the parameters of an interface, and their values."""
+    """Return the parameters that each of `PARTS` multiplies: indices among those of an interface, and their values."""
     rows: list[list[tuple[int, float]]] = [[(0, interface.stiffness)], [(1, interface.damping)], []]
     index = N_HEAD
     for term in interface.law.terms:
@@ -68,7 +68,7 @@ def part_rows(interface: Interface) -> list[list[tuple[int, float]]]:
 
 @lru_cache
 def part_of(kind: Kind) -> str:
-    """Return which of `PARTS` a kind of law belongs to."""
+    """Return the entry of `PARTS` to which a kind of law belongs."""
     if kind.is_friction:
         return "friction"
     law = Law((Term(kind.name, tuple(parameter.default for parameter in kind.parameters)),))

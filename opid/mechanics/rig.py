@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import Assembled, State, advance, assemble, initial_values, require_steps, state_at
-from opid.mechanics.structure import Joint, Structure, natural_frequencies, read_only
+from opid.mechanics.structure import ComplexArray, Joint, Structure, natural_frequencies, read_only
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
@@ -31,16 +31,16 @@ class Shaker:
         F = (Bl/R) (V + 2 h V^2 / V_full),
 
     so that a sine of amplitude V_full has a second harmonic of h times its fundamental, and one of half the amplitude
-    half that fraction: distortion grows with the amplitude, whatever hangs on the shaker.
+    half that fraction: distortion grows with the amplitude, whatever the shaker drives.
 
     Args:
         armature_kg: moving mass, kg.
         suspension_n_per_m: stiffness that centres the armature, N/m.
-        suspension_n_s_per_m: its damping, N s/m.
-        back_emf_n_s_per_m: (Bl)^2 / R, N s/m.
-        force_per_volt_n: Bl / R, N/V.
+        suspension_n_s_per_m: damping of the armature's suspension, N s/m.
+        back_emf_n_s_per_m: damping by the back-EMF, (Bl)^2 / R, N s/m.
+        force_per_volt_n: gain Bl / R, N/V.
         stinger_n_per_m: axial stiffness of the stinger with the force cell, N/m.
-        stinger_n_s_per_m: its damping, N s/m.
+        stinger_n_s_per_m: axial damping of the stinger, N s/m.
         second_harmonic: h, fraction of the second harmonic at the full voltage; 0 for none.
         full_voltage_v: V_full, amplitude of the voltage at full force, V.
 
@@ -81,13 +81,13 @@ def armature_force(shaker: Shaker, voltage: ArrayLike) -> FloatArray:
 def on_shaker(structure: Structure, shaker: Shaker, direction: ArrayLike) -> Structure:
     """Return a structure with the armature as one more degree of freedom, the last one, "armature".
 
-    The stinger is the last joint, "stinger": its force is what the force cell reads, and acts on the structure along
+    The stinger is the last joint, "stinger": the force cell reads its force, which acts on the structure along
     `direction`.
 
     Args:
         structure: the structure alone.
         shaker: the shaker; its body stands on the ground.
-        direction: (n_dof,), the drive point moves by direction . x; in modal coordinates the row of its shapes.
+        direction: (n_dof,) direction; the drive point moves by direction . x; in modal coordinates its row of shapes.
 
     Raises:
         InputError: a direction of the wrong shape or without any motion, or a structure that is on a shaker already.
@@ -102,18 +102,18 @@ def on_shaker(structure: Structure, shaker: Shaker, direction: ArrayLike) -> Str
             f"the drive point has the direction {direction!r}: give {structure.n_dof} finite number(s), not all zero"
         )
     if ARMATURE in structure.names or any(joint.name == STINGER for joint in structure.joints):
-        raise InputError("the structure has an armature or a stinger already: one shaker can drive it")
+        raise InputError("the structure has an armature or a stinger already: give it without them, for one shaker")
     stinger = Joint(STINGER, np.append(-point, 1.0), shaker.stinger_n_per_m, shaker.stinger_n_s_per_m)
     return Structure(
-        _border(structure.mass, shaker.armature_kg),
-        _border(structure.damping, shaker.suspension_n_s_per_m + shaker.back_emf_n_s_per_m),
-        _border(structure.stiffness, shaker.suspension_n_per_m),
+        _add_border(structure.mass, shaker.armature_kg),
+        _add_border(structure.damping, shaker.suspension_n_s_per_m + shaker.back_emf_n_s_per_m),
+        _add_border(structure.stiffness, shaker.suspension_n_per_m),
         (*(replace(joint, direction=np.append(joint.direction, 0.0)) for joint in structure.joints), stinger),
         names=(*structure.names, ARMATURE),
     )
 
 
-def _border(matrix: FloatArray, corner: float) -> FloatArray:
+def _add_border(matrix: FloatArray, corner: float) -> FloatArray:
     bordered = np.zeros((matrix.shape[0] + 1, matrix.shape[0] + 1))
     bordered[:-1, :-1] = matrix
     bordered[-1, -1] = corner
@@ -132,10 +132,11 @@ class Rig:
 
     Args:
         structure: the structure, in physical or in modal coordinates.
-        drive_point: (n_dof,), the drive point moves by drive_point . x; in modal coordinates its row of the shapes.
-        sensors: (n_sensors, n_dof), a sensor reads its row . x''.
-        sensor_names: one name a sensor, none of them "force".
-        shaker: on the drive point; None where the force itself is given: a voltage is then a force, 1 N/V.
+        drive_point: (n_dof,) direction; the drive point moves by drive_point . x; in modal coordinates its row of
+            shapes.
+        sensors: (n_sensors, n_dof) rows; a sensor reads its row . x''.
+        sensor_names: one name for each sensor, none of them "force".
+        shaker: the shaker on the drive point; None if the force is prescribed: a voltage is then a force, 1 N/V.
 
     Raises:
         InputError: shapes that do not match, or names that are missing or repeated.
@@ -158,8 +159,8 @@ class Rig:
         names = tuple(self.sensor_names)
         if len(names) != len(self.sensors) or len({*names, FORCE}) != len(names) + 1:
             raise InputError(
-                f"sensor_names are {names}: give {len(self.sensors)} different names, one a sensor, none of them "
-                f"{FORCE!r}"
+                f"sensor_names are {names}: give {len(self.sensors)} different names, one for each sensor, none of "
+                f"them {FORCE!r}"
             )
         object.__setattr__(self, "sensor_names", names)
 
@@ -169,8 +170,8 @@ class RigRun:
     """The record of a virtual test.
 
     Attributes:
-        recording: "force" (N), where there is one, and each sensor (m/s^2), with noise.
-        clean: the same without noise.
+        recording: channels "force" (N), where there is one, and each sensor (m/s^2), with noise.
+        clean: the same channels without noise.
         noise_share: rms of the noise over that of the clean signal, channel by channel.
         steps_per_sample: steps of the simulation from one sample to the next.
     """
@@ -187,10 +188,10 @@ class OpenRig:
 
     Attributes:
         ready: the structure with its shaker.
-        sensors: (n_sensors, n_dof), with the armature where there is one.
-        stinger: its direction (n_dof,), and its stiffness and damping; None without a shaker.
+        sensors: (n_sensors, n_dof) rows of the sensors, with the armature where there is one.
+        stinger: direction (n_dof,), stiffness and damping of the stinger; None without a shaker.
         shaker: the shaker, or None.
-        fs: samples a second, Hz.
+        fs: sampling rate, Hz.
         steps_per_sample: steps from one sample to the next.
         start: the state at rest.
     """
@@ -209,8 +210,8 @@ class Readings:
     """Readings of the force cell and of the sensors, without noise.
 
     Attributes:
-        force: (n,) on the drive point, N.
-        acceleration: (n, n_sensors), m/s^2.
+        force: (n,) force on the drive point, N.
+        acceleration: (n, n_sensors) accelerations, m/s^2.
     """
 
     force: FloatArray
@@ -225,15 +226,16 @@ def open_rig(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> OpenRig:
-    """Return a rig made ready for `drive`, which a controller calls again and again.
+    """Return a rig that is ready for `drive`, which a controller calls again and again.
 
     Args:
         rig: the rig.
-        fs: samples a second, Hz.
-        steps_per_sample: steps from one sample to the next; where left out, as many as bring the highest natural
-            frequency, of shaker and stinger too, to 0.2 rad a step or less.
-        initial_displacement: (n_dof,) m, of the structure; zero where left out. The armature follows the drive point.
-        initial_velocity: (n_dof,) m/s, likewise.
+        fs: sampling rate, Hz.
+        steps_per_sample: steps from one sample to the next; where left out, the number with which the highest natural
+            frequency, that of shaker and stinger included, turns by 0.2 rad or less in a step.
+        initial_displacement: (n_dof,) displacement of the structure at the start, m; zero where left out. The armature
+            follows the drive point.
+        initial_velocity: (n_dof,) velocity of the structure at the start, m/s; zero where left out.
 
     Raises:
         InputError: a rate that is not positive, a wrong number of steps or of initial values, or an unstable structure.
@@ -261,16 +263,16 @@ def open_rig(
 
 
 def drive(rig: OpenRig, state: State, voltage: FloatArray, *, fs: float | None = None) -> tuple[Readings, State]:
-    """Return the readings while a voltage drives a rig from a state on, and the state after it.
+    """Return the readings while a voltage drives a rig that begins at a state, and the state after it.
 
     The last sample is the first one of the next call, whose voltage begins with the last one of this call.
 
     Args:
         rig: the rig, see `open_rig`.
-        state: from which it moves on; `rig.start` at the beginning.
-        voltage: (2 n steps_per_sample + 1,) V at half steps, for n + 1 samples; N without a shaker.
-        fs: samples a second in this call, Hz, for instance a whole number in a period of the drive; that of `open_rig`
-            where left out, and not below 0.8 of it, because the step grows.
+        state: the state at which the motion begins; `rig.start` at the beginning.
+        voltage: (2 n steps_per_sample + 1,) voltage at half steps, for n + 1 samples, V; N without a shaker.
+        fs: sampling rate in this call, Hz, for instance a whole number of samples in a period of the drive; that of
+            `open_rig` where left out, and not below 0.8 of it, because the step grows.
 
     Raises:
         InputError: a voltage of another shape or not finite, a rate too low, or a motion without bound.
@@ -283,10 +285,10 @@ def drive(rig: OpenRig, state: State, voltage: FloatArray, *, fs: float | None =
     """
     rate = rig.fs if fs is None else fs
     if not rate >= 0.8 * rig.fs:
-        raise InputError(f"fs is {rate} Hz, the rig was opened for {rig.fs:g} Hz: open it for the lowest rate needed")
+        raise InputError(f"fs is {rate} Hz, the rig was opened for {rig.fs:g} Hz: open it for the lowest rate in use")
     force = np.asarray(voltage, dtype=np.float64) if rig.shaker is None else armature_force(rig.shaker, voltage)
     if force.ndim != 1:
-        raise InputError(f"the voltage has shape {force.shape}: give one voltage a half step")
+        raise InputError(f"the voltage has shape {force.shape}: give one voltage for each half step")
     motion, after = advance(rig.ready, state, force[:, np.newaxis], fs=rate, steps_per_sample=rig.steps_per_sample)
     if rig.stinger is None:
         measured = force[:: 2 * rig.steps_per_sample].copy()
@@ -294,6 +296,20 @@ def drive(rig: OpenRig, state: State, voltage: FloatArray, *, fs: float | None =
         along, stiffness, damping = rig.stinger
         measured = motion.displacement @ (stiffness * along) + motion.velocity @ (damping * along)
     return Readings(measured, motion.acceleration @ rig.sensors.T), after
+
+
+def find_harmonics(samples: FloatArray, n_harmonics: int, *, n_periods: int = 1) -> ComplexArray:
+    """Return the complex amplitudes of whole periods, (n_harmonics + 1, n_channels), the mean first, by Fourier sums.
+
+    `samples`, (n, n_channels), cover `n_periods` periods of the fundamental, x(t) = Re sum_h X_h exp(j h omega t).
+
+    >>> phase = 2 * np.pi * np.arange(64) / 32
+    >>> find_harmonics((3.0 + 2.0 * np.cos(phase) - np.sin(2 * phase))[:, None], 2, n_periods=2).round(9)[:, 0]
+    array([3.+0.j, 2.-0.j, 0.+1.j])
+    """
+    found = np.fft.rfft(samples, axis=0)[n_periods * np.arange(n_harmonics + 1)] * (2.0 / samples.shape[0])
+    found[0] *= 0.5
+    return found
 
 
 def rig_run(
@@ -310,21 +326,21 @@ def rig_run(
     """Return the record while a voltage drives a rig, with the channels "force" and the sensors.
 
     Between its samples the voltage is the band-limited signal through them: it should hold nothing above 0.45 fs, and
-    begin and end near zero, since the sudden start of anything else has no band. The readings are sampled as they are,
-    without an anti-alias filter: take fs above 2.5 times the highest frequency that is excited.
+    begin and end near zero, because a sudden start is not band-limited. The readings are sampled without an anti-alias
+    filter: take fs above 2.5 times the highest frequency that is excited.
 
     Args:
         rig: the rig.
-        voltage: (n,) V, a sample each 1 / fs; N without a shaker.
-        fs: samples a second of the voltage and of the record, Hz.
+        voltage: (n,) voltage, a sample each 1 / fs, V; N without a shaker.
+        fs: sampling rate of the voltage and of the record, Hz.
         rng: source of the noise.
         noise_share: standard deviation of the white noise over the rms of the clean signal, for each channel.
-        steps_per_sample: as for `open_rig`.
-        initial_displacement: (n_dof,) m, as for `open_rig`.
-        initial_velocity: (n_dof,) m/s, likewise.
+        steps_per_sample: steps from one sample to the next, see `open_rig`.
+        initial_displacement: (n_dof,) displacement at the start, m, see `open_rig`.
+        initial_velocity: (n_dof,) velocity at the start, m/s, see `open_rig`.
 
     Raises:
-        InputError: a voltage of the wrong shape or not finite, a negative noise, or as `open_rig`.
+        InputError: a voltage of the wrong shape or not finite, a negative noise, or what `open_rig` refuses.
 
     >>> block = Rig(Structure([[2.0]], [[0.0]], [[0.0]]), [1.0], [[1.0]], ("block",))
     >>> beat = np.hanning(200) * np.sin(0.3 * np.arange(200))
@@ -333,7 +349,7 @@ def rig_run(
     """
     volts = np.asarray(voltage, dtype=np.float64)
     if volts.ndim != 1:
-        raise InputError(f"the voltage has shape {volts.shape}: give one voltage a sample")
+        raise InputError(f"the voltage has shape {volts.shape}: give one voltage for each sample")
     ready = open_rig(
         rig, fs, steps_per_sample=steps_per_sample,
         initial_displacement=initial_displacement, initial_velocity=initial_velocity,
@@ -341,10 +357,10 @@ def rig_run(
     given = recording_from_arrays([volts], ["voltage"], fs=fs, unit="V")
     finer = 2 * ready.steps_per_sample
     between = resampled(given, finer * fs, n_samples=finer * (volts.size - 1) + 1).samples[:, 0]
-    # at the samples themselves the spline may be off by rounding
+    # At the samples themselves the spline may be off by rounding.
     between = between.copy()
     between[::finer] = volts
-    return _record(rig, ready, between, noise_share, rng, FORCE)
+    return _record_run(rig, ready, between, noise_share, rng, FORCE)
 
 
 def impact(
@@ -365,15 +381,15 @@ def impact(
         rig: the rig.
         peak_n: peak of the force, a half sine, N.
         pulse_s: length of the pulse, s.
-        fs: samples a second, Hz.
+        fs: sampling rate, Hz.
         duration_s: length of the record, s.
         rng: source of the noise.
-        at_s: when the pulse begins, s.
-        noise_share: as for `rig_run`.
-        steps_per_sample: as for `open_rig`.
+        at_s: start of the pulse, s.
+        noise_share: noise of each channel, see `rig_run`.
+        steps_per_sample: steps from one sample to the next, see `open_rig`.
 
     Raises:
-        InputError: a pulse shorter than four samples or outside the record, or as `rig_run`.
+        InputError: a pulse shorter than four samples or outside the record, or what `rig_run` refuses.
     """
     if not (pulse_s * fs >= 4.0 and at_s >= 0.0 and at_s + pulse_s <= duration_s and np.isfinite(peak_n)):
         raise InputError(
@@ -381,9 +397,9 @@ def impact(
             "four samples or more inside the record"
         )
     ready = open_rig(replace(rig, shaker=None), fs, steps_per_sample=steps_per_sample)
-    phase = (_half_steps_s(ready, duration_s) - at_s) / pulse_s
+    phase = (_list_half_steps(ready, duration_s) - at_s) / pulse_s
     force = np.where((phase > 0.0) & (phase < 1.0), peak_n * np.sin(np.pi * phase), 0.0)
-    return _record(rig, ready, force, noise_share, rng, FORCE)
+    return _record_run(rig, ready, force, noise_share, rng, FORCE)
 
 
 def free_decay(
@@ -397,29 +413,29 @@ def free_decay(
     noise_share: float = 0.01,
     steps_per_sample: int | None = None,
 ) -> RigRun:
-    """Return what the sensors record of a motion that no force drives, with the shaker taken off.
+    """Return the record of a motion that no force drives, with the shaker taken off.
 
     Args:
         rig: the rig.
-        fs: samples a second, Hz.
+        fs: sampling rate, Hz.
         duration_s: length of the record, s.
         rng: source of the noise.
-        initial_displacement: (n_dof,) m; zero where left out. Sliders come to it from zero.
-        initial_velocity: (n_dof,) m/s; zero where left out.
-        noise_share: as for `rig_run`.
-        steps_per_sample: as for `open_rig`.
+        initial_displacement: (n_dof,) displacement at the start, m; zero where left out. Sliders come to it from zero.
+        initial_velocity: (n_dof,) velocity at the start, m/s; zero where left out.
+        noise_share: noise of each channel, see `rig_run`.
+        steps_per_sample: steps from one sample to the next, see `open_rig`.
 
     Raises:
-        InputError: as `rig_run`.
+        InputError: what `rig_run` refuses.
     """
     ready = open_rig(
         replace(rig, shaker=None), fs, steps_per_sample=steps_per_sample,
         initial_displacement=initial_displacement, initial_velocity=initial_velocity,
     )  # fmt: skip
-    return _record(rig, ready, np.zeros(_half_steps_s(ready, duration_s).size), noise_share, rng)
+    return _record_run(rig, ready, np.zeros(_list_half_steps(ready, duration_s).size), noise_share, rng)
 
 
-def _record(
+def _record_run(
     rig: Rig, ready: OpenRig, voltage: FloatArray, noise_share: float, rng: np.random.Generator, *forces: str
 ) -> RigRun:
     if not 0.0 <= noise_share < np.inf:
@@ -428,7 +444,7 @@ def _record(
     columns = [*(readings.force for _ in forces), *readings.acceleration.T]
     channels = (*(Channel(name, "N") for name in forces), *(Channel(name, "m/s^2") for name in rig.sensor_names))
     clean = np.stack(columns, axis=1)
-    # each channel has a row of random numbers, so that a further sensor does not change the noise of the others
+    # Each channel has a row of random numbers, so that a further sensor does not change the noise of the others.
     noise = rng.standard_normal(clean.T.shape).T * (noise_share * np.sqrt(np.mean(clean**2, axis=0)))
     made = (f"virtual test, {ready.steps_per_sample} steps a sample",)
     return RigRun(
@@ -439,7 +455,7 @@ def _record(
     )
 
 
-def _half_steps_s(ready: OpenRig, duration_s: float) -> FloatArray:
+def _list_half_steps(ready: OpenRig, duration_s: float) -> FloatArray:
     n_samples = round(duration_s * ready.fs) if np.isfinite(duration_s) else 0
     if n_samples < 2:
         raise InputError(f"{duration_s} s at {ready.fs:g} Hz are {n_samples} sample(s): at least two are needed")

@@ -25,18 +25,18 @@ class Sliders:
     """Jenkins elements in parallel: f = sum_i clip(k_i (z - s_i), -slip_i, slip_i).
 
     The slider at s_i stands still while its spring carries less than slip_i, and is dragged along when it would carry
-    more. A joint with sliders remembers: its force depends on where it has been.
+    more. A joint with sliders has a memory: its force depends on its motion before.
 
     Args:
-        stiffness_n_per_m: (n,) k of each spring, N/m, positive.
-        slip_force_n: (n,) force at which its slider gives way, N, positive.
+        stiffness_n_per_m: (n,) stiffness k of each spring, N/m, positive.
+        slip_force_n: (n,) force at which each slider slips, N, positive.
 
     Raises:
         InputError: counts that differ, none at all, or a value that is not positive and finite.
 
     >>> pair = Sliders([1e6, 2e6], [5.0, 30.0])
-    >>> pair.tangent_n_per_m, pair.slip_total_n
-    (3000000.0, 35.0)
+    >>> pair.n, pair.tangent_n_per_m
+    (2, 3000000.0)
     """
 
     stiffness_n_per_m: FloatArray
@@ -51,7 +51,7 @@ class Sliders:
         if self.stiffness_n_per_m.size != self.slip_force_n.size:
             raise InputError(
                 f"there are {self.stiffness_n_per_m.size} stiffnesses and {self.slip_force_n.size} slip forces of "
-                "sliders: give one of each a slider"
+                "sliders: give one of each for each slider"
             )
 
     @property
@@ -61,17 +61,12 @@ class Sliders:
 
     @property
     def tangent_n_per_m(self) -> float:
-        """Stiffness with every slider stuck, N/m: that of small amplitudes."""
+        """Stiffness with every slider stuck, as at small amplitudes, N/m."""
         return float(self.stiffness_n_per_m.sum())
-
-    @property
-    def slip_total_n(self) -> float:
-        """Force with every slider slipping, N: the most that the joint can carry."""
-        return float(self.slip_force_n.sum())
 
 
 def force_of(sliders: Sliders, extension: ArrayLike, start: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return the force (m,) N of sliders through a history of extension, and where they stand after it, (n,) m.
+    """Return the force (m,) N of sliders through a history of extension, and their positions after it, (n,) m.
 
     Between two values the extension is taken to move in one direction: give every turning point.
 
@@ -112,7 +107,7 @@ def iwan(
 ) -> Sliders:
     """Return the four-parameter Iwan model of a bolted joint (Segalman, J. Appl. Mech. 72, 2005, pp. 752-760).
 
-    The stiffness of the elements that give way at the slip displacement phi has the density
+    The stiffness of the elements that slip at the displacement phi has the density
 
         rho(phi) = R phi^chi for 0 < phi < phi_max, plus S delta(phi - phi_max),
 
@@ -130,15 +125,15 @@ def iwan(
         stiffness_n_per_m: K_T, with everything stuck, N/m.
         slip_force_n: F_S, at which the whole joint slips, N.
         chi: exponent of the density, above -1 and at most 0; the energy of a cycle grows with the power 3 + chi.
-        beta: jump of the slope of F(u) at phi_max, as a fraction of what the power law carries; 0 or more.
+        beta: jump of the slope of F(u) at phi_max, as a fraction of the part of the power law; 0 or more.
         n: number of elements; the last one stands for the delta.
-        smallest_fraction: slip displacements below this fraction of phi_max share one element.
+        smallest_fraction: fraction of phi_max below which all slip displacements belong to one element.
 
     Raises:
         InputError: a value out of range.
 
     >>> joint = iwan(stiffness_n_per_m=1e7, slip_force_n=800.0)
-    >>> round(joint.tangent_n_per_m), round(joint.slip_total_n)
+    >>> round(joint.tangent_n_per_m), round(joint.slip_force_n.sum())
     (10000000, 800)
     """
     if not (0.0 < stiffness_n_per_m < np.inf and 0.0 < slip_force_n < np.inf):
@@ -173,12 +168,12 @@ class Joint:
     Its force K z + C z' + f(z, z') plus that of its sliders, z = direction . x, acts on the structure along -direction.
 
     Args:
-        name: what the joint is called.
-        direction: (n_dof,), the extension of the joint for a unit of each displacement, e.g. (-1, 1).
+        name: the name of the joint.
+        direction: (n_dof,) extension of the joint for a unit of each displacement, e.g. (-1, 1).
         stiffness_n_per_m: linear stiffness K, N/m.
         damping_n_s_per_m: linear damping C, N s/m.
         law: nonlinear force f(z, z'), N.
-        sliders: elements that slip, beside the law; None for none.
+        sliders: elements that slip, beside the law; None if there are none.
     """
 
     name: str
@@ -198,8 +193,8 @@ class Structure:
 
     Args:
         mass: (n_dof, n_dof) M, kg; symmetric and positive definite.
-        damping: (n_dof, n_dof) C, N s/m, of everything that is no joint; symmetric.
-        stiffness: (n_dof, n_dof) K, N/m, of everything that is no joint; symmetric.
+        damping: (n_dof, n_dof) C without the joints, N s/m; symmetric.
+        stiffness: (n_dof, n_dof) K without the joints, N/m; symmetric.
         joints: the joints.
         names: one name for each degree of freedom; "x1", "x2", ... where left out.
 
@@ -219,12 +214,14 @@ class Structure:
 
     def __post_init__(self) -> None:
         for name in ("mass", "damping", "stiffness"):
-            object.__setattr__(self, name, _symmetric(name, getattr(self, name)))
+            object.__setattr__(self, name, _require_symmetric(name, getattr(self, name)))
         n_dof = self.mass.shape[0]
         for name in ("damping", "stiffness"):
             shape = getattr(self, name).shape
             if shape != (n_dof, n_dof):
-                raise InputError(f"the {name} matrix has shape {shape}, the mass matrix {self.mass.shape}")
+                raise InputError(
+                    f"the {name} matrix has shape {shape}, the mass matrix {self.mass.shape}: give both the same shape"
+                )
         if n_dof == 0 or np.linalg.eigvalsh(self.mass)[0] <= 0.0:
             raise InputError("the mass matrix is not positive definite: every motion needs a positive mass")
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -236,7 +233,7 @@ class Structure:
                 )
         names = tuple(self.names) or tuple(f"x{k + 1}" for k in range(n_dof))
         if len(names) != n_dof or len(set(names)) != n_dof:
-            raise InputError(f"names are {names}: give {n_dof} different names, one a degree of freedom")
+            raise InputError(f"names are {names}: give {n_dof} different names, one for each degree of freedom")
         object.__setattr__(self, "names", names)
 
     @property
@@ -245,7 +242,7 @@ class Structure:
         return self.mass.shape[0]
 
     def index(self, name: str) -> int:
-        """Index of the degree of freedom called `name`; InputError names the nearest one."""
+        """Return the index of the degree of freedom called `name`; InputError names the nearest one."""
         if name not in self.names:
             raise InputError(f"there is no degree of freedom {name!r}: {nearest(name, self.names)}")
         return self.names.index(name)
@@ -258,7 +255,7 @@ class Modes:
     Attributes:
         frequency_hz: (n_dof,) natural frequencies.
         zeta: (n_dof,) modal damping ratios phi^T C phi / (2 omega), nan for a rigid-body mode.
-        shapes: (n_dof, n_dof), one mass-normalised shape a column.
+        shapes: (n_dof, n_dof) mass-normalised shapes, one in each column.
     """
 
     frequency_hz: FloatArray
@@ -295,10 +292,12 @@ def natural_frequencies(structure: Structure) -> Modes:
     """
     mass, damping, stiffness = linear_matrices(structure)
     squares, shapes = linalg.eigh(stiffness, mass)
-    # rounding leaves the zero of a rigid-body mode slightly on either side
+    # Rounding may put the zero of a rigid-body mode slightly on either side.
     zero = 1e-12 * max(abs(squares[0]), abs(squares[-1]))
     if squares[0] < -zero:
-        raise InputError("the stiffness matrix is negative along some motion: the linear structure is unstable")
+        raise InputError(
+            "the stiffness matrix is negative along some motion, so the linear structure is unstable: check its signs"
+        )
     omega = np.sqrt(np.where(squares > zero, squares, 0.0))
     modal_damping = np.einsum("ik,ij,jk->k", shapes, damping, shapes)
     zeta = np.full(omega.shape, np.nan)
@@ -325,7 +324,9 @@ def frequency_response(structure: Structure, frequency_hz: ArrayLike) -> Complex
     try:
         receptance: ComplexArray = np.linalg.inv(dynamic_stiffness)  # type: ignore[assignment]
     except np.linalg.LinAlgError:
-        raise InputError("an undamped resonance falls on a frequency asked for: add damping or shift it") from None
+        raise InputError(
+            "an undamped resonance falls on one of the frequencies: add damping, or shift the frequency"
+        ) from None
     return receptance
 
 
@@ -350,10 +351,12 @@ def linear_transmissibility(
     return receptance[:, structure.index(response)] / receptance[:, structure.index(reference)]
 
 
-def _symmetric(name: str, matrix: ArrayLike) -> FloatArray:
+def _require_symmetric(name: str, matrix: ArrayLike) -> FloatArray:
     array = read_only(matrix)
     if array.ndim != 2 or array.shape[0] != array.shape[1]:
         raise InputError(f"the {name} matrix has shape {array.shape}: give a square matrix")
     if not np.isfinite(array).all() or np.abs(array - array.T).max(initial=0.0) > 1e-9 * np.abs(array).max(initial=0.0):
-        raise InputError(f"the {name} matrix is not symmetric and finite: mend it or split off what is not a spring")
+        raise InputError(
+            f"the {name} matrix is not symmetric and finite: correct it, or leave out the parts that are not springs"
+        )
     return array

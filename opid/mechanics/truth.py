@@ -1,4 +1,4 @@
-"""The truth of a simulated test, which a result is compared with; `opid.virtual` makes, writes and reads it."""
+"""The truth of a simulated test, with which a result is compared; `opid.virtual` makes, writes and reads it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class GearNumbers:
     """True parameters of a gear in its reference run, under the names of the result.
 
     Args:
-        sprung_mass_kg: M2.
-        suspension_stiffness_n_per_m: K2.
-        suspension_damping_n_s_per_m: C2.
-        ground_stiffness_n_per_m: K3, of a spring from the sprung mass to the ground.
+        sprung_mass_kg: sprung mass M2.
+        suspension_stiffness_n_per_m: stiffness K2 of the suspension.
+        suspension_damping_n_s_per_m: damping C2 of the suspension.
+        ground_stiffness_n_per_m: stiffness K3 of a spring from the sprung mass to the ground.
     """
 
     sprung_mass_kg: float
@@ -32,10 +32,10 @@ class BodyNumbers:
 
     Args:
         sprung_mass_kg: mass of the body.
-        roll_inertia_kg_m2: about the x axis through the centre of gravity.
-        pitch_inertia_kg_m2: about the y axis through the centre of gravity.
+        roll_inertia_kg_m2: moment of inertia about the x axis through the centre of gravity.
+        pitch_inertia_kg_m2: moment of inertia about the y axis through the centre of gravity.
         x_cg_m: position of the centre of gravity, forward.
-        y_cg_m: the same to the left.
+        y_cg_m: position of the centre of gravity, to the left.
     """
 
     sprung_mass_kg: float
@@ -50,11 +50,11 @@ class SuspensionTruth:
     """One suspension of a body and its force K z + C z' + f(z, z').
 
     Args:
-        x_m: its position, forward.
-        y_m: the same to the left.
-        stiffness_n_per_m: K.
-        damping_n_s_per_m: C.
-        law: f.
+        x_m: position of the suspension, forward.
+        y_m: position of the suspension, to the left.
+        stiffness_n_per_m: stiffness K.
+        damping_n_s_per_m: damping C.
+        law: law f.
     """
 
     x_m: float
@@ -69,10 +69,10 @@ class GearTruth:
     """The truth of a taxi test of one gear.
 
     Args:
-        parameters: of the reference run.
-        law: of the suspension.
+        parameters: parameters of the reference run.
+        law: law of the suspension.
         mass_change_kg: sprung mass of the second run less that of the first.
-        settings: of the simulation.
+        settings: settings of the simulation.
     """
 
     parameters: GearNumbers
@@ -86,10 +86,10 @@ class BodyTruth:
     """The truth of a taxi test of an aircraft.
 
     Args:
-        parameters: of the reference run.
+        parameters: parameters of the reference run.
         interfaces: the suspensions by name.
-        loadings: what each run carries beyond the reference run, rows of kg, x and y in m.
-        settings: of the simulation.
+        loadings: masses that each run carries beyond the reference run, rows of kg, x and y in m.
+        settings: settings of the simulation.
     """
 
     parameters: BodyNumbers
@@ -103,11 +103,11 @@ class ModeTruth:
     """The truth of a nonlinear mode; its curves hold while all other modes are at rest.
 
     Args:
-        k: coefficients of the stiffness by power; empty where the joint is no power law.
+        k: coefficients of the stiffness by power; empty where the joint does not follow a power law.
         c: coefficients of the damping by power.
         amplitude: amplitudes at which the curves are known.
-        frequency_hz: at each amplitude.
-        damping_ratio: at each amplitude.
+        frequency_hz: natural frequency at each amplitude.
+        damping_ratio: damping ratio at each amplitude.
     """
 
     k: Mapping[int, float]
@@ -122,8 +122,8 @@ class LinearModesTruth:
     """True frequencies and damping ratios of the linear modes, in their order.
 
     Args:
-        frequency_hz: of each.
-        damping_ratio: of each.
+        frequency_hz: natural frequency of each mode.
+        damping_ratio: damping ratio of each mode.
     """
 
     frequency_hz: tuple[float, ...] = ()
@@ -138,7 +138,7 @@ class ModalTruth:
         nonlinear: the nonlinear modes by number, from 1.
         linear_modes: all modes at small amplitudes.
         structure: the tested structure in a sentence.
-        settings: of the simulation.
+        settings: settings of the simulation.
     """
 
     nonlinear: Mapping[int, ModeTruth]
@@ -153,9 +153,9 @@ class UpdatingTruth:
 
     Args:
         linear: factors of the linear structure by name.
-        law: of the joints.
+        law: law of the joints.
         structure: the tested structure in a sentence.
-        settings: of the simulation.
+        settings: settings of the simulation.
     """
 
     linear: Mapping[str, float]

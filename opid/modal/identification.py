@@ -44,7 +44,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     Raises:
         InputError: shapes that cannot filter modes, or tests that cannot be used; one error names all of them.
         NotDeterminedError: no mode is named as nonlinear and there are no levels to compare. Where levels were compared
-            but show no law, the result holds the levels, and its `not_determined` gives the reason.
+            but show no law, the result holds the comparison, and its `not_determined` gives the reason.
     """
     if not isinstance(study, ModalStudy):
         raise InputError(f"study is of type {type(study).__name__}: give a ModalStudy, as read_study makes one")
@@ -52,7 +52,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     if percent:
         raise InputError(f"{percent}: give fractions of critical damping, 0.004 for 0.4 %")
     say = progress or (lambda step: None)
-    shifts = _shifts(study, say)
+    shifts = _compare_levels(study, say)
     named = {each.mode for each in study.of_use("fit", "decay") if each.mode is not None}
     nonlinear = study.nonlinear or tuple(sorted({*nonlinear_modes(shifts), *named}))
     if not nonlinear and not shifts:
@@ -60,11 +60,11 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             'no mode is named as nonlinear: name some (nonlinear = [7, 11]), or give two tests with use = "level"'
         )
     study = replace(study, nonlinear=nonlinear)
-    decays, decay_laws, of_decays = _decays(study, say)
-    fits, of_fits = _fits(study, decay_laws, of_decays, say)
+    decays, decay_laws, of_decays = _fit_decays(study, say)
+    fits, of_fits = _fit_modes(study, decay_laws, of_decays, say)
     say("the records")
     of_records = list(warn_of_records(study))
-    truth_tests, unstable = _truth_tests(study, fits, decay_laws, say)
+    truth_tests, unstable = _run_truth_tests(study, fits, decay_laws, say)
     return ModalIdentification(
         title=study.title,
         modes=study.modes,
@@ -81,8 +81,8 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             *of_records,
             *_warn_of_modes(study.modes),
             *(
-                f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or judge "
-                "the model by tests that hardly move it"
+                f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or use "
+                "the model only where this mode hardly moves"
                 for shift in shifts
                 if shift.nonlinear and shift.mode not in nonlinear
             ),
@@ -91,8 +91,8 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             *_warn_of_truth_tests(study, fits, decay_laws, truth_tests),
             *unstable,
         ),
-        not_determined=_not_determined(study, shifts),
-        settings=_orders(study)
+        not_determined=_explain_no_law(study, shifts),
+        settings=_list_orders(study)
         | {name: getattr(study, name) for name in ("free_linear", *THRESHOLDS)}
         | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
         decay_laws=decay_laws,
@@ -105,25 +105,25 @@ def make_model(
     """Return the modes with their laws; corrections of k0 and c0 change the frequency and damping of their mode.
 
     A correction that was found with other linear properties is not used, for tests may have modes of their own.
-    `decay_laws`, by the number of the mode, serve the modes that no forced test moves.
+    Modes that no forced test moves take their law from `decay_laws`, which are stored by the number of the mode.
     """
     stiffness, damping = modes.stiffness(), modes.damping()
     laws = {fit.mode: fit.law for fit in fits}
     for fit in fits:
-        if _corrects(fit, modes):
-            stiffness[fit.mode - 1] += _first(fit.stiffness)
-            damping[fit.mode - 1] += _first(fit.damping)
+        if _is_fitted_to(fit, modes):
+            stiffness[fit.mode - 1] += _read_linear(fit.stiffness)
+            damping[fit.mode - 1] += _read_linear(fit.damping)
     for mode, law in (decay_laws or {}).items():
         if mode not in laws:
             laws[mode] = law.law
-            stiffness[mode - 1], damping[mode - 1] = _first(law.stiffness), _first(law.damping)
+            stiffness[mode - 1], damping[mode - 1] = _read_linear(law.stiffness), _read_linear(law.damping)
     omega = np.sqrt(np.maximum(stiffness, 0.0))
     ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
     return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
 
 
 def warn_of_records(study: ModalStudy) -> Iterator[str]:
-    """Yield warnings about the records: sensors are missing, channels are clipped, one level stands alone."""
+    """Yield warnings about the records: missing sensors, clipped channels, a single test of levels."""
     for each in study.tests:
         test = each.test
         missing = [sensor for sensor in test.modes.sensors if sensor not in test.sensors]
@@ -143,15 +143,15 @@ def warn_of_records(study: ModalStudy) -> Iterator[str]:
                 "measure again with a larger range"
             )
     if len(study.of_use("level")) == 1:
-        yield 'there is one test with use = "level": levels are compared from two on'
+        yield 'there is only one test with use = "level": give two or more, at different levels, to compare them'
 
 
-def _orders(study: ModalStudy) -> dict[str, Any]:
+def _list_orders(study: ModalStudy) -> dict[str, Any]:
     return {"stiffness_order": study.stiffness_order, "damping_order": study.damping_order}
 
 
-def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
-    """Return why there is no law at all, "" where there is one: no test to fit, or no mode that shifts."""
+def _explain_no_law(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
+    """Return why there is no law at all (no test to fit, or no mode that shifts), or "" where there is one."""
     if study.nonlinear and study.of_use("fit", "decay"):
         return ""
     if not study.nonlinear:
@@ -163,7 +163,7 @@ def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
     return f'no test has use = "fit" or "decay", which mode(s) {modes} need: give sine beats or free decays'
 
 
-def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
+def _compare_levels(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
     tests = [each.test for each in study.of_use("level")]
     if len(tests) < 2:
         return ()
@@ -171,7 +171,7 @@ def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
     return level_shifts(tests, **{name: getattr(study, name) for name in THRESHOLDS})
 
 
-def _fits(
+def _fit_modes(
     study: ModalStudy, decay_laws: Mapping[int, DecayLaw], of_decays: Sequence[tuple[int, str]], say: Say
 ) -> tuple[tuple[ModeFit, ...], list[str]]:
     """Return the fits of the modes that forced tests move, and warnings about the choice of tests."""
@@ -186,31 +186,31 @@ def _fits(
             names = ", ".join(repr(test.name) for test in tests)
             warnings.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
         try:
-            fits.append(fit := fit_mode(tests, mode, **_orders(study), free_linear=study.free_linear))
-            found = "mode %d: orders %d and %d, %.3g of the modal force is left on %d lines"
+            fits.append(fit := fit_mode(tests, mode, **_list_orders(study), free_linear=study.free_linear))
+            found = "mode %d: orders %d and %d leave %.3g of the modal force unexplained on %d lines"
             logger.info(found, mode, fit.stiffness_order, fit.damping_order, fit.residual_share, fit.n_lines)
         except InputError as error:
             failed = "; ".join(sentence for of_mode, sentence in of_decays if of_mode == mode)
             faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))
     refuse(faults, study.source)
     warnings += [
-        f"mode {fit.mode} has corrections of frequency and damping that were found with other linear properties than "
-        "those of the study: the model keeps the study's"
+        f"the corrections of frequency and damping of mode {fit.mode} were found with other linear properties than "
+        "those of the study: the model keeps the frequency and damping of the study"
         for fit in fits
-        if (1 in fit.stiffness or 1 in fit.damping) and not _corrects(fit, study.modes)
+        if (1 in fit.stiffness or 1 in fit.damping) and not _is_fitted_to(fit, study.modes)
     ]
     return tuple(fits), warnings
 
 
-def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:
-    """Return free decays of the nonlinear modes, the law that the decays of a mode give together, warnings by mode."""
+def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:
+    """Return free decays of the nonlinear modes, the law of all decays of each mode, and warnings by mode."""
     decays: list[Decay] = []
     warnings: list[tuple[int, str]] = []
     for each in study.of_use("decay") if study.nonlinear else ():
         mode = each.mode or find_largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
-            decays.append(decay_of(each.test, mode, **_orders(study)))
+            decays.append(decay_of(each.test, mode, **_list_orders(study)))
         except NotDeterminedError as error:
             warnings.append((mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
     laws = {}
@@ -221,29 +221,29 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
         ]
         if own:
             try:
-                laws[mode] = law_of_decays(own, **_orders(study))
+                laws[mode] = law_of_decays(own, **_list_orders(study))
             except NotDeterminedError as error:
                 warnings.append((mode, f"the free decays of mode {mode} give no law: {error}"))
                 continue
-            # the law of a single decay repeats warnings of that decay
+            # The law of a single decay repeats warnings of that decay.
             of_decays = {text for decay in own for text in decay.warnings}
             of_law = [text for text in laws[mode].warnings if text not in of_decays]
             warnings += [(mode, f"the free decays of mode {mode} together: {text}") for text in of_law]
     return tuple(decays), laws, warnings
 
 
-def _corrects(fit: ModeFit, modes: LinearModes) -> bool:
+def _is_fitted_to(fit: ModeFit, modes: LinearModes) -> bool:
     """Return whether a fit was made with the linear properties of these modes, so that its corrections hold here."""
     given = (modes.frequency_hz[fit.mode - 1], modes.damping_ratio[fit.mode - 1])
     return bool(np.allclose(given, (fit.frequency_hz, fit.damping_ratio), rtol=1e-9, atol=0.0))
 
 
-def _first(coefficients: Mapping[int, Estimate]) -> float:
+def _read_linear(coefficients: Mapping[int, Estimate]) -> float:
     """Return the coefficient of the power 1, 0 where it was not fitted."""
     return float(coefficients.get(1, Estimate()).value or 0.0)
 
 
-def _truth_tests(
+def _run_truth_tests(
     study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], say: Say
 ) -> tuple[tuple[TruthTest, ...], list[str]]:
     done, unstable = [], []
@@ -260,8 +260,8 @@ def _warn_of_modes(modes: LinearModes) -> Iterator[str]:
     condition = condition_number(modes)
     if condition > MODAL.most_condition:
         yield (
-            f"the shapes have the condition number {condition:.0f} (9 is good): noise and errors of the shapes grow by "
-            "as much in the modal filter; add sensors or leave out modes"
+            f"the shapes have the condition number {condition:.0f} (9 is good): the modal filter amplifies noise and "
+            "errors of the shapes by this factor; add sensors or leave out modes"
         )
     looks = looks_unit_normalised(modes)
     if looks:
@@ -271,7 +271,7 @@ def _warn_of_modes(modes: LinearModes) -> Iterator[str]:
 def _warn_of_truth_tests(
     study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], done: Sequence[TruthTest]
 ) -> Iterator[str]:
-    """Yield which truth tests go beyond the amplitudes that were fitted, and which the model does not explain."""
+    """Warn of truth tests beyond the amplitudes that were fitted, and of those that the model does not explain."""
     reached = {fit.mode: (fit.stiffness_curve.position[-1], fit.band_hz) for fit in fits}
     for mode in decay_laws.keys() - reached.keys():
         natural = float(study.modes.frequency_hz[mode - 1])
@@ -280,12 +280,12 @@ def _warn_of_truth_tests(
         try:
             times = mode_lines(each.test, mode, band).largest_q / largest
         except InputError as error:
-            yield f"how far truth test {each.test.name!r} moves mode {mode} is not known: {error}"
+            yield f"the amplitude of mode {mode} in truth test {each.test.name!r} is not known: {error}"
             continue
         if times > MODAL.extrapolated:
             yield (
-                f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests it was "
-                "fitted to: there its force is an extrapolation"
+                f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests that its law "
+                "was fitted to: the force there is an extrapolation; fit tests of this level"
             )
     for test in done:
         missed = {name: figures.nrmse_nonlinear for name, figures in test.sensors.items()}
@@ -294,5 +294,5 @@ def _warn_of_truth_tests(
         if missed[worst] > MODAL.most_missed:
             yield (
                 f"truth test {test.name!r}: the nonlinear model misses {100 * missed[worst]:.0f} % of the motion of "
-                f"{worst!r} (median of all sensors {100 * median:.0f} %): do not use it there before you know why"
+                f"{worst!r} (median of all sensors {100 * median:.0f} %): find the cause before you use the model there"
             )

@@ -27,7 +27,7 @@ class NonlinearModalModel:
 
     Args:
         modes: the linear part of every mode.
-        laws: nonlinear restoring force by the number of the mode, counted from 1; none for a linear model.
+        laws: nonlinear restoring force by the number of the mode, counted from 1; empty for a linear model.
 
     Raises:
         InputError: a mode that is not there.
@@ -52,7 +52,7 @@ class NonlinearModalModel:
         return replace(self, laws={})
 
     def structure(self) -> Structure:
-        """The model as a structure whose degrees of freedom are the modal coordinates."""
+        """Return the model as a structure whose degrees of freedom are the modal coordinates."""
         n = self.modes.n_modes
         joints = tuple(
             Joint(f"mode {mode}", np.eye(n)[mode - 1], law=law) for mode, law in sorted(self.laws.items()) if law.terms
@@ -67,9 +67,9 @@ class Comparison:
 
     Args:
         peak_ratio_nonlinear: largest acceleration of the nonlinear model over the measured one.
-        peak_ratio_linear: likewise of the linear model.
-        nrmse_nonlinear: rms of the error over the rms of the measurement.
-        nrmse_linear: likewise of the linear model.
+        peak_ratio_linear: largest acceleration of the linear model over the measured one.
+        nrmse_nonlinear: rms of the error of the nonlinear model over the rms of the measurement.
+        nrmse_linear: rms of the error of the linear model over the rms of the measurement.
     """
 
     peak_ratio_nonlinear: float
@@ -83,11 +83,11 @@ class TruthTest:
     """A test that no fit has seen, and the responses of the models to its force.
 
     Args:
-        name: of the test.
+        name: the name of the test.
         band_hz: the band that is compared, Hz; None for all frequencies.
-        measured: accelerations at the sensors, m/s^2.
-        nonlinear: those of the nonlinear modal model, the same channels.
-        linear: those of the linear model.
+        measured: measured accelerations at the sensors, m/s^2.
+        nonlinear: accelerations of the nonlinear modal model, with the same channels, m/s^2.
+        linear: accelerations of the linear model, with the same channels, m/s^2.
         sensors: the comparison at each sensor, by its name.
     """
 
@@ -104,7 +104,7 @@ class TruthTest:
         return sorted(self.sensors, key=lambda name: -self.sensors[name].nrmse_nonlinear)
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds of it."""
+        """Return the comparison as result.json holds it."""
         sensors = {name: asdict(each) for name, each in self.sensors.items()}
         return {"name": self.name, "band_hz": self.band_hz, "sensors": sensors}
 
@@ -114,15 +114,16 @@ def simulate(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_p
 
     Args:
         model: the model.
-        force: (n,) force, N, taken for band-limited between its samples; at rest before the first.
+        force: (n,) force, N, taken as band-limited between its samples; before the first sample the model is at rest.
         fs: sampling rate, Hz.
         drive_point: name of the sensor where and in whose direction the force acts.
 
     Returns:
-        Channels named as the sensors, m/s^2.
+        Channels with the names of the sensors, m/s^2.
 
     Raises:
-        InputError: no such sensor, a force that is no series of finite numbers, or a response that grows without bound.
+        InputError: no such sensor, a force that is not a series of finite numbers, or a response that grows without
+            bound.
 
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
     >>> response = simulate(NonlinearModalModel(modes), np.sin(np.arange(256) / 4), fs=1024.0, drive_point="a")
@@ -145,7 +146,7 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
         raise InputError(f"the force has shape {series.shape}: give one series of finite numbers, in N")
     loads = force_projection(model.modes, drive_point)[:, None]
     highest = 2 * np.pi * model.modes.frequency_hz.max()
-    # with at most 0.1 rad of the fastest mode a step, Runge-Kutta keeps its frequency to 1e-6
+    # With steps of at most 0.1 rad of the fastest mode, Runge-Kutta keeps its frequency to 1e-6.
     steps = max(1, int(np.ceil(highest / fs / 0.1)))
     between = resampled(recording_from_arrays([series], ["force"], fs=fs, unit="N"), 2 * steps * fs)
     n_half_steps = 2 * (series.size - 1) * steps + 1
@@ -162,20 +163,19 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
 def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
     """Return measured, nonlinear and linear accelerations side by side, with peak ratio and NRMSE for each sensor.
 
-    Both models are driven by the measured force. All three are compared from 0.3 times
-    the lowest to 1.25 times the highest natural frequency of elastic modes.
-    NRMSE is the rms of the error over the rms of the measurement.
+    The measured force drives both models. All three are compared from 0.3 times the lowest to 1.25 times the highest
+    natural frequency of elastic modes. NRMSE is the rms of the error over the rms of the measurement.
 
     Args:
-        model: the nonlinear modal model; its linear twin has the modes of the test as they were given.
-        test: with a force.
+        model: the nonlinear modal model; the linear model has the modes of the test as they were given.
+        test: a test with a force.
 
     Raises:
         InputError: a test without a force, or a nonlinear model that grows without bound under it.
     """
     if test.force is None or test.drive_point is None:
         raise InputError(
-            f"test {test.name!r} has no force: a truth test needs the force that both models are driven by"
+            f"test {test.name!r} has no force: a truth test needs the force that drives both models, name its channel"
         )
     given = NonlinearModalModel(test.modes)
     sensors = list(test.sensors)
@@ -187,7 +187,7 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
             f"lower amplitudes; fit tests of this level, or lower the orders ({error})"
         ) from error
     linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
-    # above the band modes move that the models lack; below it sensors have offset and drift
+    # Above the band modes move that the models lack; below it sensors have offset and drift.
     top = MODAL.above_modes * float(test.modes.frequency_hz.max())
     elastic = test.modes.frequency_hz[test.modes.elastic]
     low = MODAL.below_modes * float(elastic.min()) if elastic.size else 0.0

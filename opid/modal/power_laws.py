@@ -18,7 +18,7 @@ from opid.result import SummaryRow
 
 STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
 DAMPING_KINDS = {2: "quadratic_damping", 3: "cubic_damping", 4: "quartic_damping", 5: "quintic_damping"}
-HIGHEST_ORDER = 5  # the paper's second case has it; no higher order could be told from noise
+HIGHEST_ORDER = 5  # the paper's second case uses it; a higher order could not be distinguished from noise
 
 
 def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> Law:
@@ -38,13 +38,13 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
     for kinds, values, letter in ((STIFFNESS_KINDS, stiffness, "k"), (DAMPING_KINDS, damping, "c")):
         for power, value in values.items():
             if power not in kinds:
-                raise InputError(f"{letter}{power} is no term of a nonlinear mode: give powers 2 to {HIGHEST_ORDER}")
+                raise InputError(f"a nonlinear mode has no term {letter}{power}: give powers 2 to {HIGHEST_ORDER}")
             terms.append(Term(kinds[power], (value,)))
     return Law(tuple(terms))
 
 
 def make_fitted_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate]) -> Law:
-    """Return the law of fitted coefficients, of which the power 1, the linear part, is left out."""
+    """Return the law of fitted coefficients without the power 1, which is the linear part."""
     of_stiffness, of_damping = (
         {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)
     )

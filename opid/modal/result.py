@@ -27,20 +27,20 @@ class ModalIdentification(Result):
     """A nonlinear modal model with its fits, its truth tests and the warnings about it.
 
     Args:
-        title: of the study.
+        title: the title of the study.
         modes: the linear modes.
         drive_point: the sensor where the force acts; None where no test has a force.
         tests: all tests, in modal coordinates.
-        fits: one for each nonlinear mode that forced tests move.
+        fits: one fit for each nonlinear mode that forced tests move.
         model: the nonlinear modal model.
         truth_tests: tests that no fit has seen, compared with the model.
         decays: free decays, with their frequency and damping over amplitude.
         shifts: how frequency and damping of each mode move with the level, where level tests were given.
-        condition_number: of the shapes.
+        condition_number: condition number of the shapes.
         auto_mac: (n_modes, n_modes) modal assurance criterion of the shapes against each other.
-        warnings: one sentence for each reason to doubt the result, those of decays included.
-        not_determined: why there is no answer, "" if there is one.
-        settings: those of the study.
+        warnings: one sentence for each warning about the result, those of decays included.
+        not_determined: the reason why there is no answer, "" if there is one.
+        settings: the settings of the study.
         decay_laws: the law that the free decays of a mode give together, by the number of the mode; the model has it
             where no forced test moves the mode.
     """
@@ -92,7 +92,7 @@ class ModalIdentification(Result):
         forced tests can fill (`band_hz`, `force_curves`, ...) are null.
         """
         names = ("title", "drive_point", "condition_number", "auto_mac", "not_determined", "settings")
-        of_decays = [_mode_of_decays(self, mode) for mode in self.modes_by_decays_alone]
+        of_decays = [_describe_mode_of_decays(self, mode) for mode in self.modes_by_decays_alone]
         return plain(
             {
                 "schema": SCHEMA,
@@ -112,11 +112,11 @@ class ModalIdentification(Result):
         return f"{self.title or 'without a title'} ({self.modes.n_modes} modes, nonlinear by forced tests: {nonlinear})"
 
 
-def _mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
-    """Return a mode that only free decays show, with the keys of the others."""
+def _describe_mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
+    """Return a mode that only free decays show, with the same keys as the other modes."""
     law, index = result.decay_laws[mode], result.modes.index(mode)
     linear = float(result.modes.stiffness()[index]), float(result.modes.damping()[index])
-    # the power 1 becomes a correction of the k0 and c0 that are given
+    # The power 1 becomes a correction of the k0 and c0 that are given.
     stiffness, damping = (
         {**found, 1: Estimate.normal(float(found[1].value or 0.0) - given, found[1].std)}
         for found, given in zip((law.stiffness, law.damping), linear, strict=True)

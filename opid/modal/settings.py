@@ -1,4 +1,4 @@
-"""The tuned numbers of nonlinear modal models, each with its reason; what users choose stands in `study`."""
+"""The tuned numbers of nonlinear modal models, each with its reason; the choices of users are in `study`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from dataclasses import dataclass
 class ModalThresholds:
     """Where bands, fits and decays of modes end, and what is refused or warned of."""
 
-    # of the shapes, above which noise of other coordinates dominates (the paper accepts 9)
+    # condition number of the shapes above which noise of other coordinates dominates (the paper accepts 9)
     most_condition: float = 30.0
-    most_damping: float = 0.2  # of a bolted structure: if every elastic mode has more, the numbers are percent
+    # largest damping ratio of a bolted structure: if every elastic mode has more, the numbers are percent
+    most_damping: float = 0.2
     # standard errors by which a shift with the level must exceed its threshold: chance alone does that once in 370
     # times
     shift_sigma: float = 3.0
@@ -19,87 +20,92 @@ class ModalThresholds:
     least_level_ratio: float = 1.5
     # fraction of the natural frequency to either side that is searched (the paper's modes shifted by 7 %)
     searched: float = 0.1
-    # the band of a level ends so many zeta f from the peak: noise and other modes dominate beyond
+    # half width of the band of a level, in zeta f from the peak: noise and other modes dominate beyond it
     level_half_widths: float = 8.0
-    fewest_lines: int = 16  # of such a band, which has to give three coefficients and two noise levels
+    fewest_lines: int = 16  # lines of such a band, which has to give three coefficients and two noise levels
     # third strongest line of a band over the median line of the record, below which no mode is seen
     least_peak: float = 4.0
-    # of the mean power, in the quietest quarter: noise falls below it once in 80 times at most
+    # fraction of the mean power in the quietest quarter: noise falls below it once in 80 times at most
     quiet_fraction: float = 0.15
-    # of the peak, at the end of a record: above it the unknown end state gets terms of its own
+    # fraction of the peak at the end of a record above which the unknown end state gets terms of its own
     not_decayed: float = 0.02
     widest_band: tuple[float, float] = (0.6, 1.5)  # ends of the widest band of a mode, in natural frequencies
-    # fraction of the way to a neighbour, where the band ends at the latest: the modal filter leaves little of the
-    # neighbour, and the frequency of a nonlinear mode moves there
+    # fraction of the distance to a neighbour at which the band ends at the latest: the modal filter leaves little of
+    # the neighbour, and the frequency of a nonlinear mode moves there
     to_neighbour: float = 0.8
     half_widths: float = 4.0  # half-power bandwidths on either side of the natural frequency that the band always holds
-    # of the largest line of the modal acceleration: what is below it holds nothing of the mode
+    # fraction of the largest line of the modal acceleration: smaller lines hold nothing of the mode
     least_line: float = 0.01
     least_signal: float = 3.0  # force or motion in the band over its noise, rms, that a test needs
-    # of the largest motion, at an end of a record that is to begin and end at rest: refused above ...
+    # fraction of the largest motion that may be left at an end of a record: a test with more is refused ...
     most_left: float = 0.05
-    warned_left: float = 0.01  # ... and warned of above this
-    # natural frequencies that a record holds at least, for the third harmonic with some of its width
+    warned_left: float = 0.01  # ... and a test with more than this gets a warning
+    # least multiple of the natural frequency that a record holds, for the third harmonic with some of its width
     third_harmonic: float = 3.1
     # a mode without tests of its own is fitted to those that reach this fraction of its largest amplitude
     part_of_largest: float = 0.1
-    most_outside: float = 0.5  # rms fraction of the motion that no shapes make: refused above ...
-    warned_outside: float = 0.1  # ... and warned of above this
-    # of the motion of the mode under test, rms of modal accelerations: what another mode must reach to be named as
+    most_outside: float = 0.5  # rms fraction of the motion that no shapes make: a test with more is refused ...
+    warned_outside: float = 0.1  # ... and a test with more than this gets a warning
+    # fraction of the motion of the mode under test, rms of modal accelerations, from which another mode is named as
     # coupled
     least_answer: float = 0.3
-    # of that motion: what the force may have driven by itself, for a shaker has harmonics, too
+    # fraction of that motion that the force may have driven by itself, for a shaker has harmonics, too
     most_driven: float = 0.3
-    most_column_condition: float = 1e6  # of the scaled columns, beyond which the tests cannot tell the powers apart
+    # condition number of the scaled columns beyond which the tests cannot distinguish the powers
+    most_column_condition: float = 1e6
     parsimony: float = 0.01  # fraction of the error that a further power must save on tests that were left out
     n_blocks: int = 5  # parts of a band that are left out in turn where there are fewer than three tests
-    # modal mass that tests may show; outside it, shapes or force have another unit
+    # range of the modal mass that tests may show; outside it, shapes or force have another unit
     mass_range: tuple[float, float] = (0.5, 2.0)
-    warned_mass: float = 0.05  # departure of the modal mass from 1 that is warned of
-    # half width of a force curve's band where it ends, over the force: wider, the orders are too high
+    warned_mass: float = 0.05  # departure of the modal mass from 1 above which there is a warning
+    # half width of a force curve's band at its end, over the force: if it is wider, the orders are too high
     widest_force: float = 0.3
-    most_unexplained: float = 0.5  # of the modal force: what a fit may leave without a warning
-    # times the largest amplitude fitted: a truth test that goes further asks the polynomials to extrapolate
+    most_unexplained: float = 0.5  # fraction of the modal force that a fit may leave without a warning
+    # largest amplitude of a truth test over that of the fitted tests: beyond it the polynomials extrapolate
     extrapolated: float = 1.1
-    # of the motion of a sensor, rms, that the model may miss in a truth test before it is warned of
+    # rms fraction of the motion of a sensor that the model may miss in a truth test without a warning
     most_missed: float = 0.3
-    # times the highest natural frequency: in a truth test, what is faster belongs to modes that the models do not have
+    # upper end of the band of a truth test over the highest natural frequency: faster motion belongs to other modes
     above_modes: float = 1.25
-    below_modes: float = 0.3  # times the lowest elastic one: what is slower is offset and drift of the sensors
-    # of a decay: with fewer, neither frequency nor damping can be found as functions of the amplitude
+    # lower end of that band over the lowest elastic natural frequency: slower motion is offset and drift of the sensors
+    below_modes: float = 0.3
+    # cycles of a decay: with fewer, neither frequency nor damping can be found as functions of the amplitude
     fewest_cycles: int = 10
     kernel_cycles: int = 6  # length of the Hann kernel that gives the first envelope
-    # an impact is over by then: a hammer that drives a mode at all touches for less than half of its period
+    # cycles after which an impact is over: a hammer that drives a mode at all touches for less than half of its period
     after_peak_cycles: float = 0.75
-    # peak over what was before, from which on a record holds an impact and not the end of a dwell
+    # peak over the motion before it, from which on a record holds an impact and not the end of a dwell
     impact_rise: float = 2.5
     # rms of a cycle over that of each of the three before it, at which the next impact has come
     next_impact_rise: float = 3.0
     clipped_samples: int = 3  # successive samples at the largest value that make a record clipped
-    fewest_window_cycles: float = 6.0  # of the mode in a window, for frequency and damping beside an offset and a trend
-    fewest_windows: int = 4  # of a decay that gives a curve over the amplitude
-    most_windows: int = 160  # of a decay: its fit takes the covariance of all of them
+    # cycles of the mode in a window, for frequency and damping beside an offset and a trend
+    fewest_window_cycles: float = 6.0
+    fewest_windows: int = 4  # windows of a decay that gives a curve over the amplitude
+    most_windows: int = 160  # windows of a decay, whose fit takes the covariance of all of them
     window_decay: float = 0.6  # decay of the log-amplitude in a window, where nothing else sets its length
     resolved: float = 2.5  # window length times distance of two frequencies from which a Hann window separates them
     smallest_signal: float = 5.0  # amplitude over its standard deviation at which the decay has reached the noise
     longest_decay: float = 3.0  # largest decay of the log-amplitude in a window that has to separate neighbours
-    most_neighbours: int = 6  # frequencies beside the mode that are looked for
-    highest_neighbour: float = 10.0  # in frequencies of the mode: the taper of the windows keeps out what lies beyond
-    smallest_neighbour: float = 0.005  # of the mode's peak, from which on a neighbour is fitted
-    unresolved: float = 0.1  # of the mode's peak, from which on a neighbour is reported that is too close to be fitted
+    most_neighbours: int = 6  # frequencies beside the mode that are searched
+    # highest neighbour over the frequency of the mode: the taper of the windows suppresses those beyond
+    highest_neighbour: float = 10.0
+    smallest_neighbour: float = 0.005  # fraction of the mode's peak from which on a neighbour is fitted
+    # fraction of the mode's peak from which on a neighbour is reported that is too close to be fitted
+    unresolved: float = 0.1
     least_range: float = 1.5  # largest amplitude over the smallest, below which nonlinear terms are warned of
-    drift_error: float = 0.1  # fraction to which the drift of the frequency is known: it is that of a smooth curve
-    most_misfit: float = 3.0  # misfit of the law of a decay, in standard deviations, that is not warned of
+    drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
+    most_misfit: float = 3.0  # largest misfit of the law of a decay without a warning, in standard deviations
     # rms of the residual over the record, above which the first quarter of a decay is left out
     most_residual: float = 0.5
-    # largest part of the wiggle of frequency and damping at one period, in standard deviations, that is still noise
+    # largest swing of frequency and damping about a smooth curve that is still noise, in standard deviations
     beating: float = 4.0
-    # of the fundamental: where it wanders more than this from period to period, the response is not periodic
+    # fraction of the fundamental: if it varies more than this from period to period, the response is not periodic
     unsteady: float = 0.02
     # time constants 1 / (zeta omega) that the first level waits before the loop is closed: what the sudden start
     # excites in all modes must be gone, or the loop follows it
     settling: float = 3.0
-    # of the natural frequency: the farthest that the loop moves to either side unless a range is given
+    # fraction of the natural frequency by which the loop moves at most to either side, unless a range is given
     widest_range: float = 0.15
 
 

@@ -20,13 +20,13 @@ THRESHOLDS = ("frequency_threshold", "damping_threshold")  # the relative shifts
 
 @dataclass(frozen=True, eq=False)
 class StudyTest:
-    """A test and what it is for.
+    """A test and its use.
 
     Args:
-        test: in modal coordinates.
+        test: the test in modal coordinates.
         use: "fit" to fit laws to it, "truth" to compare the model with it, "level" for one of several levels that are
             compared mode by mode, "decay" for a free decay (no force).
-        mode: the nonlinear mode that the test is for, from 1; found from its response where None.
+        mode: number of the nonlinear mode that the test excites, from 1; found from its response where None.
     """
 
     test: ModalTest
@@ -39,17 +39,17 @@ class ModalStudy:
     """What a nonlinear modal model is identified from.
 
     Args:
-        title: of the study.
-        modes: linear modes of the structure, those that the model is built on.
+        title: the title of the study.
+        modes: linear modes of the structure, on which the model is built.
         nonlinear: numbers of the nonlinear modes, from 1; where empty, those that the level tests show.
         tests: the tests, each with the linear modes that belong to it.
         drive_point: the sensor where the force acts; None where no test has a force.
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
-        damping_order: N_d likewise.
+        damping_order: N_d of every nonlinear mode, 1 for linear damping; chosen by cross-validation where None.
         free_linear: whether k0 and c0 are corrected in the fit; the data decide where None.
         frequency_threshold: relative shift of the natural frequency between level tests from which a mode counts as
             nonlinear, 0.002 for 0.2 %; see `level_shifts`.
-        damping_threshold: likewise of the damping ratio, 0.15 for 15 %.
+        damping_threshold: relative shift of the damping ratio from which a mode counts as nonlinear, 0.15 for 15 %.
         source: the study file, if there is one.
 
     Raises:
@@ -80,14 +80,14 @@ class ModalStudy:
         return "\n".join([f"ModalStudy: {self.title}", *lines])
 
     def of_use(self, *uses: Use) -> tuple[StudyTest, ...]:
-        """The tests of some uses."""
+        """Return the tests of some uses."""
         return tuple(each for each in self.tests if each.use in uses)
 
 
 def _find_faults(study: ModalStudy) -> Iterator[str]:
     for mode in study.nonlinear:
         if not 1 <= mode <= study.modes.n_modes:
-            yield f"nonlinear names mode {mode}, modes are counted from 1 to {study.modes.n_modes}"
+            yield f"nonlinear names mode {mode}, give numbers from 1 to {study.modes.n_modes}"
         elif not study.modes.elastic[mode - 1]:
             yield f"nonlinear names mode {mode}, a rigid-body mode (0 Hz): only elastic modes can be nonlinear"
     if len(set(study.nonlinear)) < len(study.nonlinear):
@@ -106,16 +106,16 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
     for each in study.tests:
         name = each.test.name
         if each.use not in USES:
-            yield f"test {name!r} has the use {each.use!r}, give one of {', '.join(USES)}"
+            yield f"test {name!r} has use = {each.use!r}, give one of {', '.join(USES)}"
         if each.use in ("truth", "level") and each.test.force is None:
-            yield f"test {name!r} is for {each.use!r} and has no force, name its channel"
+            yield f"test {name!r} has use = {each.use!r} and no force, name the channel of its force"
         if each.test.drive_point not in (None, study.drive_point):
             drives = f"{each.test.drive_point!r} and the study at {study.drive_point!r}"
             yield f"test {name!r} is driven at {drives}, name one"
         if each.use == "fit" and each.test.force is None:
             yield f'test {name!r} has no force, name its channel or give use = "decay" for a free decay'
         if each.mode is not None and not 1 <= each.mode <= study.modes.n_modes:
-            yield f"test {name!r} is for mode {each.mode}, modes are counted from 1 to {study.modes.n_modes}"
+            yield f"test {name!r} is for mode {each.mode}, give a number from 1 to {study.modes.n_modes}"
         elif each.mode is not None and each.mode not in study.nonlinear and study.nonlinear:
             yield f"test {name!r} is for mode {each.mode}, which is none of nonlinear = {list(study.nonlinear)}"
         if each.test.modes.n_modes != study.modes.n_modes:

@@ -64,7 +64,7 @@ class Clock:
 
 
 def uniform_clock(stamps: ArrayLike) -> Clock:
-    """Return the uniform clock behind time stamps, whatever the number of their digits.
+    """Return the uniform clock behind time stamps with any number of digits.
 
     The period p is the slope of the least-squares line through the stamps. Each step between stamps may
     differ from p by the resolution of the stamps or by 2 % of p, and no stamp may stray from the line by half
@@ -117,7 +117,7 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
         ClockError: a decreasing stamp, or stamps that are all equal.
 
     >>> true = np.arange(2000) / 117.0
-    >>> clock = reconstructed_clock(np.floor(true / 0.03) * 0.03)  # about four rows share a stamp
+    >>> clock = reconstructed_clock(np.floor(true / 0.03) * 0.03)  # about four rows have the same stamp
     >>> bool(abs(clock.fs - 117.0) < 0.1), bool(clock.stray_s < 0.031)
     (True, True)
     """
@@ -186,9 +186,9 @@ def _fit_line(bins: FloatArray) -> tuple[float, float]:
 def resolution_of(stamps: FloatArray) -> float:
     """Return the coarsest decimal or binary step of which the last stamps are multiples.
 
-    The last ones, because in scientific notation and in single precision the large stamps are the coarsest.
+    The last stamps are used because in scientific notation and in single precision large stamps are the coarsest.
     """
-    # at least ten stamps: two may lie a round number apart by chance
+    # at least ten stamps are used: two may lie a round number apart by chance
     block = stamps[-min(max(10, stamps.size // 2), 1000) :]
     offsets = block - block[0]
     noise = float(np.spacing(np.abs(block).max()))
@@ -230,7 +230,7 @@ def _require_forward(time_s: FloatArray, steps: FloatArray, *, may_repeat: bool)
 
 
 def _describe_irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:
-    """The error that names the first gap, or the largest jitter where there is no gap."""
+    """Return the error that names the first gap, or the largest jitter where there is no gap."""
     # the median over some steps withstands both gaps and coarse rounding
     stride = min(8, steps.size)
     period = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
@@ -264,7 +264,7 @@ def mark_clocks(log: Log) -> Log:
     """Return the log with those channels marked that run with its time.
 
     Such a channel states no unit or a unit of time, and increases in each of the first rows: along a straight line over
-    the time (over the rows where there are no stamps), or in any way if its name is a name of the time.
+    the time (over the rows where there are no stamps), or along any curve if its name is a name of the time.
     """
     tracks = tuple(_mark_track(track) for track in log.tracks)
     names = [channel.name for track in tracks for channel in track.channels if channel.is_clock]
@@ -278,7 +278,7 @@ def _mark_track(track: Track) -> Track:
         return track
     values = np.empty((0, len(columns)))
     stamps: FloatArray | None = None
-    with suppress(InputError):  # a fault there is reported where it is read
+    with suppress(InputError):  # an error there is raised where the track is read
         blocks = list(track.blocks(columns, 0, _ROWS_TO_TELL))
         values = np.concatenate([values, *(block.samples for block in blocks)])
         known = [block.stamps for block in blocks if block.stamps is not None]

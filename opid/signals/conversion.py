@@ -74,7 +74,7 @@ def _read_track(
     if start_s is not None or stop_s is not None:
         history.append(f"section {_describe_time(start_s, 'start')} to {_describe_time(stop_s, 'end')}")
     converted, channels = [], []
-    with _naming(log):
+    with _name_log_in_errors(log):
         for (name, column), values in zip(columns.items(), samples.T, strict=True):
             written = track.channels[column].unit
             si, unit = wanted[name].to_si(values, written or settings.unit)
@@ -83,14 +83,14 @@ def _read_track(
             words = wanted[name].words(written, settings.unit)
             history += [words] if words else []
     _require_finite(log, track, columns.values(), samples, first)
-    with _naming(log):
+    with _name_log_in_errors(log):
         return Recording(
             np.stack(converted, axis=1), clock.fs, tuple(channels), clock.start_s, tuple(history), log.files
         )
 
 
 @contextmanager
-def _naming(log: Log) -> Iterator[None]:
+def _name_log_in_errors(log: Log) -> Iterator[None]:
     """Put the name of the log before an error."""
     try:
         yield
@@ -117,7 +117,7 @@ def _read_stretch(
     start_s: float | None,
     stop_s: float | None,
 ) -> tuple[FloatArray, Clock, int]:
-    """Samples between two times, their clock, and the index of the first row."""
+    """Return the samples between two times, their clock, and the index of the first row."""
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
     whole = _find_clock(log, track, settings)
     if whole is not None:
@@ -149,7 +149,7 @@ def _read_stretch(
 
 
 def _find_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
-    """The clock of all rows where it is stated or reconstructed: some of the stamps would give another rate."""
+    """Return the clock of all rows if it is stated or reconstructed: part of the stamps would give another rate."""
     if settings.fs_hz:
         return Clock(settings.fs_hz, track.start_s if track.fs else 0.0, settings.fs_hz)
     if track.fs is not None:

@@ -39,10 +39,10 @@ def recording_from_frame(frame: pandas.DataFrame, *, units: Units = None) -> Rec
     """Return the recording of a DataFrame whose index is the time and whose columns are the channels.
 
     Args:
-        frame: its index is a time in seconds (or in the unit in its name: `time [ms]`), a DatetimeIndex, which counts
-            from its first stamp, or a TimedeltaIndex. The unit of a column stands in `units`, in its name
+        frame: a DataFrame whose index is a time in seconds (or in the unit in its name: `time [ms]`), a DatetimeIndex,
+            which counts from its first stamp, or a TimedeltaIndex. The unit of a column stands in `units`, in its name
             (`upper_z [m/s^2]`) or in `frame.attrs["units"]`; the first of these counts.
-        units: of all channels, or of each by its name.
+        units: the unit of all channels, or {name of the channel: unit}.
 
     Raises:
         InputError: an index that is no time or no uniform clock, or a column without a known unit or without numbers.
@@ -60,14 +60,14 @@ def recording_from_frame(frame: pandas.DataFrame, *, units: Units = None) -> Rec
         raise InputError("the index of the DataFrame is no time: give it one, like `frame.set_index('time [s]')`")
     if isinstance(index, pandas.DatetimeIndex | pandas.TimedeltaIndex):
         since = index - index[:1][0] if isinstance(index, pandas.DatetimeIndex) and len(index) else index
-        stamps = _as_seconds(since.to_numpy(), "s")
+        stamps = _to_seconds(since.to_numpy(), "s")
     else:
-        stamps = _as_seconds(index.to_numpy(), split_unit(str(index.name or ""))[1] or "s")
+        stamps = _to_seconds(index.to_numpy(), split_unit(str(index.name or ""))[1] or "s")
     columns = []
     for name, values in frame.items():
         plain, bracketed = split_unit(str(name))
         if not pandas.api.types.is_numeric_dtype(values):
-            raise _no_numbers(plain)
+            raise _make_number_error(plain)
         own = bracketed or _find_unit(frame.attrs.get("units"), (str(name), plain))
         columns.append((str(name), values.to_numpy(dtype=float, na_value=np.nan), own))
     return _make_recording(_name_columns(columns, units), stamps, frame.attrs, "a DataFrame")
@@ -77,7 +77,7 @@ def frame_of(recording: Recording) -> pandas.DataFrame:
     """Return a recording as a DataFrame with the index `time [s]` and columns like `upper_z [m/s^2]`.
 
     Args:
-        recording: any; its exact rate, its start and its history are stored in `attrs`.
+        recording: the recording; its exact rate, its start and its history are stored in `attrs`.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> frame = frame_of(recording_from_arrays([[1.0, 2.0]], ["upper_z"], fs=10.0))
@@ -103,10 +103,10 @@ def recording_from_xarray(array: xarray.DataArray | xarray.Dataset, *, units: Un
     """Return the recording of a DataArray (time, channel) or (time,), or of a Dataset of arrays (time,).
 
     Args:
-        array: has a coordinate `time` in seconds (or in its `attrs["units"]`), in datetime64, which counts from its
-            first stamp, or in timedelta64. The units of a DataArray stand in a coordinate `units` along `channel` or in
-            `attrs["units"]`; those of a Dataset in the attributes of each variable.
-        units: of all channels, or of each by its name; they replace those of the array.
+        array: an array with a coordinate `time` in seconds (or in its `attrs["units"]`), in datetime64, which counts
+            from its first stamp, or in timedelta64. The units of a DataArray stand in a coordinate `units` along
+            `channel` or in `attrs["units"]`, and those of a Dataset in the attributes of each variable.
+        units: the unit of all channels, or {name of the channel: unit}; it replaces the units of the array.
 
     Raises:
         InputError: dimensions other than these, no time, a time that is no uniform clock, or no known unit.
@@ -118,7 +118,7 @@ def recording_from_xarray(array: xarray.DataArray | xarray.Dataset, *, units: Un
             f"the array has no time: give it a coordinate `time` along a dimension `time`, not {array.dims}"
         )
     time = array.coords["time"]
-    stamps = _as_seconds(time.to_numpy(), str(time.attrs.get("units") or "s"))
+    stamps = _to_seconds(time.to_numpy(), str(time.attrs.get("units") or "s"))
     if isinstance(array, xarray.Dataset):
         columns = [
             (str(key), variable.to_numpy(), variable.attrs.get("units"))
@@ -144,10 +144,10 @@ def _list_columns(array: xarray.DataArray) -> list[_Column]:
 
 
 def xarray_of(recording: Recording) -> xarray.DataArray:
-    """Return a recording as a DataArray (time, channel), its units a coordinate along `channel`.
+    """Return a recording as a DataArray (time, channel) with its units as a coordinate along `channel`.
 
     Args:
-        recording: any; its exact rate, its start and its history are stored in `attrs`.
+        recording: the recording; its exact rate, its start and its history are stored in `attrs`.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> array = xarray_of(recording_from_arrays([[1.0, 2.0]], ["upper_z"], fs=10.0))
@@ -177,9 +177,9 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
     """Return the recording of a list of SEP 5 dictionaries; several rates are brought to the lowest.
 
     Args:
-        channels: one dictionary a channel, with `data` (n,), `name`, `unit_str` and `fs`, Hz, or `time` (n,), s; where
-            both are given they must agree.
-        units: of all channels, or of each by its name; they replace those of the dictionaries.
+        channels: one dictionary for each channel, with `data` (n,), `name`, `unit_str` and `fs`, Hz, or `time` (n,), s;
+            if both are given they must agree.
+        units: the unit of all channels, or {name of the channel: unit}; it replaces the units of the dictionaries.
 
     Raises:
         InputError: a missing or misspelt key, channels that began at different times of day, a time that is no uniform
@@ -201,8 +201,8 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
         raise InputError(f"the channels began at {len(starts)} different times of day: cut them to a common start")
     parts = []
     for name, channel in zip(names, channels, strict=True):
-        column = {name: (_as_numbers(channel["data"], name), _find_unit(units, (name,)) or channel["unit_str"] or None)}
-        stamps = None if channel.get("time") is None else _as_seconds(np.asarray(channel["time"]), "s")
+        column = {name: (_to_numbers(channel["data"], name), _find_unit(units, (name,)) or channel["unit_str"] or None)}
+        stamps = None if channel.get("time") is None else _to_seconds(np.asarray(channel["time"]), "s")
         if channel.get("fs") is None:
             parts.append(_make_recording(column, stamps, {}, "SEP 5"))
             continue
@@ -230,10 +230,10 @@ def _require_same_clock(name: str, channel: Mapping[str, Any], n: int, stamps: F
 
 
 def sep005_of(recording: Recording) -> list[dict[str, Any]]:
-    """Return a recording as a list of SEP 5 dictionaries, one a channel, each with `start_s` as well.
+    """Return a recording as a list of SEP 5 dictionaries, one for each channel, each with `start_s` as well.
 
     Args:
-        recording: any.
+        recording: the recording.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> [channel] = sep005_of(recording_from_arrays([[1.0, 2.0]], ["upper_z"], fs=10.0))
@@ -269,7 +269,7 @@ def _require_sep5(channel: object, number: int) -> None:
         raise InputError(f"channel {number} has neither `fs` nor `time`: SEP 5 asks for one of them")
 
 
-# ---- shared by all -------------------------------------------------------------------------------
+# ---- used by all three -----------------------------------------------------------------------------
 
 
 def _make_attributes(recording: Recording) -> dict[str, Any]:
@@ -278,11 +278,11 @@ def _make_attributes(recording: Recording) -> dict[str, Any]:
 
 
 def _name_columns(columns: Sequence[_Column], units: Units) -> dict[str, tuple[FloatArray, str | None]]:
-    """The numbers and the unit of each channel by its name, which may have its unit in brackets."""
+    """Return the numbers and the unit of each channel by its name, which may have its unit in brackets."""
     split = [split_unit(key) for key, *_ in columns]
     require_distinct_names([name for name, _ in split])
     return {
-        name: (_as_numbers(values, name), _find_unit(units, (key, name)) or own or bracketed)
+        name: (_to_numbers(values, name), _find_unit(units, (key, name)) or own or bracketed)
         for (name, bracketed), (key, values, own) in zip(split, columns, strict=True)
     }
 
@@ -295,22 +295,22 @@ def _find_unit(units: object, names: Sequence[str]) -> str | None:
     return None
 
 
-def _no_numbers(name: str) -> InputError:
+def _make_number_error(name: str) -> InputError:
     return InputError(f"channel {name!r} does not hold numbers only: leave it out")
 
 
-def _as_numbers(values: ArrayLike, name: str) -> FloatArray:
+def _to_numbers(values: ArrayLike, name: str) -> FloatArray:
     try:
         numbers = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise _no_numbers(name) from None
+        raise _make_number_error(name) from None
     if numbers.ndim != 1:
         raise InputError(f"channel {name!r} has shape {numbers.shape}: give one array (n_samples,) a channel")
     return numbers
 
 
-def _as_seconds(stamps: np.ndarray, unit: str) -> FloatArray:
-    """Stamps in seconds; dates count from the first one."""
+def _to_seconds(stamps: np.ndarray, unit: str) -> FloatArray:
+    """Return the stamps in seconds; dates count from the first one."""
     if stamps.dtype.kind == "M":
         stamps = stamps - stamps[:1]
     if stamps.dtype.kind == "m":
@@ -326,7 +326,7 @@ def _make_recording(
     attributes: Mapping[Any, Any],
     source: str,
 ) -> Recording:
-    """The recording of some columns; where `attributes` agree with the stamps, they state its clock exactly."""
+    """Return the recording of some columns; where `attributes` agree with the stamps, they state its clock exactly."""
     if not columns:
         raise InputError(f"{source} holds no channels: give one or more")
     converted, channels, words = [], [], []

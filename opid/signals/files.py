@@ -17,8 +17,8 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
     """Return a hint for a path that does not exist: a similar name in its directory, or what to check.
 
     Args:
-        path: of the file that does not exist.
-        endings: of the files that may be suggested; any file or directory where left out.
+        path: path of the file that does not exist.
+        endings: endings of the files that may be suggested; by default any file or directory may be.
     """
     if not path.parent.is_dir():
         return f", nor a directory {path.parent}: check the path"
@@ -78,7 +78,7 @@ def require_directory(path: str | os.PathLike[str]) -> Path:
     It is called before long work, so that a mistyped path does not waste that work.
 
     Raises:
-        InputError: a file stands in the way, or the directory is not writable.
+        InputError: a file has this path, or the directory is not writable.
 
     >>> require_directory(".")
     PosixPath('.')
@@ -96,7 +96,7 @@ def make_directory(path: str | os.PathLike[str]) -> Path:
     """Make the directory `path`, and those above it, unless it exists.
 
     Raises:
-        InputError: as `require_directory`.
+        InputError: a file has this path, or the directory is not writable.
     """
     target = require_directory(path)
     try:
@@ -110,11 +110,11 @@ def write_together(directory: str | os.PathLike[str], contents: Mapping[str, byt
     """Write several files so that either all of them appear or none; other files in the directory stay.
 
     Args:
-        directory: made if it does not exist, and then deleted again after a failure.
-        contents: bytes by the name of the file.
+        directory: path of the directory; it is made if it does not exist, and then deleted again after a failure.
+        contents: {name of the file: bytes}.
 
     Raises:
-        InputError: a place that cannot be written to.
+        InputError: the directory cannot be written to.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as parent:

@@ -1,6 +1,6 @@
 """A log as its file holds it, read block by block, and the user's settings for reading it.
 
-A log may be longer than memory, have gaps and missing values, channels of several rates, and units that nobody stated.
+A log may be longer than memory, have gaps and missing values, channels of several rates, and units that are not stated.
 `opid.signals.conversion` makes a `Recording` (in memory, uniform, finite, SI) of a part of it.
 """
 
@@ -29,10 +29,10 @@ BLOCK_VALUES = 1 << 20
 
 @dataclass(frozen=True)
 class LoggedChannel:
-    """A channel as its file calls it."""
+    """A channel with the name and the unit that its file states."""
 
-    name: str  # of the channel
-    unit: str | None = None  # as it is written; None where the file states none
+    name: str  # name of the channel
+    unit: str | None = None  # unit as it is written; None where the file states none
     is_clock: bool = False  # whether it runs with the time and is no signal; it is only read where the user names it
 
 
@@ -50,16 +50,16 @@ Rows = Callable[[Sequence[int], int, int | None], Iterator[Block]]
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Channels that share a clock.
+    """Channels that have the same clock.
 
     Args:
-        channels: in the order of the columns.
-        rows: yields the blocks of some columns from one row to another.
+        channels: the channels in the order of the columns.
+        rows: function that yields the blocks of some columns from one row to another.
         fs: rate that the file states, Hz; None where each row has a time stamp.
         start_s: time of the first row where there are no stamps, s.
         n_samples: number of rows; None where only reading shows it.
-        name: distinguishes the tracks of a log; empty where there is but one.
-        locate: row -> its position in the file, for messages: "line 7".
+        name: name that distinguishes the tracks of a log; empty where there is only one.
+        locate: function from a row to its position in the file, for messages: "line 7".
     """
 
     channels: tuple[LoggedChannel, ...]
@@ -81,13 +81,13 @@ class Log:
     """A log as its file holds it.
 
     Args:
-        path: of the file; a name in brackets where there is none.
-        format: its usual name.
-        tracks: one for each clock.
+        path: path of the file; a name in brackets where there is no file.
+        format: usual name of the format.
+        tracks: the tracks, one for each clock.
         zero: the moment at which its times are zero, where the file states it; it puts logs of several recorders on one
-            time axis. Without a time zone it is what the recorder's clock showed.
-        history: what was done to the samples before the file was written, as the file says.
-        remarks: what was found out about how to read the file, for `inspect` and the history.
+            time axis. Without a time zone it is the time that the recorder's clock showed.
+        history: steps applied to the samples before the file was written, as the file states them.
+        remarks: sentences on how the file is read, for `inspect` and the history.
     """
 
     path: Path
@@ -106,7 +106,7 @@ class Log:
     def names(self) -> tuple[str, ...]:
         """Name of each channel, track by track; "track/channel" where two channels have one name."""
         plain = [channel.name for track in self.tracks for channel in track.channels]
-        full = [_full(track, channel) for track in self.tracks for channel in track.channels]
+        full = [_join_name(track, channel) for track in self.tracks for channel in track.channels]
         times = Counter(plain)
         return tuple(one if times[one] == 1 else other for one, other in zip(plain, full, strict=True))
 
@@ -123,14 +123,14 @@ class Log:
             channel: its name, or its number in `names`, counted from 1.
 
         Raises:
-            InputError: there is none, or several of that name.
+            InputError: no channel, or several, have that name.
         """
         columns = [(track, column) for track in self.tracks for column in range(len(track.channels))]
         if isinstance(channel, int):
             if not 1 <= channel <= len(columns):
                 raise InputError(f"there is no channel number {channel} in {self.path}: it has {len(columns)}")
             return columns[channel - 1]
-        full = {place: _full(place[0], place[0].channels[place[1]]) for place in columns}
+        full = {place: _join_name(place[0], place[0].channels[place[1]]) for place in columns}
         found = [(track, i) for track, i in columns if channel in (full[track, i], track.channels[i].name)]
         if not found:
             raise InputError(f"there is no channel {channel!r} in {self.path}: {nearest(channel, self.names)}")
@@ -237,7 +237,7 @@ def log_of_recording(recording: Recording) -> Log:
     return Log(Path("[recording]"), "recording", (track,), history=recording.history)
 
 
-def _full(track: Track, channel: LoggedChannel) -> str:
+def _join_name(track: Track, channel: LoggedChannel) -> str:
     return f"{track.name}/{channel.name}" if track.name else channel.name
 
 
@@ -251,19 +251,19 @@ class LogSettings:
     """How to read a log: the table `[log]` of a study file.
 
     Args:
-        names: of all columns of a text, the time among them, in place of its header.
-        time: name or number (from 1) of the column with the time stamps; found by its name where left out.
-        time_unit: of the stamps, where the file states none or a wrong one.
+        names: names of all columns of a text, the time among them, in place of its header.
+        time: name or number (from 1) of the column with the time stamps; by default it is found by its name.
+        time_unit: unit of the stamps, where the file states none or a wrong one.
         clock: "stamps": the stamps must be those of a uniform clock, apart from their rounding; "reconstructed": rows
             are assumed to be equally spaced, and stamps that come in bursts (a host empties a buffer) only give the
             rate.
         fs_hz: the rate, Hz; the stamps are then ignored.
-        unit: of every channel for which the file states none.
+        unit: unit of every channel for which the file states none.
         full_scale: the value at a WAV file's full scale, in the unit.
-        delimiter: between the columns of a text; found where left out.
-        decimal: "." or ","; found where left out.
-        encoding: of a text; found where left out.
-        skip_lines: lines of a text before its header, or before its numbers if `names` is given.
+        delimiter: delimiter between the columns of a text; by default it is found.
+        decimal: decimal mark, "." or ","; by default it is found.
+        encoding: encoding of a text; by default it is found.
+        skip_lines: number of lines of a text before its header, or before its numbers if `names` is given.
 
     Raises:
         InputError: an impossible value.
@@ -302,7 +302,7 @@ class LogSettings:
 
 
 AS_WRITTEN = LogSettings()
-"""The user says nothing; the file says everything."""
+"""Settings of a user who states nothing: the file states everything."""
 
 
 @dataclass(frozen=True)
@@ -310,13 +310,13 @@ class ChannelSettings:
     """Where one channel is found, and what its values mean: `value in unit = sign (scale written + offset)`.
 
     Args:
-        channel: its name in the log, or its number there, counted from 1.
-        file: that holds it, where that is not the log of the run.
-        unit: of the value; the one that the file states where left out.
-        scale: of the values as they are written.
-        offset: added to the scaled values, in `unit`.
+        channel: name of the channel in the log, or its number there, counted from 1.
+        file: the file that holds it, where that is not the log of the run.
+        unit: unit of the value; by default the one that the file states.
+        scale: factor of the values as they are written.
+        offset: value added to the scaled values, in `unit`.
         sign: 1, or -1 for a sensor that was mounted upside down.
-        shift_s: added to the times of its file, whose clock began at another moment, s.
+        shift_s: time added to the times of its file, whose clock began at another moment, s.
 
     Raises:
         InputError: an impossible value.
@@ -350,8 +350,8 @@ class ChannelSettings:
         """Return values in SI, and the name of their unit.
 
         Args:
-            samples: (n,) as written.
-            written_unit: the one that the file states.
+            samples: (n,) values as written.
+            written_unit: unit that the file states.
 
         Raises:
             InputError: no unit is stated, or an unknown one.
@@ -371,8 +371,8 @@ class ChannelSettings:
         """Return a line of the history that says what is done to the values; None where nothing is.
 
         Args:
-            written_unit: the one that the file states.
-            unit_of_all: of every channel for which the file states none.
+            written_unit: unit that the file states.
+            unit_of_all: unit of every channel for which the file states none.
         """
         unit = self.unit or written_unit or unit_of_all
         if unit is None:

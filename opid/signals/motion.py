@@ -29,11 +29,11 @@ class Motion:
     """Acceleration, velocity and displacement of one motion, all seen through the same filter.
 
     Args:
-        acceleration: (n,), m/s^2.
-        velocity: (n,), m/s.
-        displacement: (n,), m.
+        acceleration: (n,) acceleration, m/s^2.
+        velocity: (n,) velocity, m/s.
+        displacement: (n,) displacement, m.
         fs: sampling rate, Hz.
-        method: how they were integrated.
+        method: method of integration.
         high_pass_hz: corner below which nothing is kept, Hz; 0 for `mean_removed`.
         settle_s: time at each end of the run in which the filter has not settled, s.
     """
@@ -106,7 +106,7 @@ def differentiate(samples: ArrayLike, *, fs: float) -> FloatArray:
     series.
 
     Args:
-        samples: (n,) two or more.
+        samples: (n,) samples, two or more.
         fs: sampling rate, Hz.
 
     >>> t = np.arange(200) / 100
@@ -137,11 +137,11 @@ def relative_motion(
         unsprung: (n,) acceleration x1'' of the unsprung mass, m/s^2.
         sprung: (n,) acceleration x2'' of the sprung mass, m/s^2.
         fs: sampling rate, Hz.
-        method: as in `integrate`.
-        high_pass_hz: as in `integrate`.
+        method: "spectral", "zero_phase" or "mean_removed", see `integrate`.
+        high_pass_hz: corner of the high-pass, Hz; not used by "mean_removed".
 
     Raises:
-        InputError: as in `integrate`, or arrays of different lengths.
+        InputError: arrays of different lengths, or an error of `integrate`.
 
     >>> t = np.arange(20 * 256) / 256.0
     >>> motion = relative_motion(np.zeros(t.size), np.cos(2 * np.pi * 2 * t), fs=256.0)

@@ -27,16 +27,16 @@ class Recording:
     """Samples (time, channel) at a uniform rate, read-only, with names, units and a history.
 
     Args:
-        samples: (n_samples, n_channels) array in SI units; copied and made read-only.
+        samples: (n_samples, n_channels) array in SI units; it is copied and made read-only.
         fs: sampling rate, Hz.
-        channels: one `Channel` a column.
+        channels: the channels, one for each column.
         start_s: time of the first sample, s.
-        history: what was done to the samples since they were read, in order.
-        files: that the samples were read from, and those that say what the samples mean (a study, for example).
+        history: steps applied to the samples since they were read, in order.
+        files: files that the samples were read from, and those that state what the samples mean (a study, for example).
 
     Raises:
-        InputError: fewer than two samples, other than one column for each channel, a value that is not finite, a rate
-            that is not positive, or a repeated name.
+        InputError: fewer than two samples, another number of columns than of channels, a value that is not finite, a
+            rate that is not positive, or a repeated name.
 
     >>> import numpy as np
     >>> run = Recording(np.zeros((100, 1)), fs=50.0, channels=(Channel("upper_z", "m/s^2"),))
@@ -161,15 +161,15 @@ def recording_from_arrays(
     """Return the recording whose channels are the given one-dimensional arrays.
 
     Args:
-        arrays: one (n_samples,) array a channel, all of one length.
-        names: of the channels.
+        arrays: one (n_samples,) array for each channel, all of one length.
+        names: names of the channels.
         fs: sampling rate, Hz.
-        unit: SI unit of all channels, or one for each.
+        unit: SI unit of all channels, or one unit for each.
         start_s: time of the first sample, s.
 
     Raises:
-        InputError: arrays of different lengths, other numbers of names or units than of arrays, a unit that is no text,
-            or anything that `Recording` refuses.
+        InputError: arrays of different lengths, another number of names or units than of arrays, a unit that is no
+            text, or an error of `Recording`.
 
     >>> recording_from_arrays([[0, 1, 2], [3, 4, 5]], ["lower_z", "upper_z"], fs=10.0).samples.shape
     (3, 2)

@@ -30,10 +30,11 @@ def resampled(
     """Return a recording at another rate, without delay.
 
     Args:
-        recording: at any rate.
-        fs_hz: the new rate, Hz. Below the old one everything above 0.5 fs_hz is filtered out, and kept up to 0.4.
-        start_s: time of the first new sample, s; that of the recording where left out.
-        n_samples: number of new samples; to the end where left out.
+        recording: a recording at any rate.
+        fs_hz: the new rate, Hz. If it is below the old one, frequencies above 0.5 fs_hz are filtered out, and those up
+            to 0.4 fs_hz are kept.
+        start_s: time of the first new sample, s; by default the start of the recording.
+        n_samples: number of new samples; by default as many as reach the end of the recording.
 
     Raises:
         InputError: a rate that is not positive, or times outside the recording.
@@ -73,12 +74,12 @@ def resampled(
 def on_common_clock(
     recordings: Sequence[Recording], *, order: Sequence[str] | None = None, fs_hz: float | None = None
 ) -> Recording:
-    """Return the channels of several recordings over the time that they share, on one clock.
+    """Return the channels of several recordings over their common time, on one clock.
 
     Args:
-        recordings: with different names of channels; their times count from one origin.
-        order: of the channels in the result; as they come where left out.
-        fs_hz: the rate, Hz; the lowest of theirs where left out.
+        recordings: recordings with different names of channels; their times count from one origin.
+        order: names of the channels in the order of the result; by default the order of the recordings.
+        fs_hz: the rate, Hz; by default the lowest rate of the recordings.
 
     Raises:
         InputError: no common time.
@@ -123,7 +124,7 @@ def _is_on_clock(recording: Recording, fs: float, begin: float) -> bool:
 
 
 def _low_pass(samples: FloatArray, ratio: float) -> FloatArray:
-    """The samples without frequencies above half of the lower rate, `ratio` of the old one; without delay."""
+    """Return the samples without frequencies above half of the lower rate, `ratio` of the old one; without delay."""
     from scipy import signal
 
     n_taps, beta = signal.kaiserord(STOP_DB, 2 * (STOP - PASS) * ratio)
@@ -134,14 +135,14 @@ def _low_pass(samples: FloatArray, ratio: float) -> FloatArray:
 
 
 def _extend(samples: FloatArray, n: int) -> FloatArray:
-    """The samples, continued at both ends by n samples of their mirror image through the first and the last one."""
+    """Return the samples, continued at both ends by n samples of their mirror image through the end samples."""
     before = 2 * samples[:1] - samples[n:0:-1]
     after = 2 * samples[-1:] - samples[-2 : -n - 2 : -1]
     return np.concatenate([before, samples, after])
 
 
 def _interpolate(samples: FloatArray, position: FloatArray, limit: float) -> FloatArray:
-    """Values at positions between samples of signals without frequencies above `limit` times their rate."""
+    """Return the values at positions between samples of signals without frequencies above `limit` times their rate."""
     from scipy import interpolate, signal
 
     nearest = np.round(position)

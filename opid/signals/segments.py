@@ -27,7 +27,8 @@ class SegmentSettings:
         idle_scatter: largest robust standard deviation of the logarithm of a steady rms.
         still_s: the vehicle stands still for at least this time, s: a moment between two bumps is no standstill.
         usual_s: the usual motion is the strongest motion that lasts for this time, s.
-        usual: in a short log the usual motion lasts for this fraction of it, for the vehicle may stand in the rest.
+        usual: in a short log the usual motion lasts for this fraction of it, for the vehicle may stand still in the
+            remainder.
         nearly: among stretches longer than this fraction of the longest one, the most energetic is chosen.
     """
 
@@ -61,10 +62,10 @@ class Segment:
     """A stretch of a log.
 
     Args:
-        start_s: where it begins, s; None for the beginning of the log.
-        stop_s: where it ends, s; None for the end of the log.
-        reason: why this one, in a sentence; empty for a whole log that is sound and in motion.
-        left_out: the rest of the log.
+        start_s: time of its beginning, s; None for the beginning of the log.
+        stop_s: time of its end, s; None for the end of the log.
+        reason: reason for the choice, in a sentence; empty for a whole log that is sound and in motion.
+        left_out: the remainder of the log.
     """
 
     start_s: float | None
@@ -75,7 +76,7 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """What the channels of a log do second by second, on all their clocks: all arrays are (n,)."""
+    """The motion and the faults of a log's channels second by second, on all their clocks: all arrays are (n,)."""
 
     start_s: FloatArray
     stop_s: FloatArray
@@ -92,9 +93,9 @@ def sound_segments(
     Single spikes do not end a stretch. A stretch that begins (ends) with the log has no start (stop).
 
     Args:
-        health: from `opid.inspect`.
+        health: the result of `opid.inspect`.
         channels: names of the channels that must be sound.
-        least_s: shortest stretch, s.
+        least_s: length of the shortest accepted stretch, s.
 
     Raises:
         InputError: a channel that was not inspected.
@@ -111,7 +112,7 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     the most energetic), and of a stretch longer than five minutes the part with the steadiest motion.
 
     Args:
-        health: from `opid.inspect`.
+        health: the result of `opid.inspect`.
         channels: names of the channels to identify from.
 
     Raises:
@@ -122,7 +123,7 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     usable, cut = course.sound, "at fault"
     runs = _find_long_runs(course, usable & moving)
     if not runs:
-        # Every stretch is clipped or held: what can be read is worth a try, and the findings name the faults.
+        # Every stretch is clipped or held. The log is used all the same, and the findings name the faults.
         usable, cut = course.complete, "incomplete"
         runs = _find_long_runs(course, usable & moving)
     if not runs:
@@ -138,7 +139,7 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
 
 
 def _make_course(health: Health, channels: Sequence[str]) -> _Course:
-    """The rms histories of all clocks on the stretches of the coarsest one."""
+    """Return the rms histories of all clocks on the stretches of the coarsest one."""
     names = [name for clock in health.clocks for name in clock.channels]
     for name in channels:
         if name not in names:
@@ -152,24 +153,24 @@ def _make_course(health: Health, channels: Sequence[str]) -> _Course:
     # a stretch lasts until the next one begins, and a gap between them makes it unsound
     stop_s = np.append(main.start_s[1:], max(end_s, main.start_s[-1]))
     relative_rms = _divide_by_usual(main, columns)
-    sound, complete = _all_of(main.sound, columns), _all_of(main.complete, columns)
+    sound, complete = _combine_all(main.sound, columns), _combine_all(main.complete, columns)
     for history, _, others in own:
         if history is main:
             continue
         at = np.searchsorted(history.start_s, 0.5 * (main.start_s + stop_s), "right") - 1
         own_rms = _divide_by_usual(history, others)
         relative_rms = np.fmax(relative_rms, own_rms[np.clip(at, 0, own_rms.size - 1)])
-        sound &= _are_good_within(history, _all_of(history.sound, others), main.start_s, stop_s)
-        complete &= _are_good_within(history, _all_of(history.complete, others), main.start_s, stop_s)
+        sound &= _is_good_within(history, _combine_all(history.sound, others), main.start_s, stop_s)
+        complete &= _is_good_within(history, _combine_all(history.complete, others), main.start_s, stop_s)
     return _Course(main.start_s, stop_s, relative_rms, sound, complete)
 
 
-def _all_of(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+def _combine_all(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
     return np.asarray(flags[:, columns].all(axis=1))
 
 
 def _divide_by_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
-    """(n,) the largest ratio of a channel's rms to its usual motion."""
+    """Return the largest ratio of a channel's rms to its usual motion, (n,)."""
     rms = history.rms[:, columns]
     n = max(1, min(round(SEGMENTS.usual * rms.shape[0]), round(SEGMENTS.usual_s / history.length_s)))
     filled = np.nan_to_num(rms)
@@ -177,8 +178,8 @@ def _divide_by_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
     return np.fmax.reduce(rms / np.where(usual > 0, usual, np.inf), axis=1)
 
 
-def _are_good_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
-    """Whether another clock has stretches in each of these, and all of them are good."""
+def _is_good_within(history: RmsHistory, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
+    """Return whether another clock has stretches in each of these, and all of them are good."""
     bad = np.concatenate([[0], np.cumsum(~good)])
     first = np.searchsorted(history.start_s, start_s + 1e-9, "right") - 1
     last = np.searchsorted(history.start_s, stop_s - 1e-9, "left")
@@ -202,7 +203,7 @@ def _find_standstill(course: _Course) -> np.ndarray:
 
 
 def _find_runs(good: np.ndarray) -> list[tuple[int, int]]:
-    """Index of the first stretch of each run of good ones, and of the stretch after its last."""
+    """Return the index of the first stretch of each run of good ones, and of the stretch after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[0::2], edges[1::2], strict=True)]
 
@@ -212,13 +213,13 @@ def _measure_length(course: _Course, run: tuple[int, int]) -> float:
 
 
 def _find_long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:
-    """Runs that are long enough; a log that is good from end to end always is."""
+    """Return the runs that are long enough; a log that is good from end to end always is."""
     runs = _find_runs(good)
     return runs if good.all() else [run for run in runs if _measure_length(course, run) >= SEGMENTS.least_s]
 
 
 def _find_steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
-    """The part of a run, no longer than `most_s`, in which the logarithm of the rms scatters least."""
+    """Return the part of a run, no longer than `most_s`, in which the logarithm of the rms scatters least."""
     if _measure_length(course, run) <= SEGMENTS.most_s + 1e-6:
         return run
     typical = float(np.median(course.stop_s[slice(*run)] - course.start_s[slice(*run)]))
@@ -236,7 +237,7 @@ def _find_steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
 def _list_left_out(
     course: _Course, chosen: tuple[int, int], usable: np.ndarray, moving: np.ndarray
 ) -> tuple[LeftOut, ...]:
-    """The rest of the log by the reason; neighbours with the same reason are joined."""
+    """Return the remainder of the log by the reason; neighbours with the same reason are joined."""
     inside = np.zeros(usable.size, dtype=bool)
     inside[slice(*chosen)] = True
     short = np.zeros(usable.size, dtype=bool)

@@ -24,11 +24,11 @@ class CrossSpectra:
     Args:
         frequency_hz: (n_lines,) Hz.
         density: (n_lines, n_signals, n_signals) Hermitian, E[conj(X_i) X_j], unit^2/Hz.
-        n_blocks: blocks averaged.
-        n_averages: number of independent averages with the same scatter (overlapping blocks share samples).
+        n_blocks: number of averaged blocks.
+        n_averages: number of independent averages with the same scatter (overlapping blocks are not independent).
         window: scipy's name of the window.
-        nperseg: samples a block.
-        noverlap: samples shared by neighbouring blocks.
+        nperseg: number of samples of a block.
+        noverlap: number of samples that neighbouring blocks have in common.
         fs: sampling rate, Hz.
     """
 
@@ -81,8 +81,8 @@ def cross_spectra(
         signals: (n_samples, n_signals) array.
         fs: sampling rate, Hz.
         window: any name that scipy.signal.get_window takes, "flattop" included.
-        nperseg: samples a block; 8 s of them, or the whole run where it is shorter, when left out.
-        noverlap: samples shared by neighbouring blocks; half of a block when left out.
+        nperseg: number of samples of a block; by default 8 s of them, or the whole run if it is shorter.
+        noverlap: number of samples that neighbouring blocks have in common; by default half of a block.
 
     Raises:
         InputError: blocks longer than the run, or an overlap that is not below a block.
@@ -139,12 +139,12 @@ def transmissibility(
         sprung: (n,) acceleration x2'', m/s^2.
         fs: sampling rate, Hz.
         estimator: "H1", "H2" or "Hv".
-        window: as in `cross_spectra`.
-        nperseg: as in `cross_spectra`.
-        noverlap: as in `cross_spectra`.
+        window: any name that scipy.signal.get_window takes.
+        nperseg: number of samples of a block, see `cross_spectra`.
+        noverlap: number of samples that neighbouring blocks have in common, see `cross_spectra`.
 
     Raises:
-        InputError: an unknown estimator, arrays of different lengths, or settings that `cross_spectra` refuses.
+        InputError: an unknown estimator, arrays of different lengths, or an error of `cross_spectra`.
 
     >>> rng = np.random.default_rng(0)
     >>> x = rng.standard_normal(8192)
@@ -211,10 +211,10 @@ def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_
     be white: the noise of a differentiated path nearly vanishes at the lower end of a band.
 
     Args:
-        channels: (n, n_channels) whose noise is bounded.
-        others: (n, n_others) measured at the same time.
+        channels: (n, n_channels) samples of the channels whose noise is bounded.
+        others: (n, n_others) samples of other channels measured at the same time.
         fs: sampling rate, Hz.
-        band_hz: of the lines that are used, Hz.
+        band_hz: band of the lines that are used, Hz.
 
     Returns:
         (n_channels,) the standard deviation that white noise of that density would have, in the unit of `channels`;
@@ -244,11 +244,11 @@ def coherent_fraction(
     (Bendat & Piersol 2010, Random data, sec. 9.2); NaN where the run is too short.
 
     Args:
-        channels: (n, n_channels).
-        others: (n, n_others) measured at the same time.
+        channels: (n, n_channels) samples of the channels.
+        others: (n, n_others) samples of other channels measured at the same time.
         fs: sampling rate, Hz.
-        band_hz: of the lines that are used, Hz.
-        nperseg: samples a block.
+        band_hz: band of the lines that are used, Hz.
+        nperseg: number of samples of a block.
 
     >>> rng = np.random.default_rng(0)
     >>> x, y = rng.standard_normal((2, 20000, 2))
@@ -269,9 +269,9 @@ def coherent_fraction(
 def _separate_incoherent(
     own: FloatArray, other: FloatArray, *, fs: float, band_hz: tuple[float, float], nperseg: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
-    """Frequencies of the lines, Hz, spectra, (n_lines, n_channels), their incoherent parts, and the free averages.
+    """Return the frequencies of the lines, Hz, the spectra, their incoherent parts, and the number of free averages.
 
-    None where the run is too short.
+    The spectra have the shape (n_lines, n_channels). The result is None where the run is too short.
     """
     n_own, n_other = own.shape[1], other.shape[1]
     spectra = cross_spectra(np.concatenate([own, other], axis=1), fs=fs, nperseg=nperseg)
@@ -301,7 +301,7 @@ def white_noise_rms(
 
 
 def _count_independent_averages(window: FloatArray, n_blocks: int, step: int) -> float:
-    """Equivalent number of independent blocks, n / (1 + 2 sum_k (1 - k/n) rho_k) (Welch 1967, eq. 11)."""
+    """Return the equivalent number of independent blocks, n / (1 + 2 sum_k (1 - k/n) rho_k) (Welch 1967, eq. 11)."""
     power = float(window @ window)
     variance = 1.0
     for k in range(1, n_blocks):

@@ -1,4 +1,4 @@
-"""What stands beside numbers in any file: units with their factors to SI, and names that tell the time and the rate.
+"""What stands beside numbers in any file: units with their factors to SI, and names of the time and the rate.
 
 Signals are converted to SI once, when they are read.
 """
@@ -21,45 +21,45 @@ _INCH, _FOOT, _POUND_FORCE = 0.0254, 0.3048, 4.4482216152605
 _LENGTHS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": _INCH, "ft": _FOOT}
 
 
-def _with_prefixes(symbol: str, prefixes: str) -> dict[str, float]:
+def _list_prefixed(symbol: str, prefixes: str) -> dict[str, float]:
     factors = {"G": 1e9, "M": 1e6, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9}
     return {symbol: 1.0} | {prefix + symbol: factors[prefix] for prefix in prefixes}
 
 
-def _lengths_per(*times: str) -> dict[str, float]:
+def _list_lengths_per(*times: str) -> dict[str, float]:
     return {length + per_time: factor for length, factor in _LENGTHS.items() for per_time in times}
 
 
-# One row for each SI unit: its name, and every spelling with its factor. Spellings are in the form that `_plain`
+# One row for each SI unit: its name, and every spelling with its factor. Spellings are in the form that `_simplify`
 # returns: no spaces, powers as plain digits (m/s2, ms-2), micro as u.
 _TABLE: dict[str, dict[str, float]] = {
-    "m/s^2": _lengths_per("/s2", "s-2", "/s/s", "/ss", "/sec2", "/sec/sec")
+    "m/s^2": _list_lengths_per("/s2", "s-2", "/s/s", "/ss", "/sec2", "/sec/sec")
     | dict.fromkeys(("metre/s2", "meter/s2", "metres/s2", "meters/s2", "meter/second2", "meters/second2"), 1.0)
     | dict.fromkeys(("g", "gn", "g_n", "g0", "g_0", "gee", "gs", "g's"), STANDARD_GRAVITY)
     | {"mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY}
     | {"Gal": 1e-2, "gal": 1e-2, "mGal": 1e-5, "mgal": 1e-5},
-    "m/s": _lengths_per("/s", "s-1", "/sec")
+    "m/s": _list_lengths_per("/s", "s-1", "/sec")
     | {"ips": _INCH, "fps": _FOOT, "inch/s": _INCH, "inches/s": _INCH}
     | {"km/h": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704, "knot": 1852 / 3600, "knots": 1852 / 3600},
     "m": _LENGTHS
     | dict.fromkeys(("metre", "meter", "metres", "meters"), 1.0)
     | {"inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "mils": 1e-3 * _INCH, "feet": _FOOT, "micron": 1e-6},
-    "N": _with_prefixes("N", "Mkm")
+    "N": _list_prefixed("N", "Mkm")
     | dict.fromkeys(("newton", "newtons"), 1.0)
     | {"lbf": _POUND_FORCE, "klbf": 1e3 * _POUND_FORCE, "kip": 1e3 * _POUND_FORCE, "kips": 1e3 * _POUND_FORCE}
     | {"kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "tf": 1e3 * STANDARD_GRAVITY, "daN": 10.0},
     "N/m": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3, "kN/mm": 1e6, "lbf/in": _POUND_FORCE / _INCH},
     "N*m": {"Nm": 1.0, "kNm": 1e3},
     "kg": {"kg": 1.0, "t": 1e3, "lb": 0.45359237, "lbm": 0.45359237},
-    "s": _with_prefixes("s", "mun")
+    "s": _list_prefixed("s", "mun")
     | dict.fromkeys(("sec", "second", "seconds"), 1.0)
     | {"msec": 1e-3, "usec": 1e-6, "min": 60.0, "h": 3600.0},
-    "Hz": _with_prefixes("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
+    "Hz": _list_prefixed("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "dps": math.pi / 180, "°/s": math.pi / 180},
-    "V": _with_prefixes("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
-    "A": _with_prefixes("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
-    "Pa": _with_prefixes("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},
+    "V": _list_prefixed("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
+    "A": _list_prefixed("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
+    "Pa": _list_prefixed("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},
     "degC": dict.fromkeys(("degC", "°C"), 1.0),
     "1": dict.fromkeys(("1", "-", "ratio", "count", "counts"), 1.0)
     | {"%": 1e-2, "percent": 1e-2, "strain": 1.0, "ustrain": 1e-6, "ue": 1e-6},
@@ -73,8 +73,8 @@ _SPELLINGS: dict[str, tuple[float, str]] = {
 _USUAL = ("m/s^2", "g", "mg", "mm/s^2", "in/s^2", "m/s", "mm/s", "m", "mm", "in", "N", "kN", "lbf", "s", "ms", "V", "%")
 
 
-def _plain(unit: str) -> str:
-    """The one form of equivalent spellings: m/s², m/s**2, m / s^2 and m/(s^2) all become m/s2."""
+def _simplify(unit: str) -> str:
+    """Return the one form of equivalent spellings: m/s², m/s**2, m / s^2 and m/(s^2) all become m/s2."""
     # the compatibility form turns superscripts into digits and the two micro signs into one
     text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("−", "-").replace("º", "°")
     text = re.sub(r"\*\*|[\s^()]", "", text)
@@ -100,7 +100,7 @@ def to_si(unit: str) -> tuple[float, str]:
     >>> to_si("ms")
     (0.001, 's')
     """
-    text = _plain(unit)
+    text = _simplify(unit)
     if text in _SPELLINGS:
         return _SPELLINGS[text]
     # M before one small letter is mega: Mg and Mm are not in the table, and must not be read as mg and mm

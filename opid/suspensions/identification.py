@@ -1,4 +1,4 @@
-"""From a study to an answer: structures compared, one recommended, its numbers, and what to doubt."""
+"""Identification of a study: structures are compared, one is recommended, its numbers and warnings are reported."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from opid.mechanics.laws.law import default_law
 from opid.signals.health.inspection import check_channels, remove_spikes
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import bootstrap_over_white, limits, std_over_white
-from opid.suspensions.answer.numbers import found_numbers
-from opid.suspensions.answer.refusals import find_confounded_terms, is_bent, loose_motions, why_no_mass, why_refused
+from opid.suspensions.answer.numbers import collect_numbers
+from opid.suspensions.answer.refusals import find_confounded_terms, is_biased, loose_motions, why_no_mass, why_refused
 from opid.suspensions.answer.warnings import Answer, collect_warnings
-from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
+from opid.suspensions.candidates import Arrays, Choice, FittedStructure, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.fitting.faults import ground_imitations
 from opid.suspensions.fitting.noise import known_noise, measure_whiteness, over_noise
 from opid.suspensions.fitting.search import Question
@@ -58,26 +58,26 @@ def identify(
     """Identify masses, springs, damping and laws of a body on suspensions from runs at known loadings.
 
     Every sensor on the body is predicted from all sensors below its suspensions; nothing is integrated by itself, so a
-    law keeps its slow motion. A gear is a body with one suspension. Of several, with `kind = "auto"`, each gear alone
-    under its static share of the mass, the mean of symmetric pairs, and one rigid body are fitted to the same data; the
-    simplest that leaves no more than the sensors' noise is recommended.
+    law keeps its slow motion. A gear is a body with one suspension. For several suspensions with `kind = "auto"`, each
+    gear alone under its static part of the mass, the mean of symmetric pairs, and one rigid body are fitted to the same
+    data; the simplest structure that leaves no more than the sensors' noise is recommended.
 
     Args:
-        study: interfaces, runs, and what is said of the structure and the sensors.
-        method: "model"; of one gear also "classical", the chain of Iwaniec & Uhl (2007) with every step mended, or
-            "paper", what its printed formula makes of the strongest matched peaks.
-        law: to fit at every interface (`opid.laws.LAWS`, sums joined by "+"); searched where left out.
-        band_hz: lines that are compared, Hz; those of the settings where left out (classical chain: 0.5 to 12 Hz).
+        study: interfaces, runs, and what is stated of the structure and the sensors.
+        method: "model"; for one gear also "classical", the chain of Iwaniec & Uhl (2007) with every step mended, or
+            "paper", its printed formula for the strongest matched peaks.
+        law: the law to be fitted at every interface (`opid.laws.LAWS`, sums joined by "+"); it is searched if left out.
+        band_hz: lines that are compared, Hz; those of the settings if left out (classical chain: 0.5 to 12 Hz).
         high_pass_hz: corner of the integration of the classical chain, Hz.
-        ground: whether springs from the body to the ground may be let in, which happens only if the runs demand them;
+        ground: whether springs from the body to the ground may be added, which happens only if the runs demand them;
             horizontal suspensions have none.
         method_of_law: "pursuit", "sparse regression" (pysindy on the predicted motion), or "both", one after the other.
         settings: every tuned number of the estimator.
-        seed: of the resampling that checks the intervals.
+        seed: seed of the resampling that checks the intervals.
         progress: called with the name of each step as it begins.
 
     Returns:
-        The identification; `not_determined` says why where the data do not give absolute values. A
+        The identification; `not_determined` says why the data do not give absolute values, if they do not. A
         `PaperIdentification` for the methods "classical" and "paper".
 
     Raises:
@@ -104,7 +104,7 @@ def identify(
             ("settings", settings, None),
         ):
             if value != usual:
-                raise InputError(_of_the_model_alone(name, value, method))
+                raise InputError(_why_only_for_model(name, value, method))
         from opid.suspensions.paper.identification import identify_by_paper
 
         given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
@@ -120,41 +120,41 @@ def identify(
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
     kind_of_law = None if law is None else default_law(law)
     say = progress or (lambda step: None)
-    study = _checked(study, settings)
+    study = _check_study(study, settings)
     arrays, mended = _arrays(study)
     sensors = study.sensor_facts()
     noise = known_noise(sensors, arrays, fs=study.fs, settings=settings.runs)
     options = Options(law, ground, method_of_law, library(), seed)
-    # what moves sideways rests on nothing but its suspension
+    # A horizontal suspension has no spring to the ground.
     grounded = ground and any(each.axis != "horizontal" for each in study.interfaces)
     question = Question(kind_of_law is not None, grounded, True, method_of_law, options.kinds)
     names = tuple(run.name for run in study.runs)
     task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say, names, study.repeatability)
-    tried = _tried(task)
+    tried = _fit_structures(task)
     if not any(each.has_fit for each in tried):
         raise NotDeterminedError("no structure can be fitted to these runs: " + "; ".join(e.reason for e in tried))
     for each in tried:
         _log_structure(study, each)
-    choice = _chosen(study, tried)
+    choice = _choose_structure(study, tried)
     logger.info("%s", choice.why)
     say("intervals")
-    return _answer(task, choice, options, mended)
+    return _make_answer(task, choice, options, mended)
 
 
-def _log_structure(study: Study, fitted: Fitted) -> None:
-    """Say which structure was fitted, with which laws, and how well."""
+def _log_structure(study: Study, fitted: FittedStructure) -> None:
+    """Log which structure was fitted, with which laws, and how well."""
     names = ", ".join(study.names[k] for k in fitted.interfaces)
     if not fitted.has_fit:
         logger.info("%s (%s) has no fit: %s", IN_WORDS[fitted.kind], names, fitted.reason)
         return
     laws = ", ".join(dict.fromkeys(law.name for law in fitted.fit.laws.values()))
     over, n = fitted.residual_over_noise, fitted.fit.n_evaluations
-    told = "%s (%s): law %s, %.2f times the sensors' noise, %d evaluations in the last fit"
-    logger.info(told, IN_WORDS[fitted.kind], names, laws, over, n)
+    message = "%s (%s): law %s, %.2f times the sensors' noise, %d evaluations in the last fit"
+    logger.info(message, IN_WORDS[fitted.kind], names, laws, over, n)
 
 
-def _of_the_model_alone(name: str, value: object, method: str) -> str:
-    """Why an argument cannot be used by the paper's chain."""
+def _why_only_for_model(name: str, value: object, method: str) -> str:
+    """Return why an argument cannot be used by the paper's chain."""
     if isinstance(value, Settings):
         return (
             f"settings are those of the method 'model', and the method is {method!r}: leave them out, or give "
@@ -163,7 +163,7 @@ def _of_the_model_alone(name: str, value: object, method: str) -> str:
     return f"{name} is {value!r}, which the method {method!r} does not know: leave it out, or give method='model'"
 
 
-def _checked(study: Study, settings: Settings) -> Study:
+def _check_study(study: Study, settings: Settings) -> Study:
     """Refuse channels that cannot be a pair; record lesser findings in the runs, as warnings."""
     runs = []
     for run in study.runs:
@@ -179,7 +179,7 @@ def _checked(study: Study, settings: Settings) -> Study:
 
 
 def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
-    """Accelerations below, on and across the body of each run without single spikes, and the number of these a side."""
+    """Return the accelerations of each run below, on and across the body, and the number of mended spikes per side."""
     mended = {"unsprung": 0, "sprung": 0}
     found = []
     for run in study.runs:
@@ -197,7 +197,7 @@ def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
     return found, (mended["unsprung"], mended["sprung"])
 
 
-def _tried(task: Task) -> list[Fitted]:
+def _fit_structures(task: Task) -> list[FittedStructure]:
     study, found, quiet = task.study, [], replace(task, say=lambda step: None)
     assert study is not None
     wanted = study.structure.kind
@@ -217,15 +217,15 @@ def _tried(task: Task) -> list[Fitted]:
         task.say("rigid body")
         of_body = replace(task, say=lambda step: task.say(f"rigid body, {step}"))
         if found and all(part.explains for part in found if part.kind == "single"):
-            # the answer is about the gears: nobody asks which faults of sensors would make one body of them
+            # The answer is about the gears, so no sensor faults that would make one body of them are searched.
             question = replace(task.question, faults=False)
             of_body = replace(of_body, question=question, is_for_comparison=True)
         found.append(fit_rigid(of_body))
     return found
 
 
-def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
-    """The simplest structure that explains the runs."""
+def _choose_structure(study: Study, tried: Sequence[FittedStructure]) -> Choice:
+    """Return the simplest structure that explains the runs."""
     explains: dict[str, bool] = {}
     ratios: dict[str, float] = {}
     leaves: dict[str, str] = {}
@@ -235,7 +235,7 @@ def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
         if parts and complete and any(part.kind == kind for part in parts):
             explains[kind] = all(part.explains for part in parts)
             ratios[kind] = max(part.residual_over_noise for part in parts)
-            leaves[kind] = f"{IN_WORDS[kind]} {_leaves([part for part in parts if part.kind == kind])}"
+            leaves[kind] = f"{IN_WORDS[kind]} {_describe_residual([part for part in parts if part.kind == kind])}"
     for kind in explains:
         if explains[kind]:
             because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
@@ -252,8 +252,8 @@ def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
     return Choice(study, tried, min(ratios, key=lambda kind: ratios[kind]), why)
 
 
-def _leaves(parts: Sequence[Fitted]) -> str:
-    """What the fits of a structure leave, in words."""
+def _describe_residual(parts: Sequence[FittedStructure]) -> str:
+    """Return the residual of the fits of a structure, in words."""
     ratio, explained = max(part.residual_over_noise for part in parts), parts[0].settings.verdicts.explained
     if not np.isfinite(ratio):
         return "cannot be fitted"
@@ -266,21 +266,21 @@ def _leaves(parts: Sequence[Fitted]) -> str:
     return said
 
 
-def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int]) -> Identification:
+def _make_answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int]) -> Identification:
     study, parts, tried = choice.study, choice.parts, choice.tried
     refused, unscaled = why_refused(choice), why_no_mass(choice)
     reason = refused or _failure(choice) or unscaled
     has_mass = reason is None and len(parts) == 1
     evidence = tuple(_evidence(part, options, is_refused=refused is not None, has_mass=has_mass) for part in parts)
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
-    numbers = found_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
+    numbers = collect_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
     confounded = [find_confounded_terms(part) for part in parts]
     reported = numbers.without_motions(loose)
     if not choice.explains and not study.is_one_gear:
-        # what a structure lacks is no noise, and does not average out
+        # The error of a structure is not noise and does not average out.
         reported = reported.without_intervals()
-    if refused is None and any(is_bent(part) for part in parts):
+    if refused is None and any(is_biased(part) for part in parts):
         reported = reported.without_intervals()
     for part, terms in zip(parts, confounded, strict=True):
         reported = reported.without_intervals_of(terms, _members(study, part))
@@ -323,42 +323,42 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     )
 
 
-def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...]:
-    """Of one gear in each run."""
+def _equivalents(study: Study, parts: Sequence[FittedStructure]) -> tuple[Equivalent, ...]:
+    """Return the equivalent linear suspension of one gear in each run."""
     (part,), found = parts, []
     lacking = part.error.of_equivalents.tolist() if part.error is not None and part.error.limit == "model" else None
-    # what the model lacks moves the equivalents of each run by fractions of their own, beside what its noise does
+    # A model error changes the equivalents of each run by its own fractions, besides the noise.
     known = part.known if lacking is None else replace(part, error=None).known
     for index, run in enumerate(study.runs):
         estimates = known.equivalent(index)
         if lacking is not None:
             estimates = [
-                each if each.value is None else _widened(each, std_fraction)
+                each if each.value is None else _widen(each, std_fraction)
                 for each, std_fraction in zip(estimates, lacking[index], strict=True)
             ]
-        if is_bent(part):
+        if is_biased(part):
             estimates = [each.without_interval() for each in estimates]
         found.append(Equivalent(run.name, *estimates))
     return tuple(found)
 
 
-def _widened(estimate: Estimate, std_fraction: float) -> Estimate:
-    """An estimate with a relative standard deviation beside its own; without an interval where that is not known."""
+def _widen(estimate: Estimate, std_fraction: float) -> Estimate:
+    """Return an estimate with a further relative standard deviation; without an interval if that is unknown."""
     value = estimate.value or 0.0
     if estimate.std is None or not np.isfinite(std_fraction):
         return Estimate(estimate.value)
     return Estimate.normal(value, float(np.hypot(estimate.std, std_fraction * value)))
 
 
-def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
-    """Names of the interfaces of each group of a fit."""
+def _members(study: Study, part: FittedStructure) -> dict[str, list[str]]:
+    """Return the names of the interfaces of each group of a fit."""
     groups = part.fit.model.groups
     if part.kind == "rigid_body":
         return {group.name: [study.names[attachment] for attachment in group.members] for group in groups}
     return {group.name: [study.names[k] for k in part.interfaces] for group in groups}
 
 
-def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: bool) -> Evidence:
+def _evidence(part: FittedStructure, options: Options, *, is_refused: bool, has_mass: bool) -> Evidence:
     fit, found = part.fit, part.found
     assert found is not None  # parts have fits
     rng, mass = np.random.default_rng(options.seed), part.known.mass if has_mass else Estimate()
@@ -384,26 +384,26 @@ def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: boo
 
 
 def _failure(choice: Choice) -> str | None:
-    """Why there is no mass of the whole though some gears are fitted."""
+    """Return why there is no total mass although some gears are fitted."""
     failed = [part for part in parts_of(choice.tried, choice.kind) if not part.has_fit]
     if not failed:
         return None
     return f"{choice.names(failed)} cannot be fitted ({failed[0].reason}), so there is no mass of the whole"
 
 
-def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
+def _candidate(study: Study, part: FittedStructure, *, recommended: bool) -> Candidate:
     names = tuple(study.names[k] for k in part.interfaces)
     mass, negative = Estimate(), False
     if part.has_fit and part.fit.model.mass_free:
         mass, negative = part.known.mass, part.known.has_negative_mass
-        # a wrong structure shows its mass without an interval; a right one shows no mass where it has no interval
+        # A wrong structure shows its mass without an interval; a right one shows no mass if it has no interval.
         if mass.std is None or not part.explains:
             mass = Estimate() if part.explains else Estimate(mass.value)
     if not part.has_fit:
         why = part.reason
     elif part.explains:
-        what = "made by forces that nobody measured" if part.is_pushed else "the sensors' noise"
-        why = f"what it leaves is {what}" + (", but its mass would be negative" if negative else "")
+        what = "due to unmeasured forces" if part.is_pushed else "the sensors' noise"
+        why = f"its residual is {what}" + (", but its mass would be negative" if negative else "")
     elif part.residual_over_noise <= part.settings.verdicts.explained:
         why = (
             f"it leaves the sensors' noise, but {part.left_out_over_noise:.3g} times as much in runs that the others "
@@ -428,7 +428,7 @@ def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
     )
 
 
-def _runs(study: Study, parts: Sequence[Fitted], arrays: Arrays) -> tuple[RunResidual, ...]:
+def _runs(study: Study, parts: Sequence[FittedStructure], arrays: Arrays) -> tuple[RunResidual, ...]:
     found = []
     for index, run in enumerate(study.runs):
         residual, measured, predicted = [], [], []
@@ -437,7 +437,7 @@ def _runs(study: Study, parts: Sequence[Fitted], arrays: Arrays) -> tuple[RunRes
         for part in parts:
             fit = part.fit
             used, line = fit.model.runs[index], fit.errors.lines[index]
-            read = fit.model.corrected(fit.theta, index)[1].value
+            read = fit.model.correct(fit.theta, index)[1].value
             n_sensors = read.shape[1]
             residual += list(np.abs(line.reshape(n_sensors, -1)) / np.sqrt(2))
             steps = slice(shown.start * used.finer, shown.stop * used.finer, used.finer)

@@ -1,7 +1,7 @@
-"""A user's own structure on suspensions that are measured on both sides: laws, springs inside and masses, found.
+"""Identification of a user's own structure on suspensions that are measured on both sides.
 
-A machine on isolators, a car on its dampers, a building on its bearings: mass matrix and connections are given, and of
-the entries that are not known the runs tell.
+Examples are a machine on isolators, a car on its dampers, a building on its bearings: mass matrix and connections are
+given, and laws, unknown joints and unknown masses are estimated from the runs.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.answer.intervals import Parameters, limits_of_mass
 from opid.suspensions.answer.numbers import at_rest
-from opid.suspensions.answer.warnings import WITHOUT_INTERVALS, doubts_of_exponents, run_differences
-from opid.suspensions.candidates import Arrays, Fitted, Task, fall_of, fitted, is_mass_free
+from opid.suspensions.answer.warnings import WITHOUT_INTERVALS, run_differences, warn_of_exponents
+from opid.suspensions.candidates import Arrays, FittedStructure, Task, fall_of, fit_structure, is_mass_free
 from opid.suspensions.fitting.fit import Fit, fastest_rate, first_vector
-from opid.suspensions.fitting.noise import known_noise, measure_whiteness, sensor_ratio, thinned
+from opid.suspensions.fitting.noise import known_noise, measure_whiteness, sensor_ratio, thin_samples
 from opid.suspensions.fitting.repeatability import Repeatability
 from opid.suspensions.fitting.search import Question
 from opid.suspensions.fitting.start import Start
@@ -43,8 +43,8 @@ from opid.suspensions.study import SAME_RATE, Axis, repeatability_faults
 
 SCHEMA = "opid.structure/1"
 NEGATIVE = (
-    "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
-    "runs are exchanged"
+    "the mass of {} would be negative: check the signs of the loadings and of the stated masses, and whether two runs "
+    "are exchanged"
 )
 
 
@@ -53,22 +53,22 @@ class StructureIdentification(Result, Estimates):
     """The result for a user's own structure.
 
     Args:
-        masses: of the degrees of freedom whose mass was to be found, kg; over the first of them with `per_mass`.
+        masses: the unknown masses by degree of freedom, kg; over the first of them with `per_mass`.
         interfaces: the suspensions, by degree of freedom.
-        joints: the joints that were to be found, by name.
-        per_mass: whether only ratios to the first unknown mass are told: nothing gives the scale, or what gives it
-            makes that mass none, or negative.
-        noise_m_per_s2: level of the sensors that was known beforehand or estimated from the records.
-        residual_over_noise: of the whole fit.
-        residual_of: of the sensor at each degree of freedom.
-        left_out_over_noise: of runs that the others predict; None for a single run, or where the others cannot be
-            fitted.
-        repeatability: how much alike the runs are.
+        joints: the unknown joints, by name.
+        per_mass: whether only ratios to the first unknown mass are reported, because nothing gives the scale, or
+            because that mass would have no upper bound or be negative.
+        noise_m_per_s2: noise of the sensors that was known beforehand or estimated from the records.
+        residual_over_noise: residual of the whole fit over the noise.
+        residual_of: residual over the noise of the sensor at each degree of freedom.
+        left_out_over_noise: residual over the noise of runs predicted from the others; None for a single run, or if the
+            others cannot be fitted.
+        repeatability: repeatability of the suspensions in the runs.
         limits: what limits the mass, one sentence each.
-        warnings: what to doubt, one sentence each.
-        not_determined: what the runs do not tell; None if they tell all.
-        fit: what the numbers were read from.
-        settings: every tuned number that it was made with.
+        warnings: the warnings, one sentence each.
+        not_determined: what the runs do not determine; None if they determine all.
+        fit: the fit that the numbers were read from.
+        settings: every tuned number of the estimator.
         files: logs of the runs, as they were when they were read.
     """
 
@@ -104,7 +104,7 @@ class StructureIdentification(Result, Estimates):
 
     def _headline(self) -> str:
         names = [*self.interfaces, *self.joints]
-        return f"{', '.join(names)}; {self.residual_over_noise:.3g} times the sensors' noise is left"
+        return f"{', '.join(names)}; the residual is {self.residual_over_noise:.3g} times the sensors' noise"
 
 
 def identify_structure(
@@ -124,35 +124,36 @@ def identify_structure(
     settings: Settings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> StructureIdentification:
-    """Identify the suspensions of a structure, and the joints and masses of it that are not known.
+    """Identify the suspensions of a structure, and its unknown joints and masses.
 
-    Every sensor on the structure is predicted from all sensors below its suspensions. What the structure says of an
-    unknown joint or mass is where to begin if the sensors do not see all degrees of freedom, and unused otherwise.
+    Every sensor on the structure is predicted from all sensors below its suspensions. The values that the structure has
+    for unknown joints and masses are start values if the sensors do not see all degrees of freedom, and unused
+    otherwise.
 
     Args:
         structure: mass, damping and stiffness matrices, and linear joints, of what the suspensions carry.
         runs: recordings of accelerations, m/s^2, all at one rate.
         interfaces: channel below each suspension, by the degree of freedom that it carries.
         sensors: channel on the structure, by degree of freedom.
-        unknown: names of joints whose stiffness and damping are to be found.
-        unknown_mass: degrees of freedom whose mass is to be found. In kg if another mass or spring is known or the
-            loading changes, as ratios to the first of them else.
-        law: of every suspension (`opid.laws.LAWS`, sums joined by "+"); searched where left out.
-        loadings: for each run the masses, kg, that it carries more than the structure, by degree of freedom.
-        start: stiffness (N/m) and damping (N s/m) of each suspension, roughly, by degree of freedom: needed where the
+        unknown: names of joints with unknown stiffness and damping.
+        unknown_mass: degrees of freedom with an unknown mass. The masses are found in kg if another mass or spring is
+            known or the loading changes, otherwise as ratios to the first of them.
+        law: law of every suspension (`opid.laws.LAWS`, sums joined by "+"); it is searched if left out.
+        loadings: for each run the masses, kg, that it carries in addition to the structure, by degree of freedom.
+        start: approximate stiffness (N/m) and damping (N s/m) of each suspension, by degree of freedom: needed if the
             sensors do not see all degrees of freedom.
-        noise_m_per_s2: rms of the white noise of all sensors, m/s^2; estimated where left out.
-        axis: where the degrees of freedom count positive, "up" or "down", and "horizontal" for those that no weight
-            moves, rotations among them: one for all, or {degree of freedom: axis}. Left out, no weight acts, and a
-            warning says so where it would matter.
+        noise_m_per_s2: rms of the white noise of all sensors, m/s^2; it is estimated if left out.
+        axis: direction in which the degrees of freedom count positive, "up" or "down", and "horizontal" for those that
+            no weight moves, rotations among them: one for all, or {degree of freedom: axis}. If it is left out, no
+            weight acts, and a warning says so if it would matter.
         repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
-            run to run; 0 where they are known to be the same, what is usual where left out.
+            run to run; 0 if they are known to be the same, the usual value if left out.
         settings: every tuned number of the estimator.
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: unknown names, runs of different rates, loadings that are not one a run, an axis or repeatability
-            that is none, or no start where one is needed.
+        InputError: unknown names, runs of different rates, not one loading for each run, an invalid axis or
+            repeatability, or no start if one is needed.
         NotDeterminedError: the model cannot follow the runs.
 
     >>> carrier = Structure([[300.0]], [[0.0]], [[0.0]], names=("body",))
@@ -164,7 +165,8 @@ def identify_structure(
     body = own_body(structure, tuple(interfaces), tuple(sensors), unknown=unknown, unknown_mass=unknown_mass)
     body = replace(body, fall=fall_of(axes_of(structure, axis)))
     arrays, settings = channel_arrays(runs, interfaces, sensors), settings or Settings()
-    masses, doubts = loading_matrices(structure, loadings, len(runs)), doubts_of_channels(runs, interfaces, sensors)
+    masses = loading_matrices(structure, loadings, len(runs))
+    channel_warnings = warn_of_channels(runs, interfaces, sensors)
     fs = runs[0].fs
     facts = IDEAL if noise_m_per_s2 is None else SensorFacts(noise_m_per_s2=noise_m_per_s2)
     names = (*interfaces, *sensors)[: max(len(interfaces), len(sensors))]
@@ -178,19 +180,21 @@ def identify_structure(
     groups = tuple(Group(name, (attachment,), kinds or LINEAR) for attachment, name in enumerate(interfaces))
     begun = None
     if np.linalg.matrix_rank(body.readings) < structure.n_dof:
-        begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass, settings)
-    # what is inside of the structure may rest on the ground: a spring to it is no further unknown
+        begun = make_stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass, settings)
+    # Joints of the structure may end at the ground, so a further ground spring is not searched.
     question = Question(kinds is not None, ground=False, faults=False, kinds=library())
     say, run_names = progress or (lambda step: None), tuple(names_of(runs))
     task = Task(None, arrays, known, noise, kinds, question, settings, say, run_names, repeatability)
-    part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun)
-    found = _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
+    part = fit_structure(
+        task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun
+    )
+    found = _make_answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
     found = replace(found, settings=settings, files=tuple(file for run in runs for file in run.files))
-    return replace(found, warnings=(*doubts, *found.warnings))
+    return replace(found, warnings=(*channel_warnings, *found.warnings))
 
 
-def _answer(
-    part: Fitted,
+def _make_answer(
+    part: FittedStructure,
     sensors: tuple[str, ...],
     unknown: tuple[str, ...],
     unknown_mass: tuple[str, ...],
@@ -200,14 +204,14 @@ def _answer(
     fit, known, ratio, verdicts = part.fit, part.known, part.residual_over_noise, part.settings.verdicts
     scaled = fit.model.mass_free or fit.model.body.absolute
     masses = _masses(known, unknown_mass, per_mass=not scaled)
-    # on a reference mass that is none, nothing in N can rest
+    # Without a finite reference mass no force is determined in N.
     per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
     interfaces = {group.name: _suspension(part, number, per_mass) for number, group in enumerate(fit.groups)}
     joints = {name: _joint(known, name, per_mass) for name in unknown}
-    reason = _refused_or_unscaled(ratio, scaled, verdicts) or (
+    reason = _why_refused_or_unscaled(ratio, scaled, verdicts) or (
         NEGATIVE.format(unknown_mass[0])
         if known.has_negative_mass
-        else _untold(masses, interfaces, joints, part, _not_held(fit, unknown))
+        else _why_not_determined(masses, interfaces, joints, part, _find_loose_joints(fit, unknown))
     )
     first = Estimate() if per_mass or reason or not unknown_mass else known.mass
     found = StructureIdentification(
@@ -230,12 +234,12 @@ def _answer(
     )
     if part.explains:
         return found
-    # the values alone, or nothing
+    # A structure that does not explain the runs has no intervals; a refused one has no values.
     return found.with_estimates(Estimate.without_interval if ratio <= verdicts.refused else lambda each: Estimate())
 
 
 def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:
-    """The masses that were to be found, kg, or over the first of them, which is the reference."""
+    """Return the unknown masses, kg, or over the first of them, which is the reference."""
     model = known.fit.model
     found = {name: Estimate(1.0) if per_mass else known.mass for name in unknown_mass[:1]}
     for name, factor in zip(unknown_mass[1:], model.body.names, strict=True):
@@ -243,12 +247,12 @@ def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -
     return found
 
 
-def _suspension(part: Fitted, number: int, per_mass: bool) -> SpringEstimate:
+def _suspension(part: FittedStructure, number: int, per_mass: bool) -> SpringEstimate:
     fit, known, group = part.fit, part.known, part.fit.groups[number]
     mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
     law = group.law.scaled(1 / mu) if group.law.terms else LINEAR
     stiffness, damping, estimates = known.suspension(number, per_mass=per_mass)
-    travel, velocity = map(thinned, fit.motion(number))
+    travel, velocity = map(thin_samples, fit.motion(number))
     rests = at_rest(part, number, per_mass=per_mass)
     return SpringEstimate(group.name, stiffness, damping, law, estimates, travel, velocity, known.rest(number), rests)
 
@@ -258,32 +262,32 @@ def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
     first = model.names.index(f"stiffness_per_mass[{name}]", model.first_inside)
     stiffness, damping = (known.per_force(index, per_mass=per_mass) for index in (first, first + 1))
     attachment = model.body.n_interfaces + [spring.name for spring in model.body.inside].index(name)
-    travel, velocity = map(thinned, fit.motion(attachment))
+    travel, velocity = map(thin_samples, fit.motion(attachment))
     return SpringEstimate(name, stiffness, damping, LINEAR, {}, travel, velocity, Estimate(0.0), ())
 
 
-def _refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:
+def _why_refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:
     if ratio > verdicts.refused:
         return (
-            f"the structure leaves {ratio:.0f} times the sensors' noise, so every number of it would be a guess: check "
-            "channels, masses and loadings, and which joints there are"
+            f"the structure leaves {ratio:.0f} times the sensors' noise, so no number is reported: check channels, "
+            "masses and loadings, and which joints there are"
         )
     if not scaled:
         return (
-            "no mass is known and all runs have the same loading: only ratios to the first unknown mass are told; give "
-            "`loadings` to runs that carried more, or state a mass"
+            "no mass is known and all runs have the same loading: only ratios to the first unknown mass are "
+            "determined; give `loadings` to runs that carried more, or state a mass"
         )
     return None
 
 
-def _untold(
+def _why_not_determined(
     masses: Mapping[str, Estimate],
     interfaces: Mapping[str, SpringEstimate],
     joints: Mapping[str, SpringEstimate],
-    part: Fitted,
+    part: FittedStructure,
     not_held: Sequence[str],
 ) -> str | None:
-    verdicts, too_fast = part.settings.verdicts, _too_fast(part.fit)
+    verdicts, too_fast = part.settings.verdicts, _describe_fast_motion(part.fit)
     known = [(f"the mass of {name}", each) for name, each in masses.items()]
     known += [(f"the stiffness of {name}", each.stiffness) for t in (interfaces, joints) for name, each in t.items()]
     loose = [
@@ -292,23 +296,23 @@ def _untold(
         if each.std is None or each.value is None or each.std > verdicts.loosely_known * abs(each.value)
     ]
     loose += [f"the stiffness of {name}" for name in not_held if f"the stiffness of {name}" not in loose]
-    # a joint that nothing holds runs to where the steps no longer follow
+    # A joint that the runs do not determine can become too stiff for the steps of the model.
     if joints and too_fast:
-        return f"these runs do not tell the stiffness of {', '.join(joints)}: {too_fast}"
+        return f"these runs do not determine the stiffness of {', '.join(joints)}: {too_fast}"
     if loose and part.repeatability.rules_mass:
         remedy = ", or state a smaller `repeatability` if you know it" * bool(part.task.repeatability)
         return (
-            f"these runs do not tell {', '.join(loose)}: springs, damping and friction may differ from run to run by "
-            f"about {100 * part.task.prior_repeatability:.2g} %, which hides what the loading does; load more, or fly "
-            f"each loading more than once{remedy}"
+            f"these runs do not determine {', '.join(loose)}: springs, damping and friction may differ from run to run "
+            f"by about {100 * part.task.prior_repeatability:.2g} %, which hides the effect of the loading; load more, "
+            f"or repeat each loading{remedy}"
         )
     if loose:
-        return f"these runs do not tell {', '.join(loose)}: measure at more places, or change the loading more"
+        return f"these runs do not determine {', '.join(loose)}: measure at more places, or change the loading more"
     return None
 
 
-def _not_held(fit: Fit, unknown: Sequence[str]) -> list[str]:
-    """Joints that might as well be soft: a resonance of its own always finds some noise to explain."""
+def _find_loose_joints(fit: Fit, unknown: Sequence[str]) -> list[str]:
+    """Return joints that might as well be soft: a free resonance always explains some of the noise."""
     found, n, known = [], fit.n_data, fit.model.settings.intervals
     cost = float(np.sum(fit.errors.stacked[:n] ** 2))
     behind_laws = fit.model.first_inside
@@ -322,39 +326,39 @@ def _not_held(fit: Fit, unknown: Sequence[str]) -> list[str]:
     return found
 
 
-def _warnings(part: Fitted, interfaces: Mapping[str, SpringEstimate], *, knows_weight: bool) -> Iterator[str]:
+def _warnings(part: FittedStructure, interfaces: Mapping[str, SpringEstimate], *, knows_weight: bool) -> Iterator[str]:
     fit, ratio, left_out = part.fit, part.residual_over_noise, part.left_out_over_noise
     verdicts = part.settings.verdicts
     if ratio > verdicts.explained:
         yield (
             f"the structure leaves {ratio:.2f} times the sensors' noise: a joint, a mass, a law or a degree of "
-            "freedom is not as it is described"
+            "freedom is not as described"
         )
         if ratio <= verdicts.refused:
             yield WITHOUT_INTERVALS
     elif left_out is not None and left_out > verdicts.explained:
         yield (
-            f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they contradict each "
-            f"other, check mass and place of the loading of each; {WITHOUT_INTERVALS}"
+            f"runs that are predicted from the other runs leave {left_out:.3g} times the sensors' noise: the runs "
+            f"contradict each other, check mass and position of each loading; {WITHOUT_INTERVALS}"
         )
     elif not measure_whiteness(fit).white:
-        yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
+        yield "the residual of the structure is not white: the intervals allow for it, a law may be missing"
     if ratio <= verdicts.refused:
         yield from run_differences(part)
         for name, each in interfaces.items():
-            yield from (f"at {name!r}: {doubt}" for doubt in doubts_of_exponents(each, part.settings.gas))
+            yield from (f"at {name!r}: {doubt}" for doubt in warn_of_exponents(each, part.settings.gas))
     loaded = any(run.loading.any() for run in fit.model.runs)
     if not knows_weight and loaded and any(map(depends_on_travel, fit.laws.values())):
         yield (
-            "no `axis` is given, so no weight acts: where the degrees of freedom are vertical, each loading moves the "
-            "suspensions along their laws, and masses and stiffness are off; give axis='up', 'down' or 'horizontal', "
+            "no `axis` is given, so no weight acts: if the degrees of freedom are vertical, each loading moves the "
+            "suspensions along their laws, and masses and stiffness are wrong; give axis='up', 'down' or 'horizontal', "
             "or one for each degree of freedom"
         )
-    if too_fast := _too_fast(fit):
+    if too_fast := _describe_fast_motion(fit):
         yield too_fast
 
 
-def _too_fast(fit: Fit) -> str:
+def _describe_fast_motion(fit: Fit) -> str:
     rate, fs = fastest_rate(fit.model, fit.theta), fit.model.runs[0].fs
     if rate <= fit.model.settings.fit.fastest * fs:
         return ""
@@ -402,14 +406,12 @@ def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sen
 
 
 def names_of(runs: Sequence[Recording]) -> list[str]:
-    """Return what the runs are called: they are counted."""
+    """Return the names of the runs, which are their numbers."""
     return [str(number) for number in range(1, len(runs) + 1)]
 
 
-def doubts_of_channels(
-    runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]
-) -> list[str]:
-    """Return what is to be doubted of the channels of all runs, one sentence each.
+def warn_of_channels(runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]) -> list[str]:
+    """Return the warnings about the channels of all runs, one sentence each.
 
     Raises:
         InputError: two channels that make no pair.
@@ -424,10 +426,10 @@ def doubts_of_channels(
 def loading_matrices(
     structure: Structure, loadings: Sequence[Mapping[str, float]] | None, n_runs: int
 ) -> list[FloatArray]:
-    """Return the mass matrix of what each run carries more than the structure, (n_dof, n_dof) kg.
+    """Return the mass matrix of the loading of each run, (n_dof, n_dof) kg.
 
     Raises:
-        InputError: not one loading a run, an unknown degree of freedom, a mass that is no number.
+        InputError: not one loading for each run, an unknown degree of freedom, a mass that is no number.
     """
     given = [{}] * n_runs if loadings is None else list(loadings)
     if len(given) != n_runs:
@@ -444,10 +446,10 @@ def loading_matrices(
 
 
 def axes_of(structure: Structure, axis: Axis | Mapping[str, Axis] | None) -> list[Axis]:
-    """Return where each degree of freedom counts positive, "horizontal" for those of which nothing is said.
+    """Return the direction in which each degree of freedom counts positive, "horizontal" if none is given.
 
     Raises:
-        InputError: an axis that is none, or an unknown degree of freedom.
+        InputError: an invalid axis, or an unknown degree of freedom.
     """
     allowed, found = get_args(Axis), list[Axis](["horizontal"] * structure.n_dof)
     if axis is None:
@@ -460,7 +462,7 @@ def axes_of(structure: Structure, axis: Axis | Mapping[str, Axis] | None) -> lis
     return found
 
 
-def stated_start(
+def make_stated_start(
     structure: Structure,
     runs: Sequence[DrivenRun],
     body: Body,
@@ -470,7 +472,7 @@ def stated_start(
     unknown_mass: Sequence[str],
     settings: Settings,
 ) -> Start:
-    """Return start values from what the user says, where the sensors do not see all degrees of freedom.
+    """Return start values from the user's values, for sensors that do not see all degrees of freedom.
 
     Raises:
         InputError: an unknown suspension in `start` or one that is missing, a joint without a stiffness.
@@ -491,7 +493,7 @@ def stated_start(
     indices = [structure.index(name) for name in unknown_mass]
     mass = np.diag(structure.mass)
     reference = float(mass[indices[0]]) if indices else 1.0
-    # in the order of the attachments, as `body.inside` has them
+    # The springs have the order of the attachments, as in `body.inside`.
     springs = [start[group.name] for group in groups]
     springs += [joints[spring.name] for spring in body.inside if spring.stiffness_n_per_m is None]
     stiffness, damping = np.array(springs, dtype=np.float64).T / reference
@@ -513,7 +515,7 @@ def stated_start(
         ground_std=np.ones(len(groups)),
         stiffness_beside_ground=stiffness[: len(groups)],
     )
-    # how far the suspensions move, from a first prediction
+    # The rms travel follows from a first prediction.
     sensors = ideal_sensors(body.n_interfaces, len(body.readings))
     noise = np.ones(body.n_interfaces), np.ones(len(body.readings))
     model = Model(tuple(runs), body, begun.groups, sensors, mass_free, rms, settings, noise=noise)

@@ -1,4 +1,4 @@
-"""What an identification found: parameters with intervals, the laws, what they rest on, and what to doubt."""
+"""Result of an identification: parameters with intervals, the laws, their evidence, and warnings."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ UNITS = {
     "natural_frequency_hz": "Hz",
     "damping_ratio": "1",
 }
-"""Of the parameters and ratios of gears and bodies."""
+"""Units of the parameters and ratios of gears and bodies."""
 _NOTHING = Estimate()
 
 
 @dataclass(frozen=True)
 class GearParameters(Estimates):
-    """Absolute values of one gear in the reference run; nothing where they are not determined.
+    """Absolute values of one gear in the reference run; empty if they are not determined.
 
     Args:
         sprung_mass_kg: M2.
@@ -79,9 +79,9 @@ class GearRatios(Estimates):
         stiffness_per_mass: K2/M2, 1/s^2.
         damping_per_mass: C2/M2, 1/s.
         ground_stiffness_per_mass: K3/M2, 1/s^2.
-        natural_frequency_hz: of the sprung mass in small motion: on the tangent stiffness at rest, which is K2 + K3
-            where the law has no slope there; see `Identification.frequency_of`.
-        damping_ratio: of C2 at that frequency.
+        natural_frequency_hz: natural frequency of the sprung mass in small motion, on the tangent stiffness at rest,
+            which is K2 + K3 if the law has no slope there; see `Identification.frequency_of`.
+        damping_ratio: damping ratio of C2 at that frequency.
     """
 
     stiffness_per_mass: Estimate = _NOTHING
@@ -93,14 +93,14 @@ class GearRatios(Estimates):
 
 @dataclass(frozen=True)
 class BodyParameters(Estimates):
-    """Absolute values of a body on several suspensions; nothing where they are not determined.
+    """Absolute values of a body on several suspensions; empty if they are not determined.
 
     Args:
-        sprung_mass_kg: of the body.
-        roll_inertia_kg_m2: about the centre of gravity.
-        pitch_inertia_kg_m2: about the centre of gravity.
-        x_cg_m: centre of gravity.
-        y_cg_m: likewise.
+        sprung_mass_kg: mass of the body.
+        roll_inertia_kg_m2: roll inertia about the centre of gravity.
+        pitch_inertia_kg_m2: pitch inertia about the centre of gravity.
+        x_cg_m: x of the centre of gravity.
+        y_cg_m: y of the centre of gravity.
     """
 
     sprung_mass_kg: Estimate = _NOTHING
@@ -112,13 +112,13 @@ class BodyParameters(Estimates):
 
 @dataclass(frozen=True)
 class BodyRatios(Estimates):
-    """What one loading alone gives of a rigid body.
+    """Values of a rigid body that need no known mass.
 
     Args:
-        roll_radius_m: radius of gyration about the centre of gravity.
-        pitch_radius_m: likewise.
-        x_cg_m: centre of gravity.
-        y_cg_m: likewise.
+        roll_radius_m: radius of gyration in roll about the centre of gravity.
+        pitch_radius_m: radius of gyration in pitch about the centre of gravity.
+        x_cg_m: x of the centre of gravity.
+        y_cg_m: y of the centre of gravity.
     """
 
     roll_radius_m: Estimate = _NOTHING
@@ -129,17 +129,17 @@ class BodyRatios(Estimates):
 
 @dataclass(frozen=True)
 class AtRest(Estimates):
-    """A suspension where it rests in one run.
+    """A suspension at its rest position in one run.
 
     Args:
         run: name of the run.
-        travel_m: from where it rests in the reference run, extension positive; nothing where no weight acts, or where
+        travel_m: travel from the rest position in the reference run, extension positive; empty if no weight acts, or if
             the mass is not determined.
-        stiffness: tangent of the whole spring force there, as the stiffness of the suspension.
-        damping: what would dissipate as much over the motion of this run, likewise.
-        travelled_m: lowest and highest travel of the run, from where it rests in the reference run.
-        loop: of what the law remembers, for a sine of the size and pace of the travel in this run; None where it
-            remembers nothing.
+        stiffness: tangent stiffness of the whole spring force there, in the unit of the suspension's stiffness.
+        damping: damping that would dissipate as much over the motion of this run, in the unit of the damping.
+        travelled_m: lowest and highest travel of the run, from the rest position in the reference run.
+        loop: hysteresis loop of the terms with memory, for a sine of the size and pace of the travel in this run; None
+            without memory.
     """
 
     run: str
@@ -155,16 +155,16 @@ class SpringEstimate(Estimates):
     """A suspension, or a joint inside of a structure.
 
     Args:
-        name: of the interface, of the degree of freedom that the suspension carries, or of the joint.
-        stiffness: K, N/m; where the mass is not determined (`per_mass` of the identification) per kg of the body, or of
+        name: name of the interface, of the degree of freedom that the suspension carries, or of the joint.
+        stiffness: K, N/m; if the mass is not determined (`per_mass` of the identification) per kg of the body, or of
             the first unknown mass of a user's own structure.
-        damping: C, N s/m, likewise.
-        law: f(z, z') beside them, N, likewise; linear for a joint.
-        law_estimates: {kind: {parameter: Estimate}} of it.
+        damping: C, N s/m, or per kg as the stiffness.
+        law: f(z, z') beside them, N, or per kg as the stiffness; linear for a joint.
+        law_estimates: {kind: {parameter: Estimate}} of the law.
         travel: (n,) z of all runs, thinned for figures, m.
         velocity: (n,) z', m/s.
-        rest_m: where it rests on its law in the reference run, from the origin of the law; 0 where it rests there.
-        at_rest: in each run; none of a joint.
+        rest_m: rest position on its law in the reference run, from the origin of the law; 0 if it rests at the origin.
+        at_rest: the suspension at rest in each run; empty for a joint.
     """
 
     name: str
@@ -183,10 +183,10 @@ class GasColumn(Estimates):
     """The gas that carries a suspension, in the reference run, or where the travel of a strut on the bench is zero.
 
     Args:
-        content_n_m: absolute pressure times volume, which no loading changes: it falls where gas leaks, and rises where
-            gas takes the place of oil.
-        pressure_pa: as a gauge reads it there; nothing where the area of the piston is not stated.
-        volume_m3: there, likewise.
+        content_n_m: absolute pressure times volume, which no loading changes: it falls if gas leaks, and rises if gas
+            replaces oil.
+        pressure_pa: gauge pressure there; empty if the area of the piston is not stated.
+        volume_m3: volume there; empty if the area of the piston is not stated.
     """
 
     content_n_m: Estimate = _NOTHING
@@ -200,10 +200,10 @@ class InterfaceEstimate(SpringEstimate):
 
     Args:
         shared_with: interfaces with the same stiffness, damping and law.
-        ground_stiffness: of a spring from the body to the ground, N/m, as the stiffness; 0 where the runs do not demand
-            one.
-        residual_over_noise: of its sensor on the body: rms of the prediction errors over the noise known beforehand.
-        gas: that carries it; None where no gas is found, or the mass is not determined.
+        ground_stiffness: stiffness of a spring from the body to the ground, N/m, or per kg as the stiffness; 0 if the
+            runs do not demand one.
+        residual_over_noise: rms of the prediction errors of its sensor on the body, over the noise known beforehand.
+        gas: the gas that carries it; None if no gas is found, or if the mass is not determined.
     """
 
     shared_with: tuple[str, ...]
@@ -218,15 +218,15 @@ class Candidate:
 
     Args:
         kind: "single", "pair" or "rigid_body".
-        interfaces: names of those that it is about; a pair is their mean.
-        sprung_mass_kg: mass found: of all that is sprung, or of what rests on one gear.
+        interfaces: names of its interfaces; a pair is their mean.
+        sprung_mass_kg: the mass found: of the whole body, or of the part that rests on one gear.
         residual_over_noise: rms of the prediction errors over the noise known beforehand.
-        left_out_over_noise: likewise of runs that the others predict; None for a single run, or where the others cannot
+        left_out_over_noise: the same for runs predicted from the others; None for a single run, or if the others cannot
             be fitted.
         law: name of the law found.
-        explains: whether the residual is noise, also in runs that the others predict.
-        recommended: whether this is the structure to take.
-        why: one sentence.
+        explains: whether the residual is noise, also in runs predicted from the others.
+        recommended: whether this structure is recommended.
+        why: the reason, one sentence.
     """
 
     kind: str
@@ -241,7 +241,7 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """What it is called in tables and figures."""
+        """Name of the structure in tables and figures."""
         if self.kind == "rigid_body":
             return "rigid body"
         names = ", ".join(self.interfaces)
@@ -250,20 +250,20 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:
-    """What the model leaves of one run.
+    """Residual of the model in one run.
 
     Args:
-        name: of the run.
-        mass_change_kg: of its loading.
+        name: name of the run.
+        mass_change_kg: mass of its loading.
         frequency_hz: (n_lines,) lines that were compared.
-        residual: (n_sensors, n_lines) magnitude of the whitened errors; the square has mean 1 where the noise is as
+        residual: (n_sensors, n_lines) magnitude of the whitened errors; the square has mean 1 if the noise is as
             assumed.
-        time_s: (n,) thinned, for figures.
+        time_s: (n,) time of the samples for figures.
         measured: (n_sensors, n) accelerations of the body, m/s^2.
-        predicted: (n_sensors, n) from all that was read before, m/s^2.
+        predicted: (n_sensors, n) predictions from all earlier readings, m/s^2.
         loading: rows (mass kg, x m, y m).
-        unexplained: what the free motion of the model leaves of the readings in the band, as a fraction of their rms;
-            of several fits the largest.
+        unexplained: rms error of the model's free motion in the band, as a fraction of the rms of the readings; the
+            largest of several fits.
     """
 
     name: str
@@ -279,14 +279,14 @@ class RunResidual:
 
 @dataclass(frozen=True)
 class Equivalent(Estimates):
-    """The straight suspension of one gear that comes nearest to it over the motion of a run.
+    """The linear suspension that is nearest to the suspension of one gear over the motion of a run.
 
     Args:
         run: name of the run.
-        stiffness_per_mass: over the mass of that run, 1/s^2.
-        damping_per_mass: likewise, 1/s.
-        natural_frequency_hz: of that mass on it, Hz.
-        damping_ratio: of that mass on it.
+        stiffness_per_mass: stiffness over the mass of that run, 1/s^2.
+        damping_per_mass: damping over the mass of that run, 1/s.
+        natural_frequency_hz: natural frequency of that mass on it, Hz.
+        damping_ratio: damping ratio of that mass on it.
     """
 
     run: str
@@ -298,25 +298,25 @@ class Equivalent(Estimates):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the numbers of one fitted structure rest on.
+    """The evidence for the numbers of one fitted structure.
 
     Args:
-        fit: of the model.
-        noise: level known beforehand, m/s^2.
-        ladder: laws that were tried, the chosen one last among those that were kept.
+        fit: the fitted model.
+        noise: the noise level known before the fit, m/s^2.
+        ladder: the laws that were tried; the last one that was kept is the chosen one.
         alternatives: laws that explain the runs as well, one sentence each.
-        demands: what had to be let in beside the suspensions.
-        implausible: faults of sensors that would explain much of what is left, and were not let in, for they lie far
-            beyond what sensors do; there are no intervals then.
-        whiteness: of the residual, worst sensor and run.
-        std_over_white: of each shared parameter by name, how much wider a coloured residual makes its interval.
-        bootstrap_over_white: the same by resampled blocks of time.
-        surfaces: force without a law beside the law, cell by cell, of each group.
-        ground: how well a spring to the ground is told from nothing and from faults of sensors.
+        demands: ground springs and sensor faults that were added to the model.
+        implausible: faults of sensors that would explain much of the residual, but were not added because they are far
+            larger than sensors have; there are no intervals then.
+        whiteness: whiteness of the residual, for the worst sensor and run.
+        std_over_white: factor by which a coloured residual widens the interval of each shared parameter, by name.
+        bootstrap_over_white: the same factor from resampled blocks of time.
+        surfaces: force without a law compared with the law, cell by cell, for each group.
+        ground: how well a spring to the ground is distinguished from zero and from faults of sensors.
         limits: what limits the precision, one sentence each.
-        repeatability: how much alike the runs are.
-        n_starts: attempts that were made from start values.
-        error: what limits the answer of one gear that leaves more than noise; else None.
+        repeatability: repeatability of the suspensions in the runs.
+        n_starts: number of attempts from start values.
+        error: what limits the answer if the residual exceeds the noise; else None.
     """
 
     fit: Fit
@@ -338,14 +338,14 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Options:
-    """What was asked for.
+    """The options of the call.
 
     Args:
         law: name of the law that was given; None if it was searched.
         ground: whether springs to the ground were allowed.
-        method_of_law: how laws were searched.
-        kinds: of law that were searched.
-        seed: of the resampling that checks the intervals.
+        method_of_law: the method of the search for laws.
+        kinds: the kinds of terms that were searched.
+        seed: seed of the resampling that checks the intervals.
     """
 
     law: str | None
@@ -371,26 +371,26 @@ class Identification(ResultOfStudy):
     """The result for a body on suspensions that are measured on both sides, a gear alone among them.
 
     Args:
-        study: that was identified.
+        study: the study that was identified.
         structure: kind of the structure that the numbers belong to.
         parameters: absolute values of one gear, or of a body on several suspensions.
-        ratios: what needs no known mass, likewise.
-        per_mass: whether stiffness, damping and laws are per kg of the body (of what rests on that gear, for gears
-            alone): the mass is not determined.
+        ratios: values of one gear, or of a body, that need no known mass.
+        per_mass: whether stiffness, damping and laws are per kg of the body (for gears alone, of the mass on that
+            gear), because the mass is not determined.
         interfaces: the suspensions, in the order of the study.
-        place_corrections: {"x_m[left]": Estimate, ...} of coordinates that were stated with a tolerance.
-        candidates: structures that were compared; the recommended one says so.
-        why: why this structure.
-        runs: what the model leaves of each run.
-        noise_m_per_s2: level of the sensors that was known beforehand or estimated from the records.
-        residual_over_noise: of the whole fit.
-        evidence: of each fit that makes up the answer.
-        mended_spikes: single samples that were mended, below and on the body.
-        warnings: what to doubt, one sentence each.
+        place_corrections: {"x_m[left]": Estimate, ...}, corrections of coordinates that have a standard deviation.
+        candidates: structures that were compared, with the recommended one marked.
+        why: reason for this structure.
+        runs: residual of the model in each run.
+        noise_m_per_s2: noise of the sensors that was known beforehand or estimated from the records.
+        residual_over_noise: residual of the whole fit over the noise.
+        evidence: evidence of each fit that belongs to the answer.
+        mended_spikes: number of single samples that were mended, below and on the body.
+        warnings: the warnings, one sentence each.
         not_determined: why there are no absolute values, or no values at all; None if there are.
-        options: what was asked for.
-        settings: of the estimator.
-        equivalents: of one gear in each run.
+        options: the options of the call.
+        settings: settings of the estimator.
+        equivalents: equivalent linear suspension of one gear in each run.
     """
 
     study: Study
@@ -417,7 +417,7 @@ class Identification(ResultOfStudy):
     def limited_by(self) -> Limit | None:
         """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself.
 
-        None where the answer is refused and the model explains nothing of the motion: such a fit does not tell why.
+        None if the answer is refused and the model explains nothing of the motion: such a fit does not show the reason.
 
         The residual of one gear is examined where it is worth a warning. A residual of a body on several suspensions
         above the noise counts as the model's, unless that of a rigid body is incoherent with the motion below it.
@@ -433,22 +433,22 @@ class Identification(ResultOfStudy):
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
-        """Each run as the others predict it; none where the answer leaves noise alone, or where they cannot follow."""
+        """Prediction of each run from the others; empty if the residual is noise, or if a prediction fails."""
         return tuple(left for each in self.evidence if each.error is not None for left in each.error.left_out)
 
     @property
     def method(self) -> str:
-        """Of the identification."""
+        """Method of the identification."""
         return "model"
 
     @property
     def title(self) -> str:
-        """Of the study."""
+        """Title of the study."""
         return self.study.title
 
     @property
     def date(self) -> date | None:
-        """Of the runs; None if it is not known."""
+        """Date of the runs; None if it is not known."""
         return self.study.date
 
     @property
@@ -458,12 +458,12 @@ class Identification(ResultOfStudy):
 
     @property
     def law_estimates(self) -> Mapping[str, Mapping[str, Estimate]]:
-        """Of the first suspension."""
+        """Estimates of the law of the first suspension."""
         return self.interfaces[0].law_estimates if self.interfaces else {}
 
     @property
     def units(self) -> tuple[str, str]:
-        """Of stiffness and damping."""
+        """Units of stiffness and damping."""
         return units_of_suspensions(per_mass=self.per_mass)
 
     @property
@@ -473,12 +473,12 @@ class Identification(ResultOfStudy):
 
     @property
     def reason(self) -> str:
-        """Why the recommended structure is, beside the others where there are any."""
+        """Why the structure is recommended, compared with the others if there are any."""
         return self.why or ("" if self.recommended is None else self.recommended.why)
 
     @property
     def alternative_laws(self) -> tuple[str, ...]:
-        """Which other laws explain the runs as well, a sentence each."""
+        """Other laws that explain the runs as well, one sentence each."""
         return tuple(sentence for part in self.evidence for sentence in part.alternatives)
 
     def summary(self) -> tuple[SummaryRow, ...]:
@@ -504,11 +504,11 @@ class Identification(ResultOfStudy):
 
     @property
     def frequency_of(self) -> FrequencyOf:
-        """What the natural frequency and the damping ratio of one gear belong to.
+        """The part of the force that the natural frequency and the damping ratio of one gear belong to.
 
-        The "linear part" of the force is K2 (and K3) with C2. It is the "tangent at rest" where the law has a slope
-        there. Where the law remembers, it is "all but what the law remembers": in small or quick motion such a
-        suspension is stiffer, and the equivalents have its frequency in the motion of each run.
+        The "linear part" of the force is K2 (and K3) with C2. It is the "tangent at rest" if the law has a slope there.
+        If the law has memory, it is "all but what the law remembers": in small or quick motion such a suspension is
+        stiffer, and the equivalents give its frequency in the motion of each run.
         """
         if not self.interfaces:
             return "linear part"
@@ -524,12 +524,12 @@ class Identification(ResultOfStudy):
 
     @property
     def is_refused(self) -> bool:
-        """Whether no number of the model is told."""
+        """Whether no number of the model is reported."""
         return self.interfaces[0].stiffness.value is None
 
     @cached_property
     def restoring_force(self) -> VisitedForce:
-        """The force of the first suspension over the visited plane; nothing where it is refused."""
+        """The force of the first suspension over the visited plane; empty if the answer is refused."""
         first, nothing = self.interfaces[0], np.empty(0)
         if first.stiffness.value is None or first.damping.value is None:
             return VisitedForce(nothing, nothing, nothing, nothing, per_mass=self.per_mass)
@@ -544,7 +544,7 @@ class Identification(ResultOfStudy):
 
     @cached_property
     def paper_chain(self) -> PaperChain:
-        """The steps of the paper on the runs of one gear, with the law that was found, for figures beside it.
+        """The steps of the paper on the runs of one gear, with the law that was found, for comparison in figures.
 
         Raises:
             InputError: channels that are no pair for the paper's chain, or runs that are too short for it.
@@ -553,7 +553,7 @@ class Identification(ResultOfStudy):
 
         fit = self.evidence[0].fit
         law, inverse_mass = fit.laws[fit.model.groups[0].name], fit.model.inverse_mass(fit.theta)
-        if self.is_refused:  # a fit that is refused says nothing of the force
+        if self.is_refused:  # a refused fit gives no force
             law, inverse_mass = LINEAR, 0.0
         return compute_chain(
             self.study,
@@ -576,7 +576,7 @@ def estimate_rows(record: Estimates) -> Iterator[SummaryRow]:
     """Yield parameters or ratios as rows of a summary.
 
     Args:
-        record: of one gear, or of a body.
+        record: parameters or ratios of one gear, or of a body.
     """
     yield from (SummaryRow.of(name, estimate, UNITS[name]) for name, estimate in record.items())
 

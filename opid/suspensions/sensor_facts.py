@@ -1,4 +1,4 @@
-"""What is known of the sensors beforehand, and what of it a fit has to find out."""
+"""Facts known of the sensors beforehand, and the faults that a fit has to estimate."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from opid.errors import InputError, NotDeterminedError
 
 Side = Literal["sprung", "unsprung"]
 SIDES: tuple[Side, Side] = ("sprung", "unsprung")
-# fraction of the motion across its axis that an accelerometer lets in: data sheets say 1 to 5 %
+# fraction of the motion across its axis that an accelerometer reads: data sheets say 1 to 5 %
 LEAK_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
 class SensorFacts:
-    """What the data sheet or the calibration of a sensor says; by default an ideal one of unknown noise.
+    """Facts from the data sheet or the calibration of a sensor; by default an ideal sensor of unknown noise.
 
-    A tolerance is the standard deviation of what may be wrong; where it is 0 nothing is fitted.
+    A tolerance is a standard deviation; if it is 0, the property is not fitted.
 
     Args:
         noise_m_per_s2: rms of its white noise, m/s^2; None to estimate it.
-        gain_tolerance: of the gain, relative.
+        gain_tolerance: standard deviation of the gain, relative.
         corner_hz: corner of its first-order AC coupling, Hz; 0 for a DC-coupled sensor.
-        corner_tolerance: of the corner, relative.
-        lag_tolerance_s: of its delay, s.
+        corner_tolerance: standard deviation of the corner, relative.
+        lag_tolerance_s: standard deviation of its delay, s.
 
     Raises:
-        InputError: a negative or infinite value, or a tolerance of a corner that is not there.
+        InputError: a negative or infinite value, or a tolerance of a corner without a corner.
     """
 
     noise_m_per_s2: float | None = None
@@ -55,7 +55,7 @@ class SensorFacts:
 
 @dataclass(frozen=True)
 class Leak:
-    """A further recorded axis that a sensor on one side lets in.
+    """A further recorded axis that leaks into a sensor on one side.
 
     Args:
         channel: name of the recorded channel, an acceleration.
@@ -82,11 +82,11 @@ IDEAL = SensorFacts()
 
 @dataclass(frozen=True)
 class SensorPair:
-    """Both sensors of a suspension and what leaks into them.
+    """Both sensors of a suspension and the axes that leak into them.
 
     Args:
-        unsprung: below the suspension.
-        sprung: on the body.
+        unsprung: the sensor below the suspension.
+        sprung: the sensor on the body.
         leaks: further axes that leak in.
     """
 
@@ -100,12 +100,12 @@ IDEAL_PAIR = SensorPair()
 
 @dataclass(frozen=True)
 class Fault:
-    """One property of a sensor that a fit moves.
+    """One property of a sensor that a fit estimates.
 
     Args:
         name: "gain_sprung", "corner_unsprung_hz", "lag_s", "leak[0]", ...; with the name of the interface or sensor in
-            brackets where there are several.
-        kind: what it is.
+            brackets if there are several.
+        kind: kind of the property.
         side: the side that it acts on.
         channel: number of the channel on that side.
         nominal: value before the data.
@@ -127,10 +127,10 @@ class Sensors:
     """All sensors of a body, in the order of the channels of a run.
 
     Args:
-        unsprung: below each interface.
-        sprung: on the body: beside each interface, then further ones.
-        names: of interfaces and further sensors; all empty for one gear.
-        leaks: what leaks into which channel: side, number of the channel, tolerance.
+        unsprung: sensors below each interface.
+        sprung: sensors on the body: beside each interface, then further ones.
+        names: names of interfaces and further sensors; all empty for one gear.
+        leaks: side, number of the channel, and standard deviation of each leak.
     """
 
     unsprung: tuple[SensorFacts, ...]
@@ -139,20 +139,20 @@ class Sensors:
     leaks: tuple[tuple[Side, int, float], ...] = ()
 
     def facts(self, side: Side) -> tuple[SensorFacts, ...]:
-        """Return what is known of the sensors of a side."""
+        """Return the facts of the sensors of a side."""
         return self.unsprung if side == "unsprung" else self.sprung
 
     def mean_of(self, interfaces: Sequence[int]) -> Sensors:
-        """Return one gear's sensors that read what those of some interfaces read on average.
+        """Return the sensors of one gear whose readings are the means of those of some interfaces.
 
-        Sensors err independently, so that the mean errs less. Each leak into one of them is a leak into the mean, once
-        the axis is divided by their number: they are those of `leaks_into`, in this order.
+        The errors of the sensors are independent, so that the mean has smaller errors. Each leak into one of them is a
+        leak into the mean of the axis divided by their number: they are those of `leaks_into`, in this order.
 
         Args:
-            interfaces: one, or several.
+            interfaces: one or several indices.
 
         Raises:
-            NotDeterminedError: sensors of one side with unlike AC coupling, whose mean has no corner.
+            NotDeterminedError: sensors of one side with different AC couplings, whose mean has no corner.
         """
         return Sensors(
             unsprung=(_mean([self.unsprung[k] for k in interfaces], "unsprung"),),
@@ -178,7 +178,7 @@ class Sensors:
 
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
-        """What has to be found out beside the parameters of the body."""
+        """Faults that are estimated together with the parameters of the body."""
         return tuple(self._faults())
 
     def _faults(self) -> Iterator[Fault]:
@@ -190,7 +190,7 @@ class Sensors:
                 if facts.corner_tolerance:
                     std = facts.corner_tolerance * facts.corner_hz
                     yield Fault(f"corner_{side}_hz{where}", "corner", side, channel, facts.corner_hz, std)
-        # of the two sensors of an interface only the delay of one against the other is fitted
+        # Only the delay between the two sensors of an interface is fitted.
         for channel, facts in enumerate(self.sprung):
             below = self.unsprung[channel].lag_tolerance_s if channel < len(self.unsprung) else 0.0
             lag_s = math.hypot(below, facts.lag_tolerance_s)
@@ -204,11 +204,11 @@ class Sensors:
 
 
 def _mean(facts: Sequence[SensorFacts], side: Side) -> SensorFacts:
-    """What is known of the mean of some readings."""
+    """Return the facts of the mean of some readings."""
     if len(facts) == 1:
         return facts[0]
 
-    def of_the_mean(stds: Sequence[float]) -> float:
+    def combine(stds: Sequence[float]) -> float:
         return math.hypot(*stds) / len(stds)
 
     corners_hz = [each.corner_hz for each in facts]
@@ -216,16 +216,16 @@ def _mean(facts: Sequence[SensorFacts], side: Side) -> SensorFacts:
     if max(corners_hz) - min(corners_hz) > math.hypot(*stds_hz):
         listed = " and ".join(f"{corner_hz:.3g}" if corner_hz else "none" for corner_hz in corners_hz)
         raise NotDeterminedError(
-            f"the {side} sensors have unlike corners of their AC coupling ({listed}, in Hz), and their mean has none: "
-            "take each gear alone, or one rigid body"
+            f"the {side} sensors have different corners of their AC coupling ({listed}, in Hz), so their mean has no "
+            "corner: take each gear alone, or one rigid body"
         )
     corner_hz, stated = sum(corners_hz) / len(facts), [each.noise_m_per_s2 for each in facts]
     return SensorFacts(
-        noise_m_per_s2=of_the_mean([each for each in stated if each]) if all(stated) else None,
-        gain_tolerance=of_the_mean([each.gain_tolerance for each in facts]),
+        noise_m_per_s2=combine([each for each in stated if each]) if all(stated) else None,
+        gain_tolerance=combine([each.gain_tolerance for each in facts]),
         corner_hz=corner_hz,
-        corner_tolerance=of_the_mean(stds_hz) / corner_hz if corner_hz else 0.0,
-        lag_tolerance_s=of_the_mean([each.lag_tolerance_s for each in facts]),
+        corner_tolerance=combine(stds_hz) / corner_hz if corner_hz else 0.0,
+        lag_tolerance_s=combine([each.lag_tolerance_s for each in facts]),
     )
 
 

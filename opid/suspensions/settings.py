@@ -22,8 +22,8 @@ class Verdicts:
         explained: up to this the model explains the runs: estimated noise floors scatter by a tenth.
         noted: above this the residual of a single gear is worth a warning.
         doubtful: above this the answer is limited by what the model lacks, no longer by noise.
-        refused: above this laws and faults are searched only where they promise much, and no number is reported for a
-            body on several suspensions, for a user's own structure, or by the classical chain.
+        refused: above this laws and faults are searched only if their expected improvement is large, and no number is
+            reported for a body on several suspensions, for a user's own structure, or by the classical chain.
         refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the body's
             rms acceleration: it then explains less than 36 % of the power.
         loosely_known: a value is not determined if its standard deviation exceeds this fraction of it.
@@ -56,7 +56,7 @@ class RunSettings:
         least_noise_fraction: least noise, as a fraction of the motion: no strut model is better, however quiet the
             sensor.
         most_noise_fraction: the residual of a low-pass filtered log counts as sensor noise up to this fraction of
-            the motion: nobody takes a sensor to such tests whose noise is larger.
+            the motion: sensors with more noise are not used in such tests.
         offset_m_per_s2: standard deviation of the offset that is left in an acceleration once its mean is removed.
         offset_ac_m_per_s2: the same for an AC-coupled sensor, which loses more of the slow motion.
         start_rms: standard deviation of travel and velocity at the first sample, in rms motions.
@@ -166,8 +166,8 @@ class FitSettings:
         slide_beyond: friction with memory slides after some travel, which is fitted up to this many times the longest
             that a search offers: a travel of 13 rms travels, held at 3, left 4 times the noise and a stiffness 33 %
             off.
-        unknown_periods: nobody knows what each slider of a joint held at first, and so many mean periods of the motion
-            are not compared: in a run of 40 s the first 4 s, 15 times the noise, moved the mass by 1.5 % ...
+        unknown_periods: the initial force of each slider of a joint is unknown, so this many mean periods of the motion
+            are not compared: in a run of 40 s the first 4 s, 15 times the noise, biased the mass by 1.5 % ...
         most_unknown_fraction: ... but never more than this fraction of a run.
         held_fraction: during continuation the standard deviations of coordinates and carried weight are multiplied by
             this, so that they cannot compensate for what is still wrong.
@@ -230,14 +230,14 @@ class SearchSettings:
             faults.
         inner_margin: a law with as many terms must lower the criterion by this for each further inner parameter: of
             laws that fit alike the simpler one is taken.
-        first_order_error: laws that promise too little by this fraction of the error are fitted all the same: promises
-            hold to first order only.
+        first_order_error: laws whose expected improvement is too small by this fraction of the error are fitted
+            nevertheless, because the expectation holds to first order only.
         n_refitted: number of laws that are fitted in a round.
         n_rounds: most rounds; in each the law may change by one step.
         most_terms: most terms of the law of one suspension.
         most_exchanged: most terms that are exchanged at once: two similar terms can each keep the other in the law.
         n_neighbours: number of rejected laws that are fitted for comparison in the report.
-        alike_bic: laws whose criteria are closer cannot be told apart.
+        alike_bic: laws whose criteria are closer cannot be distinguished.
         surely_behind_bic: a law behind by more than this at the coarse rate is dropped. It is neither fitted at the
             full rate, which doubles the difference, nor for the report: departures between runs, which are fitted after
             the search, change differences by tens.
@@ -247,9 +247,9 @@ class SearchSettings:
         overfit_fraction: a law is too large only if a smaller one leaves at most this fraction more: a needless term
             lowers the error by a few per cent; where a right law was given up, the smaller one left 5 and 11 times as
             much.
-        good_fraction: where a fit would be refused, laws are tried only if the best of them promise to explain this
-            fraction of the squared error, to first order: no law mends a wrong structure. In aircraft that bend, the
-            best laws promise 1 to 6 %.
+        good_fraction: if a fit would be refused, laws are tried only if the best of them are expected to explain this
+            fraction of the squared error, to first order: no law explains the residual of a wrong structure. In
+            aircraft that bend, the best laws are expected to explain 1 to 6 %.
         scale_fractions: scales are tried between these fractions, in the logarithm, of the range in which they can
             be seen: at its lower end friction is a step, at its upper end a straight line.
         lags: delays at which a law that mixes travel and velocity is tried, over the ratio of their rms.
@@ -376,7 +376,7 @@ class RegressionSettings:
 
 @dataclass(frozen=True)
 class ProcessSettings:
-    """How it is decided whether a fit is limited by forces that nobody measured or by the model itself.
+    """How it is decided whether a fit is limited by unmeasured forces or by the model itself.
 
     Args:
         fractions: rms accelerations from unmeasured forces that are tried, over that of the readings: from the smallest
@@ -390,17 +390,17 @@ class ProcessSettings:
             True models with an unmeasured force on the body differed by 0.2 to 0.7, wrong ones by 5 and more.
         same_std_of_body: the same for several suspensions, whose structure is judged by `least_coherent`: in 27 true
             models the largest of seven departures was 0.4 to 2.1.
-        most_promised: a given law is wrong if another one promises to explain more than this fraction of the squared
-            error. A stop that one run hit, and that the law lacked, promised 0.23 to 0.43 and moved the mass by 5 %;
-            beside unmeasured forces at most 0.001 was promised.
-        most_left_by_simpler: where a law takes up what the model lacks, one with fewer terms is tried, which may leave
-            this many times the rms error. An Iwan joint of six sliders in place of forty leaves 1.2 times as much alone
-            as beside a damper, which only biases its values.
+        most_promised: a given law is wrong if another one is expected to explain more than this fraction of the squared
+            error. For a stop that one run hit, and that the law lacked, the fraction was 0.23 to 0.43 and the mass was
+            biased by 5 %; beside unmeasured forces it was at most 0.001.
+        most_left_by_simpler: if a law compensates for an error of the model, one with fewer terms is tried, which may
+            leave this many times the rms error. An Iwan joint of six sliders in place of forty leaves 1.2 times as much
+            alone as beside a damper, which only biases its values.
         surely_other_std: beyond this departure, in standard deviations, no better process noise is searched.
         piece_s: under a wrong model the parameters are fitted to pieces of this length, s, ...
         most_pieces: ... at most this many of each run.
         n_free_fits: number of fits of the free motion, in which each run is weighted by what the last fit left of it.
-        least_coherent: the residual of several suspensions is due to a force that nobody measured if a smaller fraction
+        least_coherent: the residual of several suspensions is due to an unmeasured force if a smaller fraction
             of its power is coherent with the motion below. The fraction was -0.01 to 0.01 in 27 true models with such a
             force and two runs of 20 s, 0.12 to 0.23 in fits at a wrong minimum, and 0.9 in a body that bends.
         most_coherent: laws are searched under process noise if a smaller fraction is coherent: a missing friction
@@ -427,14 +427,14 @@ class ProcessSettings:
 
 @dataclass(frozen=True)
 class FaultSettings:
-    """What is added to the suspension if the runs demand it: a ground spring, or sensor faults that nobody stated.
+    """What is added to the model if the runs demand it: ground springs, or sensor faults that are not stated.
 
     Args:
         least_score: hypotheses with a lower score are not fitted; under a right model it is chi-square with one degree
             of freedom.
         bic_margin: a hypothesis must lower the information criterion by this ...
         error_margin: ... and the error by this fraction.
-        alike_bic: explanations whose criterion is this close to the best one cannot be told apart from it.
+        alike_bic: explanations whose criterion is this close to the best one cannot be distinguished from it.
         gain_tolerance: standard deviation of the gain of an uncalibrated sensor, relative.
         lag_samples: standard deviation of the delay between channels of a multiplexing logger, in samples.
         corner_hz: corner of a usual AC coupling.
@@ -460,9 +460,9 @@ class FaultSettings:
             error by 3.2 to 31 %, on others by 0 to 1.4 %, on four that bend by 1.6 to 2.4 %, where it only costs time.
         nearly_explained: below this residual over the noise, added faults are kept and the noise of the two sides is
             estimated separately: the little that is left may be due to the law.
-        good_fraction: where a fit would be refused, faults other than AC coupling are tried only if they promise to
-            explain this fraction of the squared error. In an aircraft that bends, gains promised 10 to 20 % and
-            explained 4.
+        good_fraction: if a fit would be refused, faults other than AC coupling are tried only if they are expected to
+            explain this fraction of the squared error. In an aircraft that bends, gains were expected to explain 10 to
+            20 % and explained 4.
         most: most faults that are added.
         looked_at: number of hypotheses fitted in a round, those with the highest scores.
         contradicted_std: the runs contradict a stated fact if the fit moves it by more standard deviations.
@@ -556,8 +556,9 @@ class IntervalSettings:
         least_hold: ... raises the squared error over its variance by this: its own resonance always finds some noise to
             explain.
         few_elements_fraction: standard deviation of a damper beside a joint of sliders, as a fraction of the damping
-            that dissipates as much as the joint: with twenty elements for forty sliders it was 0.1 to 0.4 % of that too
-            strong where the runs tell it so well.
+            that dissipates as much as the joint. Twenty elements dissipate slightly less than the sliders of a joint,
+            and the damper compensates for it; row iwan_friction of benchmarks/memory_laws.py shows that intervals then
+            hold.
         imitating_gain: gain error that is compared with a ground spring. This value and the next ones are easy to
             picture; how far a fit may move them is in `FaultSettings`.
         imitating_corner_hz: corner of an AC coupling of one sensor alone, for the same comparison.
@@ -624,13 +625,13 @@ class WarningSettings:
         most_mass_kg: ... and so may one that gives a whole body more: the heaviest aircraft has 640 t.
         straight_rms: a term whose scale exceeds this many rms motions is a straight line over the motion ...
         usual_reach_rms: ... unless its kind is searched beyond this many: such a kind bends within even a long scale.
-        least_way_to_slide: friction with memory that slides after some travel can be told apart from stiffness where
-            the motion covers more than this many times that travel: at 1.3 times its force was found a twelfth of what
-            it was, with an interval of 5 %, at 2.2 times within its interval.
+        least_way_to_slide: friction with memory that slides after some travel can be distinguished from stiffness if
+            the motion covers more than this many times that travel: at 1.3 times its force was found a twelfth of the
+            true one, with an interval of 5 %, at 2.2 times within its interval.
         turnover_between_samples: friction that stops a motion at more than this many times the sampling rate cannot be
-            told apart from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two. The same bound
-            holds for the presliding travels that a motion covers, on average, between two samples.
-        memory_left: a law with memory that leaves more than this many times the noise cannot be told apart
+            distinguished from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two. The same
+            bound holds for the presliding travels that a motion covers, on average, between two samples.
+        memory_left: a law with memory that leaves more than this many times the noise cannot be distinguished
             from damping: one law in place of two left 2.6 to 3, and damping was off by three to five standard
             deviations; a true one left up to 1.4.
         left_out_more: a run of one gear is worth a warning if its prediction by the others leaves this many times what
@@ -679,7 +680,7 @@ class Settings:
         origin: how the origin of a law is searched.
         gas: what is known of a carrying gas.
         regression: how sparse regression proposes laws.
-        process: how unmeasured forces are told apart from model errors.
+        process: how unmeasured forces are distinguished from model errors.
         faults: what is added if the runs demand it.
         repeatability: how much suspensions may differ between runs.
         intervals: how well the parameters are known.

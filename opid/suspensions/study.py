@@ -1,4 +1,4 @@
-"""A study: interfaces that are measured on both sides, and runs with known loadings. A gear is a body with one."""
+"""Study: interfaces that are measured on both sides, and runs with known loadings. A gear is a body with one."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ KINDS = ("auto", "single", "pair", "rigid_body")
 """Structures that a study may ask for; "auto" compares the others."""
 
 Axis = Literal["up", "down", "horizontal"]
-"""Where the channels of an interface count positive; "horizontal" for motion that no weight acts on."""
+"""Direction in which the channels of an interface count positive; "horizontal" for motion that no weight acts on."""
 
 MINIMUM_SAMPLES = 256
-"""The shortest run taken: a spectrum of fewer samples does not separate a peak from its neighbours."""
+"""The shortest run that is accepted: a spectrum of fewer samples does not separate a peak from its neighbours."""
 
 LARGEST_CHANGE_KG = 1e5
-"""No single gear carries more: the heaviest aircraft puts 50 t on one."""
+"""The largest mass change: no single gear carries more than 50 t."""
 
 SAME_RATE = 1e-5
-"""Relative difference up to which two rates are one: clocks of crystals agree to some parts in a million."""
+"""Relative difference up to which two rates are the same: crystal clocks agree to some parts in a million."""
 
 LARGEST_PISTON_M2 = 1.0
-"""No strut has a larger piston."""
+"""The largest piston area of a strut."""
 
 FARTHEST_M = 200.0
-"""No vehicle is larger."""
+"""The largest coordinate: no vehicle is larger."""
 
 TAPE_M = 0.01
-"""How well places are known by a tape or a drawing, where nothing else is said."""
+"""Default standard deviation of coordinates, from a tape or a drawing."""
 
 SYMMETRIC_M = 0.1
-"""Left and right of the middle to this accuracy."""
+"""Largest deviation of a symmetric pair from exact mirror positions."""
 
 MOST_UNLIKE = 0.2
-"""Suspensions that differ more from run to run are not one suspension."""
+"""The largest repeatability: suspensions that differ more from run to run are not the same suspension."""
 
 ONE_PLACE_M = 0.05
-"""Interfaces nearer to each other than this are one."""
+"""Interfaces that are nearer to each other than this are at the same position."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,14 @@ class MeasuredInterface:
         name: "nose", "left", ...
         sprung: channel on the body.
         unsprung: channel below the suspension.
-        x_m: where the suspension acts, forward.
-        y_m: where it acts, to the left.
-        sensor_x_m: where the sensor on the body is; at the suspension where left out.
-        sensor_y_m: likewise.
-        facts: what is known of its two sensors.
-        axis: where its channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
-        piston_area_m2: what the gas of its strut pushes on; None where it is not known, or no gas carries it.
+        x_m: x of the suspension, forward.
+        y_m: y of the suspension, to the left.
+        sensor_x_m: x of the sensor on the body; that of the suspension if left out.
+        sensor_y_m: y of the sensor on the body; that of the suspension if left out.
+        facts: facts known of its two sensors.
+        axis: direction in which its channels count positive, "up" or "down"; "horizontal" for motion that no weight
+            acts on.
+        piston_area_m2: area that the gas of its strut pushes on; None if it is not known, or if no gas carries it.
     """
 
     name: str
@@ -103,9 +104,9 @@ class BodySensor:
 
     Args:
         channel: its channel, an acceleration upward.
-        x_m: where it is, forward.
-        y_m: where it is, to the left.
-        facts: what is known of it.
+        x_m: its x, forward.
+        y_m: its y, to the left.
+        facts: facts known of the sensor.
         leaks: further axes that leak into it, each with `into` "sprung".
     """
 
@@ -118,12 +119,12 @@ class BodySensor:
 
 @dataclass(frozen=True)
 class PointMass:
-    """A row of a loading table: what a run carries more than the reference.
+    """A row of a loading table: a mass that a run carries in addition to the reference.
 
     Args:
-        mass_kg: negative for what was taken off.
-        x_m: where, forward.
-        y_m: where, to the left.
+        mass_kg: the mass; negative if it was removed.
+        x_m: its x, forward.
+        y_m: its y, to the left.
     """
 
     mass_kg: float
@@ -136,13 +137,13 @@ class Run:
     """One recorded run with a known loading.
 
     Args:
-        name: of the run.
-        recording: what was measured.
-        loading: what it carries more than the reference, empty for the reference; for one gear a number will do, kg,
-            negative if mass was removed.
-        findings: what is to be said of the logs that it was taken from; of the recording itself that is found later.
-        log: the file that it was read from without a study file; None where it came otherwise.
-        log_settings: how that file was read.
+        name: name of the run.
+        recording: the recording.
+        loading: masses that it carries in addition to the reference, empty for the reference; for one gear a number is
+            enough, kg, negative if mass was removed.
+        findings: findings about the logs that it was taken from; those about the recording itself are added later.
+        log: the file that it was read from without a study file; None if it came otherwise.
+        log_settings: settings with which that file was read.
     """
 
     name: str
@@ -158,25 +159,25 @@ class Run:
 
     @property
     def masses(self) -> tuple[PointMass, ...]:
-        """What it carries more than the reference."""
+        """Masses that it carries in addition to the reference."""
         assert not isinstance(self.loading, (int, float))  # no longer
         return self.loading
 
     @property
     def mass_change_kg(self) -> float:
-        """Mass of this run less that of the reference, kg."""
+        """Mass of this run minus that of the reference, kg."""
         return sum(each.mass_kg for each in self.masses)
 
 
 @dataclass(frozen=True)
 class StructureSettings:
-    """What is said of the body.
+    """What is stated of the body.
 
     Args:
         kind: one of `KINDS`.
         shared: names of interfaces that share stiffness, damping and law; the others have their own.
-        position_tolerance_m: how well all coordinates are known, one standard deviation; 0 for exactly, which makes
-            intervals too narrow where they are measured by tape.
+        position_tolerance_m: standard deviation of all coordinates; 0 for exact ones, which makes intervals too narrow
+            if they were measured by tape.
         noise_m_per_s2: rms of the white noise of all sensors; None to estimate it.
     """
 
@@ -193,19 +194,19 @@ class Study:
     The mass that is identified is the one without a loading, whether or not a run was made there.
 
     Args:
-        title: of the study.
+        title: title of the study.
         interfaces: the suspensions.
-        runs: one or more.
-        structure: what is said of the body.
-        sensors: further ones on the body.
-        date: of the runs; None if it is not known.
+        runs: one or more runs.
+        structure: what is stated of the body.
+        sensors: further sensors on the body.
+        date: date of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
         repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
-            run to run; 0 where they are known to be the same, None for what is usual.
+            run to run; 0 if they are known to be the same, None for the usual value.
 
     Raises:
-        InputError: everything that is wrong at once: a missing channel, another unit than m/s^2, different rates, a run
-            too short, one name twice.
+        InputError: all errors of the study in one message: a missing channel, another unit than m/s^2, different rates,
+            a run that is too short, a name that occurs twice.
     """
 
     title: str
@@ -238,12 +239,12 @@ class Study:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the interfaces."""
+        """Names of the interfaces."""
         return tuple(interface.name for interface in self.interfaces)
 
     @property
     def is_one_gear(self) -> bool:
-        """Whether it is about one suspension, read by one sensor on the body."""
+        """Whether the study has one suspension and one sensor on the body."""
         return len(self.interfaces) == 1 and not self.sensors
 
     @property
@@ -252,7 +253,7 @@ class Study:
         return tuple(file for run in self.runs for file in run.recording.files)
 
     def channels(self, side: Side) -> tuple[str, ...]:
-        """Return the channels of the sensors of a side, in the order in which the model takes them.
+        """Return the channels of the sensors of a side, in the order of the model.
 
         Args:
             side: "unsprung" or "sprung".
@@ -262,12 +263,12 @@ class Study:
         return (*(interface.sprung for interface in self.interfaces), *(sensor.channel for sensor in self.sensors))
 
     def leaks(self) -> list[tuple[str, Side, int, float]]:
-        """Return what leaks in: the channel, the side and number of the sensor that lets it in, and the tolerance."""
+        """Return the leaks: channel, side and number of the sensor that it leaks into, and standard deviation."""
         each = [*(interface.facts.leaks for interface in self.interfaces), *(sensor.leaks for sensor in self.sensors)]
         return [(leak.channel, leak.into, k, leak.tolerance) for k, leaks in enumerate(each) for leak in leaks]
 
     def sensor_facts(self) -> Sensors:
-        """Return what is known of all sensors, their noise as stated for each or for all."""
+        """Return the facts of all sensors, with the noise that is stated for each or for all."""
         names = [*self.names, *(sensor.channel for sensor in self.sensors)]
         above = (*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors))
 
@@ -285,7 +286,7 @@ class Study:
         """Return unsprung and sprung acceleration of a run of one gear, each (n_samples,) m/s^2.
 
         Args:
-            run: of this study.
+            run: a run of this study.
         """
         return run.recording.channel(self.unsprung), run.recording.channel(self.sprung)
 
@@ -316,20 +317,22 @@ def study_of_gear(
     """Return the study of one gear: a body with one interface.
 
     Args:
-        title: of the study.
+        title: title of the study.
         sprung: name of the channel on the airframe, an acceleration.
         unsprung: name of the channel on the spindle, an acceleration.
-        runs: one or more.
-        sensors: what is known of the two sensors.
-        axis: where the channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
-        piston_area_m2: what the gas of the strut pushes on; None where it is not known, or no gas carries the gear.
+        runs: one or more runs.
+        sensors: facts known of the two sensors.
+        axis: direction in which the channels count positive, "up" or "down"; "horizontal" for motion that no weight
+            acts on.
+        piston_area_m2: area that the gas of the strut pushes on; None if it is not known, or if no gas carries the
+            gear.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
-            where they are known to be the same, None for what is usual.
-        date: of the runs; None if it is not known.
+            if they are known to be the same, None for the usual value.
+        date: date of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
 
     Raises:
-        InputError: as `Study`.
+        InputError: as for `Study`.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> samples, names = np.random.default_rng(0).standard_normal((2, 2, 512)), ["lower_z", "upper_z"]
@@ -343,7 +346,7 @@ def study_of_gear(
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
-    """Return indices of interfaces that stand left and right of the middle, each paired with its nearest mirror."""
+    """Return index pairs of interfaces left and right of the middle, each with its nearest mirror image."""
     mirrored = []
     for (i, one), (k, other) in combinations(enumerate(study.interfaces), 2):
         along, across = abs(one.x_m - other.x_m), abs(one.y_m + other.y_m)
@@ -380,7 +383,7 @@ def _faults(study: Study) -> Iterator[str]:
 
 
 def _shared_s(one: Recording, other: Recording) -> tuple[float, float] | None:
-    """From when to when two recordings are one and the same, s; None where they are not."""
+    """Return begin and end of the time in which two recordings have the same samples, s; None if there is none."""
     if one.names != other.names or abs(one.fs / other.fs - 1) > SAME_RATE:
         return None
     later = round((other.start_s - one.start_s) * one.fs)
@@ -411,8 +414,8 @@ def _interface_faults(study: Study) -> Iterator[str]:
         if area is not None and each.axis in ("down", "horizontal"):
             turned = "give both channels sign = -1 and the axis 'up', or " * (each.axis == "down")
             yield (
-                f"the piston_area_m2{_name_of_interface(study, each)} is stated and its axis is {each.axis!r}: gas is told where it "
-                f"carries weight and the channels count up; {turned}leave the area out"
+                f"the piston_area_m2{_name_of_interface(study, each)} is stated and its axis is {each.axis!r}: gas is "
+                f"reported only if it carries weight and the channels count up; {turned}leave the area out"
             )
     axes = [axis for axis in allowed if any(each.axis == axis for each in study.interfaces)]
     if len(axes) > 1 and not wrong:
@@ -449,7 +452,7 @@ def _interface_faults(study: Study) -> Iterator[str]:
         if math.dist(first.place, second.place) < ONE_PLACE_M and first.name != second.name:
             yield (
                 f"the interfaces {first.name!r} and {second.name!r} are both at ({first.x_m:g}, {first.y_m:g}) m: "
-                "two suspensions cannot be at one place, mend x_m and y_m"
+                "two suspensions cannot be at one position, correct x_m and y_m"
             )
     for interface in study.interfaces:
         if math.dist(interface.place, interface.sensor_place) > 5.0:
@@ -461,12 +464,12 @@ def _interface_faults(study: Study) -> Iterator[str]:
 
 
 def _name_of_interface(study: Study, interface: MeasuredInterface) -> str:
-    """Whose a fact is, where there are several interfaces: nobody called that of one gear."""
+    """Return " of 'NAME'" of an interface if there are several; "" for one gear, which has no name of its own."""
     return "" if study.is_one_gear else f" of {interface.name!r}"
 
 
 def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[str]:
-    """Of the leaks into some sensors, whose channels are given by side."""
+    """Yield errors of the leaks into some sensors, whose channels are given by side."""
     leaks = [(leak.channel, leak.into) for leak in into]
     for channel, side in sorted({leak for leak in leaks if leaks.count(leak) > 1}):
         yield f"the leak of {channel!r} into the {side} sensor stands twice, give it once"
@@ -478,10 +481,10 @@ def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[
 
 
 def repeatability_faults(repeatability: object) -> Iterator[str]:
-    """Yield what is wrong with a stated repeatability.
+    """Yield the errors of a stated repeatability.
 
     Args:
-        repeatability: as it was given; None where it was left out.
+        repeatability: the given value; None if it was left out.
     """
     if repeatability is not None and not _is_within(repeatability, 0.0, MOST_UNLIKE):
         yield (
@@ -491,7 +494,7 @@ def repeatability_faults(repeatability: object) -> Iterator[str]:
 
 
 def area_faults(area_m2: float | None, of: str = "") -> Iterator[str]:
-    """Yield what is wrong with the stated `area_m2` of a piston, `of` which interface in words."""
+    """Yield the errors of the stated `area_m2` of a piston; `of` says of which interface."""
     if area_m2 is not None and not (_is_within(area_m2, 0.0, LARGEST_PISTON_M2) and area_m2):
         is_small_unit = _is_within(area_m2, LARGEST_PISTON_M2, 1e6 * LARGEST_PISTON_M2)
         usual = (
@@ -506,7 +509,7 @@ def area_faults(area_m2: float | None, of: str = "") -> Iterator[str]:
 
 
 def _is_within(value: object, least: float, most: float) -> bool:
-    """Whether a value is a number of a range."""
+    """Whether a value is a number within a range."""
     return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most
 
 
@@ -534,14 +537,14 @@ def _structure_faults(study: Study) -> Iterator[str]:
         places = ", ".join(f"{each.name!r} ({each.x_m:g}, {each.y_m:g})" for each in study.interfaces)
         yield (
             f"kind is 'pair' and no two interfaces mirror each other (same x_m, opposite y_m, within {SYMMETRIC_M:g} "
-            f"m): {places}; mend the coordinates (y = 0 is the middle), or take another kind"
+            f"m): {places}; correct the coordinates (y = 0 is the middle), or take another kind"
         )
     if settings.kind == "rigid_body" and study.interfaces:
         yield from rigid_faults(study)
 
 
 def rigid_faults(study: Study) -> Iterator[str]:
-    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch."""
+    """Yield the reasons why interfaces or sensors cannot describe a rigid body in heave, roll and pitch."""
     for what, places in (
         ("interfaces", [interface.place for interface in study.interfaces]),
         (
@@ -556,8 +559,8 @@ def rigid_faults(study: Study) -> Iterator[str]:
         if len(array) < 3 or spread[1] < 0.01 * max(spread[0], 1.0):
             listed = ", ".join(f"({x:g}, {y:g})" for x, y in places)
             yield (
-                f"the {what} are at {listed} m, which is one line or less: a rigid body in heave, roll and pitch needs "
-                "three that are not on one line; take kind = 'single' or 'pair', or mend the coordinates"
+                f"the {what} are at {listed} m, all on one line: a rigid body in heave, roll and pitch needs three "
+                "that are not on one line; take kind = 'single' or 'pair', or correct the coordinates"
             )
 
 
@@ -567,7 +570,7 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             yield (
                 f"the mass change is {each.mass_kg} kg, give a number"
                 if study.is_one_gear
-                else f"the loading ({each.mass_kg}, {each.x_m}, {each.y_m}) has no number somewhere, give kg and m"
+                else f"the loading ({each.mass_kg}, {each.x_m}, {each.y_m}) has a value that is no number: give kg, m"
             )
         elif study.is_one_gear and abs(each.mass_kg) > LARGEST_CHANGE_KG:
             yield (

@@ -1,4 +1,4 @@
-"""Checks of measured backbones against the structure and each other: frequencies, numbers of modes, sensors, shapes."""
+"""Check measured backbones against the structure and each other: frequencies, numbers of modes, sensors, shapes."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
         for sensors, names in alike.items():
             lacking = ", ".join(name for name in first.sensors if name not in sensors)
             more = ", ".join(name for name in sensors if name not in first.sensors)
-            subject, other = f"{_name(names)} of mode {mode}", f"backbone {first.name!r} of mode {mode}"
-            advice = "give all curves of a mode the same sensors, leave out those that one lacks"
+            subject, other = f"{_name_backbones(names)} of mode {mode}", f"backbone {first.name!r} of mode {mode}"
+            advice = "give all curves of a mode the same sensors, and leave out sensors that one of them lacks"
             if lacking:
                 yield f"{subject} lacks the sensor(s) {lacking} of {first.name!r}: {advice}"
             if more:
@@ -40,7 +40,7 @@ def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
                 )
 
 
-def _name(names: Sequence[str]) -> str:
+def _name_backbones(names: Sequence[str]) -> str:
     """Return "backbone 'a'", or "each of 3 backbones ('a' and 2 others)"."""
     return f"backbone {names[0]!r}" if len(names) == 1 else f"each of {len(names)} backbones ({shortened(names)})"
 
@@ -53,8 +53,8 @@ def joint_fault(modes: JointedModes, mode: int) -> list[str]:
         return []
     others = np.flatnonzero(size > UPDATING.least_extension * size.max()) + 1
     return [
-        f"mode {mode} extends no joint ({fraction:.1g} of the largest extension), so that their law does not change "
-        f"it: take another mode, such as {', '.join(map(str, others[:3]))}"
+        f"mode {mode} extends no joint (only {fraction:.1g} of the largest extension), so that the law of the joints "
+        f"does not change it: take another mode, such as {', '.join(map(str, others[:3]))}"
     ]
 
 
@@ -63,7 +63,7 @@ def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> I
     for mode, curves in by_mode(backbones).items():
         if mode > modes.n_modes:
             names = ", ".join(repr(curve.name) for curve in curves)
-            yield f"backbone {names} is of mode {mode}, and the structure has {modes.n_modes}"
+            yield f"backbone {names} is of mode {mode}, and the structure has {modes.n_modes} modes: correct the number"
             continue
         yield from joint_fault(modes, mode)
         for sensor in dict.fromkeys(curve.controlled_sensor for curve in curves):
@@ -78,7 +78,7 @@ def structure_faults(structure: AffineStructure) -> Iterator[str]:
     """Yield whether the mass or the nominal stiffness is not positive."""
     if (worst := _least_eigenvalue(structure.mass)) <= 0:
         yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
-    # a free structure has eigenvalues of 0, which rounding may make negative
+    # A free structure has eigenvalues of 0, which rounding may make negative.
     stiffness = structure.stiffness_at({})
     largest = float(np.abs(stiffness.diagonal()).max(initial=0.0))
     if (worst := _least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
@@ -99,10 +99,10 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
     one mode that begin far from each other; modes whose curves begin in the wrong order.
 
     Args:
-        structure: of the study.
-        backbones: measured on it.
+        structure: the structure of the study.
+        backbones: the backbones that were measured on it.
     """
-    # the right mode may lie above the highest that is named
+    # The right mode may lie above the highest that is named.
     n_modes = max((curve.mode for curve in backbones), default=0) + UPDATING.modes_above
     try:
         modes = nominal_modes(structure, n_modes)
@@ -110,39 +110,40 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
         return  # `structure_faults` names the reason
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
-        alike.setdefault((curve.mode, _say_what_is_misplaced(modes, curve)), []).append(curve)
+        alike.setdefault((curve.mode, _describe_misplaced(modes, curve)), []).append(curve)
     for (_, fault), curves in alike.items():
         if fault:
-            yield f"{_begun(curves)}{fault}"
+            yield f"{_describe_start(curves)}{fault}"
     placed = [curve for (_, fault), curves in alike.items() for curve in curves if not fault]
     yield from mode_faults(modes, placed)
     if len(placed) == len(backbones):
-        yield from _crossings(backbones)
+        yield from _find_crossings(backbones)
 
 
-def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
+def warn_of_overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
     """Return one warning for each two neighbouring modes whose frequencies overlap.
 
-    It is no fault: at different amplitudes, a mode that stiffens passes the frequency at which another began.
+    An overlap is not an error: at different amplitudes, a mode that stiffens passes the frequency at which another one
+    began.
     """
     hz = {mode: np.concatenate([one.frequency_hz for one in curves]) for mode, curves in by_mode(backbones).items()}
     return [
         f"the backbones of mode {low} reach up to {hz[low].max():.4g} Hz and those of mode {high} down to "
-        f"{hz[high].min():.4g} Hz: they overlap, as modes may at different amplitudes; look whether a curve has the "
+        f"{hz[high].min():.4g} Hz: they overlap, as modes may at different amplitudes; check whether a curve has the "
         "number of another mode or has jumped to it"
         for low, high in pairwise(hz)
         if hz[low].max() >= hz[high].min()
     ]
 
 
-def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
+def _describe_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
     """Return the end of a clause on a curve whose mode is not there, lies elsewhere or has another shape; else ""."""
     mode, hz = curve.mode, modes.frequency_hz
     if mode > modes.n_modes:
         return f", and the structure has {modes.n_modes} modes"
     lowest, own = float(curve.frequency_hz[0]), float(hz[mode - 1])
-    apart = np.array([_far(lowest, each) for each in hz])
-    like = _likeness(modes, curve)
+    apart = np.array([_find_ratio(lowest, each) for each in hz])
+    like = _find_likeness(modes, curve)
     nearest, best = int(np.argmin(apart)), int(np.argmax(like))
     is_another = like[best] >= UPDATING.alike and best != mode - 1 and apart[best] <= UPDATING.farthest
     counted = "(modes are counted from 1, rigid ones too)"
@@ -151,8 +152,8 @@ def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
             return ""
         return (
             f", and the shape is that of mode {best + 1} of the structure at {hz[best]:.4g} Hz (MAC above "
-            f"{UPDATING.alike:g}), not that of mode {mode} at {own:.4g} Hz (MAC below {UPDATING.unlike:g}): look at "
-            f"the number of the mode {counted}"
+            f"{UPDATING.alike:g}), not that of mode {mode} at {own:.4g} Hz (MAC below {UPDATING.unlike:g}): check the "
+            f"number of the mode {counted}"
         )
     if is_another:
         return (
@@ -164,11 +165,11 @@ def _say_what_is_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
     else:
         far = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
         far += f"{hz[nearest]:.4g} Hz)"
-    asked = "are they rad/s? Else " if _far(lowest / max(own, 1e-12), 2 * np.pi) <= 2 else ""
-    return f"{far}: {asked}look at the unit of the frequencies, the number of the mode, and the matrices"
+    asked = "they may be in rad/s; " if _find_ratio(lowest / max(own, 1e-12), 2 * np.pi) <= 2 else ""
+    return f"{far}: {asked}check the unit of the frequencies, the number of the mode, and the matrices"
 
 
-def _begun(curves: Sequence[MeasuredBackbone]) -> str:
+def _describe_start(curves: Sequence[MeasuredBackbone]) -> str:
     first = sorted(float(curve.frequency_hz[0]) for curve in curves)
     if len(curves) == 1:
         return f"backbone {curves[0].name!r} of mode {curves[0].mode} begins at {first[0]:.4g} Hz"
@@ -178,7 +179,7 @@ def _begun(curves: Sequence[MeasuredBackbone]) -> str:
 
 
 def shortened(names: Sequence[str]) -> str:
-    """Return names in quotes, of more than two the first and how many others.
+    """Return names in quotes; where there are more than two, the first and the number of the others.
 
     >>> shortened(["a", "b"]), shortened(["a", "b", "c"])
     ("'a' and 'b'", "'a' and 2 others")
@@ -188,7 +189,7 @@ def shortened(names: Sequence[str]) -> str:
     return f"{names[0]!r} and {len(names) - 1} others"
 
 
-def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
+def _find_likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
     """Return the modal assurance of the shape of the lowest point with each mode; 0 for fewer than three sensors."""
     if len(curve.sensors) < 3:
         return np.zeros(modes.n_modes)
@@ -196,32 +197,32 @@ def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
     return np.array([modal_assurance(curve.amplitude[0], shape) for shape in shapes.T])
 
 
-def _crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+def _find_crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
     """Yield which curves of one mode do not begin together, and which modes are in the wrong order."""
     middle: dict[int, float] = {}
     for mode, curves in by_mode(backbones).items():
         middle[mode] = float(np.median([curve.frequency_hz[0] for curve in curves]))
         for curve in curves:
-            if _far(curve.frequency_hz[0], middle[mode]) > 1 + UPDATING.apart:
+            if _find_ratio(curve.frequency_hz[0], middle[mode]) > 1 + UPDATING.apart:
                 yield (
                     f"backbone {curve.name!r} begins at {curve.frequency_hz[0]:.4g} Hz where the others of mode {mode} "
-                    f"begin near {middle[mode]:.4g} Hz: is it of another mode?"
+                    f"begin near {middle[mode]:.4g} Hz: check whether it belongs to another mode"
                 )
     for low, high in pairwise(middle):
         if middle[low] >= middle[high]:
             yield (
                 f"the backbones of mode {low} begin at {middle[low]:.4g} Hz and those of mode {high} at "
-                f"{middle[high]:.4g} Hz: they cross, the higher mode has the higher frequency"
+                f"{middle[high]:.4g} Hz, so they cross: give the higher frequency the higher number"
             )
 
 
-def _far(one: float, other: float) -> float:
+def _find_ratio(one: float, other: float) -> float:
     """Return the ratio of two frequencies, the larger over the smaller."""
     return max(one, other) / max(min(one, other), 1e-12)
 
 
 def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
-    """Return the least eigenvalue if it is negative, else 0 or a positive number: pivots tell its sign (Sylvester)."""
+    """Return the least eigenvalue if it is negative, else 0 or a positive number: pivots show its sign (Sylvester)."""
     from scipy import sparse
     from scipy.sparse.linalg import eigsh
 
@@ -230,15 +231,15 @@ def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
         return float(np.linalg.eigvalsh(found.toarray())[0])
     if _is_positive(found, shift):
         return 1.0
-    # no eigenvalue lies below -largest; the first shift that is enough is at most ten times too large
+    # No eigenvalue lies below -largest; the first shift that is enough is at most ten times too large.
     largest = float(np.abs(found).sum(axis=0).max())
     shift = max(shift, 1e-12 * largest)
     while shift < largest and not _is_positive(found, shift):
         shift *= 10
     try:
-        # all eigenvalues lie above -shift: the nearest to it is the least
+        # All eigenvalues lie above -shift, so the nearest to it is the least.
         return float(eigsh(found, k=1, sigma=-shift, return_eigenvectors=False, tol=1e-4)[0])
-    except (RuntimeError, ValueError):  # a shift that hits an eigenvalue, or no convergence
+    except (RuntimeError, ValueError):  # the shift is an eigenvalue, or the iteration does not converge
         return -shift
 
 

@@ -13,13 +13,13 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.family import family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.checks import overlaps
+from opid.updating.checks import warn_of_overlaps
 from opid.updating.likelihood.backbones import (
     BackboneData,
     ModeData,
     backbone_data,
-    curves_of,
-    named_points,
+    describe_points,
+    make_curves,
     without_interactions,
 )
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
@@ -31,7 +31,7 @@ from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, 
 from opid.updating.sampling.samplers import require_emcee
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.warnings import warnings_of_choice, warnings_of_classes
+from opid.updating.warnings import warn_of_choice, warn_of_classes
 
 logger = logging.getLogger(__name__)
 
@@ -61,14 +61,14 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     say = progress or (lambda step: None)
     linear, system = _update_linear(study, say)
     say("backbones")
-    growth = _growth_by_mode(study, linear)
+    growth = _find_growth(study, linear)
     data = _prepare(study, system, growth)
     classes, lost = _update_classes(study, data, say)
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best)
     stated = study.noise.stated_for_papers if study.form == "recommended" else ()
-    unused = f"the recommended form does not use {', '.join(stated)}: leave out what is stated, or take another form"
+    unused = f"the recommended form does not use {', '.join(stated)}: leave these settings out, or take another form"
     return Updating(
         title=study.title,
         form=study.form,
@@ -80,15 +80,15 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         prediction=bands,
         warnings=(
             *([unused] if stated else []),
-            *overlaps(study.backbones),
+            *warn_of_overlaps(study.backbones),
             *(f"linear structure: {warning}" for warning in (linear.warnings if linear else ())),
             *lost,
-            *warnings_of_classes(classes),
-            *warnings_of_choice(classes, bands),
+            *warn_of_classes(classes),
+            *warn_of_choice(classes, bands),
             *gone,
         ),
         not_determined="",
-        settings=_settings(study, data, growth),
+        settings=_list_settings(study, data, growth),
     )
 
 
@@ -126,20 +126,20 @@ def _linear_errors(study: UpdatingStudy) -> LinearErrors:
     shape_std: dict[int, OneShapeStd] = {}
     for mode, curves in by_mode(study.backbones).items():
         scatters = len({float(one.frequency_hz[0]) for one in curves}) > 1
-        # one curve has no scatter, nor have curves with equal beginnings: the expected offset of a curve replaces it
+        # One curve has no scatter, and curves with equal beginnings have none: the expected offset replaces it.
         cov[mode] = "inferred" if scatters else 2 * noise.curve_offset
         n_sensors = len(curves[0].sensors)
         if n_sensors < 2:
             continue  # one sensor has no shape
-        # the error of a shape cannot be inferred if the factors can fit the shape exactly
-        rest = len(curves) * (n_sensors - 1) - len(study.parameters)
+        # The error of a shape cannot be inferred if the factors can fit the shape exactly.
+        freedom = len(curves) * (n_sensors - 1) - len(study.parameters)
         expected = float(np.hypot(noise.shape_offset, noise.linear_shape_error))
-        shape_std[mode] = "inferred" if len(curves) > 1 or rest > 0 else expected
+        shape_std[mode] = "inferred" if len(curves) > 1 or freedom > 0 else expected
     return {"cov": cov, "shape_std": shape_std, "common_error": common}
 
 
-def _growth_by_mode(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
-    """Return how far the linear error may grow along the backbones of each mode: as set, else estimated by phase I."""
+def _find_growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
+    """Return the growth of the linear error along the backbones of each mode: as stated, or estimated by phase I."""
     noise = study.noise
     growth = dict.fromkeys(by_mode(study.backbones), noise.growth_of_linear_error)
     stated = noise.linear_error_growth is not None
@@ -188,7 +188,7 @@ def _update_classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple
             logger.info("class %s: log evidence %.2f, %d evaluations", name, found.log_evidence, n_evaluations)
             classes.append(found)
         except NotDeterminedError as error:
-            lost.append(f"class {name!r} is left out: {error}")
+            lost.append(f"class {name!r} has no posterior and is left out: {error}")
     if not classes:
         raise NotDeterminedError("; ".join(lost))
     return classes, lost
@@ -203,7 +203,7 @@ def _predict(
         return (), [f"there is no prediction: {error}"]
 
 
-def _settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:
+def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:
     noise = dict(vars(study.noise))
     noise["cov"] = {str(mode.mode): mode.cov for mode in data.modes if mode.cov > 0}
     by_name = {str(mode): value for mode, value in growth.items()}
@@ -239,7 +239,7 @@ def predict(
 
     Args:
         data: the backbones, from `backbone_data`.
-        posterior: of the class that predicts.
+        posterior: posterior of the class that predicts.
         measured: the same backbones, for the coverage.
         rng: source of chance.
 
@@ -247,10 +247,10 @@ def predict(
         NotDeterminedError: no mode has a band anywhere.
     """
     theta = posterior.samples[rng.integers(len(posterior.samples), size=200)]
-    bands = tuple(_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
+    bands = tuple(_make_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
     if not any(np.isfinite(band.frequency_hz).any() for band in bands):
         every = np.ones(N_AMPLITUDES, dtype=bool)
-        where = " or ".join(f"mode {b.mode} at {named_points(b.amplitude, every, b.sensor)}" for b in bands)
+        where = " or ".join(f"mode {b.mode} at {describe_points(b.amplitude, every, b.sensor)}" for b in bands)
         raise NotDeterminedError(
             f"most draws of {posterior.model_class.name!r} have no backbone of {where}: take fewer harmonics, or "
             "smaller amplitudes"
@@ -258,7 +258,7 @@ def predict(
     return bands
 
 
-def _band(
+def _make_band(
     data: BackboneData,
     mode: ModeData,
     posterior: ClassPosterior,
@@ -275,7 +275,7 @@ def _band(
         amplitude=amplitude, harmonics=data.harmonics,
     )  # fmt: skip
     found = solve(posterior.model_class.coefficients(theta))
-    errors = _errors(data, mode, posterior, theta, found.eigenvalue, rng)
+    errors = _draw_errors(data, mode, posterior, theta, found.eigenvalue, rng)
     frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)
     there = np.isfinite(frequency)
     band = np.full((3, N_AMPLITUDES), np.nan)
@@ -289,7 +289,7 @@ def _band(
     return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, coverage)
 
 
-def _errors(
+def _draw_errors(
     data: BackboneData,
     mode: ModeData,
     posterior: ClassPosterior,
@@ -299,8 +299,8 @@ def _errors(
 ) -> FloatArray:
     """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model."""
     if mode.frequency_noise is not None:
-        at_nodes, _, _, lost = curves_of(data, mode, posterior.model_class)(theta)
-        growth = _without_gaps(eigenvalue, mode.linear) / mode.linear - 1
+        at_nodes, _, _, lost = make_curves(data, mode, posterior.model_class)(theta)
+        growth = _fill_gaps(eigenvalue, mode.linear) / mode.linear - 1
         errors = mode.linear * draw_errors(mode.frequency_noise, at_nodes[..., None] / mode.linear, growth, rng)
         return np.where(lost[:, None], np.nan, errors)
     first = np.unique(mode.curve, return_index=True)[1]
@@ -308,7 +308,7 @@ def _errors(
     return data.noise.weight * mode.cov * eigenvalue * rng.standard_normal(eigenvalue.shape) - r_m
 
 
-def _without_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:
+def _fill_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:
     """Return rows with gaps interpolated, for the errors of a curve depend on all of it."""
     filled, index = eigenvalue.copy(), np.arange(eigenvalue.shape[1])
     for row in np.flatnonzero(np.isnan(eigenvalue).any(axis=1)):

@@ -1,6 +1,6 @@
 """Phase I: parameters of the linear structure from the lowest points of backbones (Song et al. 2021; 2.1.1).
 
-Also how the error that remains in the linear structure grows along the backbones.
+The module also computes how the error that remains in the linear structure grows along the backbones.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from opid.updating.likelihood.linear import LinearData, LinearErrors, linear_dat
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
 from opid.updating.result import LinearMode, LinearPosterior
-from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, presses_against, spread_starts
+from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, find_pressures, spread_starts
 from opid.updating.sampling.evidence import Maximum, Support, maximum_a_posteriori
 from opid.updating.sampling.samplers import metropolis
 from opid.updating.settings import UPDATING
@@ -26,7 +26,8 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, reduce, ritz_model
 
 STEP = 0.01  # fraction by which each factor is changed to find its effect on the backbones
-LAW = "cubic_stiffness"  # of trial backbones, which grow as the measured ones; with a quintic one errors grow 1.4 times
+# law of the trial backbones, which grow as the measured ones; with a quintic law errors grow 1.4 times as much
+LAW = "cubic_stiffness"
 
 
 def update_linear(
@@ -47,14 +48,14 @@ def update_linear(
 
     Args:
         structure: the finite-element structure.
-        backbones: measured; modes are counted from the lowest one of the structure, rigid ones included.
-        priors: of the parameters to update, by name; a part of the stiffness that is left out stays at 1.
+        backbones: measured backbones; modes are counted from the lowest one of the structure, rigid ones included.
+        priors: priors of the parameters to update, by name; a part of the stiffness that is left out stays at 1.
         rng: source of chance.
-        n_chains: chains.
-        n_samples: kept of each.
-        n_warm_up: dropped of each before them.
-        progress: called with the fraction that is done.
-        errors: what is known of the errors of the points, see `LinearErrors`: `cov`, `weight`, `shape_std`,
+        n_chains: number of chains.
+        n_samples: number of samples that are kept of each chain.
+        n_warm_up: number of samples that are dropped of each chain before them.
+        progress: a function that is called with the fraction that is done.
+        errors: errors of the points, as far as they are known, see `LinearErrors`: `cov`, `weight`, `shape_std`,
             `shape_factor`, `common_error`.
 
     Raises:
@@ -64,7 +65,7 @@ def update_linear(
     """
     data = linear_data(structure, backbones, **errors)
     modes = [each.mode for each in data]
-    model = ritz_model(structure, box=_prior_box(structure, priors), modes=modes)
+    model = ritz_model(structure, box=_make_prior_box(structure, priors), modes=modes)
     density = log_posterior(data, model, priors)
     ordered = [priors[name] for name in model.names]
     support = [(max(low, 0.0), high) for low, high in (prior.support for prior in ordered)]
@@ -82,10 +83,10 @@ def update_linear(
         progress=progress,
     )
     diagnostics = diagnose(chain)
-    table = _mode_table(structure, data, dict(zip(model.names, peak.theta.tolist(), strict=True)))
+    table = _make_mode_table(structure, data, dict(zip(model.names, peak.theta.tolist(), strict=True)))
     warnings = [
         f"{model.names[pressure.parameter - 1]} {pressure.sentence}"
-        for pressure in presses_against(chain.pooled, ordered)
+        for pressure in find_pressures(chain.pooled, ordered)
     ]
     if diagnostics.r_hat > UPDATING.unmixed_r_hat:
         warnings.append(
@@ -99,13 +100,13 @@ def update_linear(
         samples=chain.pooled,
         modes=table,
         diagnostics=diagnostics,
-        warnings=(*warnings, *_warnings(data, table, backbones, errors)),
+        warnings=(*warnings, *_list_warnings(data, table, backbones, errors)),
         chain=chain,
     )
 
 
 def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:
-    """Return the maximum a posteriori, sought from the best of the draws, then from others if that one fails."""
+    """Return the maximum a posteriori, searched from the best of the draws, then from others if that one fails."""
     ranked = draws[np.argsort(-density(draws), kind="stable")]
     for start in ranked[: UPDATING.most_starts - 1]:
         try:
@@ -117,12 +118,12 @@ def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maxi
     )
 
 
-def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
+def _make_prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
     box, far = {}, UPDATING.prior_reach
     for name, prior in priors.items():
         if name not in structure.parts:
             known = nearest(name, structure.parts) if structure.parts else "the structure has no part to update"
-            raise InputError(f"there is a prior for {name!r}, which is no parameter: {known}")
+            raise InputError(f"there is a prior for {name!r}, which is not a parameter: {known}")
         low, high = prior.support
         if prior.family == "normal":
             low, high = prior.first - far * prior.second, prior.first + far * prior.second
@@ -134,7 +135,7 @@ def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[
     return box
 
 
-def _mode_table(
+def _make_mode_table(
     structure: AffineStructure, data: Sequence[LinearData], best: Mapping[str, float]
 ) -> tuple[LinearMode, ...]:
     """Return frequencies and MAC of the full structure before and after the updating (Song Table 2)."""
@@ -154,7 +155,7 @@ def _mode_table(
     return tuple(table)
 
 
-def _warnings(
+def _list_warnings(
     data: Sequence[LinearData], table: Sequence[LinearMode], backbones: Sequence[MeasuredBackbone], errors: LinearErrors
 ) -> list[str]:
     warnings, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
@@ -164,30 +165,31 @@ def _warnings(
         given = cov.get(each.mode, "scatter") if isinstance(cov, Mapping) else cov
         if n_sets < UPDATING.few_sets and given == "scatter":
             warnings.append(
-                f"the scatter of {mode} is estimated from {n_sets} curves: measure more, give cov, or take the "
+                f"the scatter of {mode} is estimated from only {n_sets} curves: measure more, give cov, or take the "
                 "recommended form, which infers it"
             )
         missed = ((2 * np.pi * row.updated_hz) ** 2 - mean) / std
         if abs(missed) > UPDATING.missed_sigma:
             warnings.append(
                 f"the updated {mode} lies at {row.updated_hz:.4g} Hz, {abs(missed):.1f} standard deviations from the "
-                f"measured {row.identified_hz:.4g} Hz: the structure has an error that its parameters cannot mend"
+                f"measured {row.identified_hz:.4g} Hz: the structure has an error that its parameters cannot correct; "
+                "update other parts of its stiffness, or check its mass"
             )
         if row.updated_mac < UPDATING.poor_mac:
             warnings.append(
-                f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): look whether "
-                "the curves are of another mode, and at the names and signs of the sensors"
+                f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): check whether "
+                "the curves are of another mode, and check the names and signs of the sensors"
             )
-        moved = float(np.mean([_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
+        moved = float(np.mean([_find_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
         if abs(moved) > UPDATING.moved_sigma:
             warnings.append(
-                f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency that their "
-                "curves point to at amplitude 0: measure at smaller amplitudes"
+                f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency to which "
+                "their curves extrapolate at amplitude 0: measure at smaller amplitudes"
             )
     return warnings
 
 
-def _nonlinear_part(curve: MeasuredBackbone) -> float:
+def _find_nonlinear_part(curve: MeasuredBackbone) -> float:
     """Return the eigenvalue at the lowest point less that at amplitude 0, by a line in the square of the amplitude."""
     square = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** 2
     near = slice(0, max(3, np.count_nonzero(square <= 9)))
@@ -215,8 +217,8 @@ def growth_of_linear_error(
     (r^T C r)^1/2 over that of lambda(A) / lambda(0) - 1. Modes whose curves do not grow, do not move the joints or do
     not converge are left out.
 
-    `factors` are those of the stiffness parts as updated, with their `covariance`, and `linear_error` the standard
-    deviation of the relative error of a linear frequency: the unit. `n_modes` internal modes are kept.
+    `factors` are the updated factors of the stiffness parts, with their `covariance`. `linear_error` is the standard
+    deviation of the relative error of a linear frequency. `n_modes` internal modes are kept.
     """
     best = np.array(list(factors.values()))
     relative = np.asarray(covariance) / np.outer(best, best)
@@ -248,10 +250,10 @@ def _compute_growth(
         max(one.controlled_amplitude[-1] for one in mine),
         UPDATING.n_amplitudes,
     )
-    # that of the curve that grows or falls most
+    # The trial backbones grow as the curve that grows or falls most.
     growths = [float(one.eigenvalue[-1] / one.eigenvalue[0]) - 1 for one in mine]
     wanted = max(growths, key=abs)
-    coefficient = _coefficient(base, mode, sensor, float(amplitude[-1]), wanted)
+    coefficient = _find_coefficient(base, mode, sensor, float(amplitude[-1]), wanted)
     if coefficient is None:
         return None
     column = base.index(mode)
@@ -267,13 +269,13 @@ def _compute_growth(
     return grown, np.array([(each[kept] - grown) / STEP for each in relative[1:]])
 
 
-def _coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float, growth: float) -> float | None:
+def _find_coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float, growth: float) -> float | None:
     """Return the coefficient of the cubic law with which lambda grows so far at the amplitude; None if none does."""
     column = system.index(mode)
     at_sensor, at_joints = system.at_sensors[system.sensor(sensor), column], system.at_joints[:, column]
     if abs(growth) < UPDATING.least_growth or not at_sensor or not at_joints.any():
         return None
-    # lambda = lambda_0 + 3/4 c q^2 sum psi^4 by one harmonic of one mode; other modes take a part of the force
+    # One harmonic of one mode gives lambda = lambda_0 + 3/4 c q^2 sum psi^4; other modes take a part of the force.
     alone = 0.75 * (amplitude / at_sensor) ** 2 * float(np.sum(at_joints**4))
     tried = growth * system.eigenvalue[column] / alone * np.geomspace(0.5, 50.0, 40)
     solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=[amplitude])(tried[:, None])

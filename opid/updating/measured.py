@@ -20,7 +20,7 @@ from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
 from opid.signals.units import split_unit, to_si
 
-LEAST_POINTS = 3  # of a backbone: fewer make no curve
+LEAST_POINTS = 3  # points of a backbone: fewer do not make a curve
 
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
 """Names that the column of frequencies may have, without regard to case; a unit in brackets may follow."""
@@ -34,10 +34,10 @@ class MeasuredBackbone:
     """One backbone of one mode, measured in one test.
 
     Args:
-        name: of the test (the sensor whose quadrature was held, say).
+        name: the name of the test (that of the sensor whose quadrature was held, for example).
         mode: number of the mode, from 1.
         controlled_sensor: the sensor at whose amplitudes the model is solved.
-        frequency_hz: (n_points,) Hz.
+        frequency_hz: (n_points,) frequencies, Hz.
         amplitude: (n_points, n_sensors) first-harmonic amplitude of displacement, m, with the sign of the phase;
             columns in the order of `sensors`.
         sensors: names of the sensors.
@@ -73,11 +73,12 @@ class MeasuredBackbone:
             )
         if not (np.isfinite(frequency).all() and np.isfinite(amplitude).all() and (frequency > 0).all()):
             raise InputError(
-                f"backbone {self.name!r} has values that are not finite, or frequencies that are not positive"
+                f"backbone {self.name!r} has values that are not finite, or frequencies that are not positive: leave "
+                "these points out"
             )
         if self.controlled_sensor not in sensors:
             raise InputError(
-                f"backbone {self.name!r} is controlled at {self.controlled_sensor!r}, which is none of its sensors: "
+                f"backbone {self.name!r} is controlled at {self.controlled_sensor!r}, which is not one of its sensors: "
                 f"{nearest(self.controlled_sensor, sensors)}"
             )
         held = np.abs(amplitude[:, sensors.index(self.controlled_sensor)])
@@ -85,7 +86,7 @@ class MeasuredBackbone:
             at = int(np.argmax(np.diff(held) <= 0)) + 1 if (held > 0).all() else int(np.argmin(held))
             raise InputError(
                 f"the amplitude at {self.controlled_sensor!r} of backbone {self.name!r} does not grow at point "
-                f"{at + 1}: sort the points, leave out what crosses, or name the sensor that was controlled"
+                f"{at + 1}: sort the points, leave out those that fall back, or name the sensor that was controlled"
             )
         for key, array in (("frequency_hz", frequency), ("amplitude", amplitude)):
             array.flags.writeable = False
@@ -130,15 +131,15 @@ def read_backbone(
             voltage or a phase are left out.
         mode: number of the mode, from 1.
         controlled_sensor: the sensor at whose amplitudes the model is solved.
-        sensors: those of the structure: any other column of motion is refused; where left out, every column of motion
-            is a sensor.
-        unit: of the columns that state none; metres where left out.
-        name: of the backbone; that of the file where left out.
+        sensors: sensors of the structure: any other column of motion is refused; where left out, every column of
+            motion is a sensor.
+        unit: unit of the columns that state none; metres where left out.
+        name: name of the backbone; that of the file where left out.
 
     Raises:
-        InputError: no such file, no header, no or two columns of frequencies, a column that is no sensor, a unit that
-            is none of motion, a cell that is no number, amplitudes that no structure has, metres called millimetres, or
-            what `MeasuredBackbone` refuses.
+        InputError: no such file, no header, no or two columns of frequencies, a column that is not a sensor, a unit
+            that is not one of motion, a cell that is not a number, amplitudes that no structure has, metres that are
+            called millimetres, or what `MeasuredBackbone` refuses.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -151,7 +152,7 @@ def read_backbone(
     if not source.is_file():
         raise InputError(f"there is no backbone {path}: check the name")
     try:
-        read = _read(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
+        read = _read_curve(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
         return replace(read, files=(read_file(source),))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -163,7 +164,7 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
     """Write a backbone to a CSV file that `read_backbone` reads back, amplitudes in m; a failure leaves no half file.
 
     Args:
-        backbone: what was measured.
+        backbone: the measured backbone.
         path: the file; its directory must exist.
 
     Raises:
@@ -179,22 +180,22 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
             writer.writerow([repr(float(value)) for value in (frequency, *row)])
 
 
-def _read(
+def _read_curve(
     source: Path, mode: int, controlled: str, sensors: Sequence[str] | None, unit: str | None, name: str
 ) -> MeasuredBackbone:
-    header, values = _table(source)
-    frequency_hz, column = _frequency(header, values)
+    header, values = _read_table(source)
+    frequency_hz, column = _find_frequency(header, values)
     own: dict[str, FloatArray] = {}
     units: dict[str, str | None] = {}
     for index, cell in enumerate(header):
         if index == column:
             continue
         sensor, given = (cell, None) if sensors is not None and cell in sensors else split_unit(cell)
-        found = _displacement(sensor, given or unit, values[:, index], frequency_hz)
+        found = _to_displacement(sensor, given or unit, values[:, index], frequency_hz)
         if found is None:
             continue
         if sensors is not None and sensor not in sensors:
-            raise InputError(f"the column {cell!r} is no sensor of the structure: {nearest(sensor, sensors)}")
+            raise InputError(f"the column {cell!r} is not a sensor of the structure: {nearest(sensor, sensors)}")
         if sensor in own:
             raise InputError(f"the sensor {sensor!r} has two columns: leave one out")
         own[sensor], units[sensor] = found, given or unit
@@ -206,7 +207,7 @@ def _read(
     return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order))
 
 
-def _table(source: Path) -> tuple[list[str], FloatArray]:
+def _read_table(source: Path) -> tuple[list[str], FloatArray]:
     try:
         text = source.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -225,15 +226,17 @@ def _table(source: Path) -> tuple[list[str], FloatArray]:
     for number, line in lines[1:]:
         cells = cells_of(line, delimiter)
         if any(cell.strip() for cell in cells[len(header) :]) or len(cells) < len(header):
-            raise InputError(f"line {number} has {len(cells)} cells and the header {len(header)}: give one each")
+            raise InputError(
+                f"line {number} has {len(cells)} cells and the header {len(header)}: give one cell for each column"
+            )
         found = [number_of(cell, decimal) for cell in cells[: len(header)]]
         if None in found:
-            raise InputError(f"line {number} has {cells[found.index(None)]!r} where a number is needed")
+            raise InputError(f"line {number} has {cells[found.index(None)]!r} where a number is needed: correct it")
         rows.append(found)
     return header, np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
 
 
-def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
+def _find_frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
     names = [split_unit(cell) for cell in header]
     columns = [index for index, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
     if len(columns) != 1:
@@ -246,11 +249,11 @@ def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, i
     factor /= 2 * np.pi if quantity == "rad/s" else 1.0
     frequency_hz = factor * values[:, columns[0]]
     if not (frequency_hz > 0).all():
-        raise InputError(f"row {int(np.argmin(frequency_hz > 0)) + 1} has no positive frequency: leave it out")
+        raise InputError(f"the frequency of row {int(np.argmin(frequency_hz > 0)) + 1} is not positive: leave it out")
     return frequency_hz, columns[0]
 
 
-def _displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
+def _to_displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
     """Return the amplitude of displacement, m; None for a column of another quantity."""
     factor, quantity = to_si(unit or "m")
     if quantity in NO_MOTION:
@@ -261,11 +264,11 @@ def _displacement(sensor: str, unit: str | None, values: FloatArray, frequency_h
 
 
 def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) -> None:
-    """Refuse amplitudes whose unit must be wrong: larger than any structure's, or micrometres in mm, cm or inches."""
+    """Refuse amplitudes whose unit must be wrong: larger than any structure has, or micrometres in mm, cm or inches."""
     largest, sensor = max((float(np.nanmax(np.abs(values), initial=0.0)), name) for name, values in own.items())
     stated = all(units.values())
     if largest > (1.0 if stated else 0.05):  # m; without a unit millimetres are probable
-        source = "as it is stated" if stated else "for no unit is stated"
+        source = "in the stated unit" if stated else "because no unit is stated"
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {source}: name the unit in the header, like "
             f"'{sensor} [mm]'"
@@ -274,5 +277,5 @@ def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) 
     if quantity == "m" and 1e-3 <= factor < 1 and 0 < largest < 1e-5:
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest / factor:.3g} {units[sensor]}, {1e6 * largest:.3g} "
-            "micrometres: are the numbers metres? Name the unit they are in ('m', or 'µm' if they are that small)"
+            "micrometres: if the numbers are metres, name the unit 'm', and if they are that small, 'µm'"
         )

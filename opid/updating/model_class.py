@@ -1,6 +1,6 @@
 """Model classes: sums of laws whose coefficients are updated, scaled to be near 1, with their priors.
 
-The five classes of Song et al. (2021) stand at the end.
+The five classes of Song et al. (2021) follow at the end.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class Prior:
     Args:
         family: "uniform" between `first` and `second`; "normal" with mean `first` and standard deviation `second`;
             "lognormal" with median `first` and standard deviation `second` of the logarithm.
-        first: see `family`.
-        second: see `family`.
+        first: first value of the prior, see `family`.
+        second: second value of the prior, see `family`.
 
     Raises:
-        InputError: an unknown family, or values that make no distribution.
+        InputError: an unknown family, or values that do not make a distribution.
 
     >>> float(Prior("uniform", 0.0, 10.0).log_density(1.6).round(6))
     -2.302585
@@ -48,13 +48,15 @@ class Prior:
         if self.family not in FAMILIES:
             raise InputError(f"there is no prior {self.family!r}: {nearest(self.family, FAMILIES)}")
         if not (np.isfinite(self.first) and np.isfinite(self.second)):
-            raise InputError(f"a {self.family} prior got {self.first} and {self.second}: give finite numbers")
+            raise InputError(
+                f"a {self.family} prior has the values {self.first} and {self.second}: give finite numbers"
+            )
         if self.family == "uniform" and self.first >= self.second:
-            raise InputError(f"a uniform prior from {self.first:g} to {self.second:g}: give the lower end first")
+            raise InputError(f"a uniform prior goes from {self.first:g} to {self.second:g}: give the lower end first")
         if self.family != "uniform" and self.second <= 0:
-            raise InputError(f"a {self.family} prior with a standard deviation of {self.second:g}: give a positive one")
+            raise InputError(f"a {self.family} prior has a standard deviation of {self.second:g}: give a positive one")
         if self.family == "lognormal" and self.first <= 0:
-            raise InputError(f"a lognormal prior with the median {self.first:g}: give a positive one")
+            raise InputError(f"a lognormal prior has the median {self.first:g}: give a positive one")
 
     @cached_property
     def _distribution(self) -> Any:
@@ -92,10 +94,10 @@ class ModelClass:
     """One candidate law of the joints: f(z) = sum theta_i scale_i g_i(z), the same at all joints.
 
     Args:
-        name: of the class.
-        kinds: names of the kinds in `opid.laws.LAWS`, each with an amplitude alone.
-        scales: factor of each parameter, in the unit of the kind's amplitude; may be negative.
-        priors: one for each parameter.
+        name: the name of the class.
+        kinds: names of the kinds in `opid.laws.LAWS`, each with an amplitude and no other parameter.
+        scales: factor of each parameter, in the unit of the kind's amplitude; it may be negative.
+        priors: one prior for each parameter.
 
     Raises:
         InputError: an unknown kind, one with inner parameters or of velocity, counts that do not match, a scale of 0.
@@ -115,7 +117,9 @@ class ModelClass:
             if kind not in LAWS:
                 raise InputError(f"class {self.name!r}: there is no law {kind!r}: {nearest(kind, LAWS)}")
             if len(LAWS[kind].parameters) != 1 or "damping" in kind:
-                raise InputError(f"class {self.name!r}: {kind!r} is no spring with one coefficient: take another law")
+                raise InputError(
+                    f"class {self.name!r}: {kind!r} is not a spring with one coefficient: take another law"
+                )
         if not self.kinds or not len(self.kinds) == len(self.scales) == len(self.priors):
             raise InputError(
                 f"class {self.name!r} has {len(self.kinds)} law(s), {len(self.scales)} scale(s) and {len(self.priors)} "
@@ -141,7 +145,7 @@ class ModelClass:
         return np.asarray(theta, dtype=np.float64) * np.array(self.scales)
 
     def law(self, theta: Sequence[float] | FloatArray) -> Law:
-        """The law for one theta, (n_parameters,)."""
+        """Return the law for one theta, (n_parameters,)."""
         values = self.coefficients(theta)
         return Law(tuple(Term(kind, (float(value),)) for kind, value in zip(self.kinds, values, strict=True)))
 
@@ -156,7 +160,7 @@ class ModelClass:
 
 
 def short_kind(kind: str) -> str:
-    """Return the name of a `kind` of spring, as in `opid.laws.LAWS`, without the word for it.
+    """Return the name of a `kind` of spring, as in `opid.laws.LAWS`, without the word "stiffness".
 
     >>> short_kind("even_quadratic_stiffness"), short_kind("gas_column")
     ('even quadratic', 'gas column')

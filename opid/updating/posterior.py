@@ -9,7 +9,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import BackboneData, likelihood_function, where_it_fails
+from opid.updating.likelihood.backbones import BackboneData, describe_failures, likelihood_function
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
 from opid.updating.sampling.chains import (
@@ -33,7 +33,7 @@ from opid.updating.sampling.evidence import (
 from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, transitional
 from opid.updating.settings import UPDATING
 from opid.updating.study import SAMPLERS, Sampler
-from opid.updating.warnings import TOO_LITTLE, moves_nothing, warnings_of_class
+from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
 
 METHODS = ("quadrature", "laplace", "transitional")
 
@@ -42,9 +42,9 @@ METHODS = ("quadrature", "laplace", "transitional")
 class Density:
     """The posterior of one class as functions of theta, (n, n_parameters) -> (n,)."""
 
-    likelihood: LogDensity  # logarithm of p(D | theta); only asked where the prior is not zero
+    likelihood: LogDensity  # logarithm of p(D | theta); it is only evaluated where the prior is not zero
     prior: LogDensity  # logarithm of p(theta)
-    posterior: LogDensity  # their sum
+    posterior: LogDensity  # sum of both
 
 
 def density_of(data: BackboneData, model_class: ModelClass) -> Density:
@@ -69,7 +69,7 @@ def update_class(
 ) -> ClassPosterior:
     """Return the posterior of the parameters of one law and the evidence of that law (Song et al. 2021, section 2).
 
-    The maximum a posteriori is sought from the best of many draws of the prior; its curvature gives the first
+    The search for the maximum a posteriori starts at the best of many draws of the prior; its curvature gives the first
     covariance of the proposals. Metropolis samplers run up to twenty chains side by side with n_samples in all. One in
     eleven is dropped (5000 of 5500 are left, as in the paper).
 
@@ -78,17 +78,17 @@ def update_class(
         model_class: the law with its priors.
         rng: source of chance.
         sampler: "adaptive", "metropolis", "transitional" or "ensemble".
-        n_samples: of all chains, the warm-up among them.
-        evidences: of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None:
+        n_samples: number of samples of all chains, the warm-up included.
+        evidences: some of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None,
             quadrature, which is exact, and Laplace up to three parameters; Laplace and transitional beyond.
-        progress: called with the fraction of the samples that are drawn; by transitional Markov chain Monte Carlo with
-            the exponent of the likelihood, which ends at 1, too.
+        progress: a function that is called with the fraction of the samples that are drawn; by transitional Markov
+            chain Monte Carlo with the exponent of the likelihood, which ends at 1, too.
 
     Raises:
         InputError: an unknown sampler or evidence, or quadrature of more than three parameters.
         NotDeterminedError: the class has no likelihood anywhere in its prior.
     """
-    methods = _methods(evidences, model_class.n_parameters)
+    methods = _choose_methods(evidences, model_class.n_parameters)
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     density = density_of(data, model_class)
@@ -105,12 +105,12 @@ def update_class(
         assert peak is not None
         chain = _sample(density, peak, sampler, n_samples, rng, progress)
     best = chain.best if peak is None else peak.theta
-    found, refused = _evidences(methods, density, model_class, peak, chain, stages)
+    found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages)
     estimates = estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
     diagnostics = diagnose(chain)
-    still = moves_nothing(data, model_class)
-    if not still:
-        warnings += [*refused, *warnings_of_class(
+    is_idle = has_no_effect(data, model_class)
+    if not is_idle:
+        warnings += [*refused, *warn_of_class(
             data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics
         )]  # fmt: skip
     return ClassPosterior(
@@ -123,13 +123,13 @@ def update_class(
         log_likelihood_at_best=float(density.likelihood(best[None])[0]),
         diagnostics=diagnostics,
         prior_sensitivity=prior_sensitivity(density.likelihood, model_class, chain.pooled, best),
-        warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if still else tuple(warnings),
-        moves_nothing=still,
+        warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if is_idle else tuple(warnings),
+        has_no_effect=is_idle,
         chain=chain,
     )
 
 
-def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
+def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
     if evidences is None:
         return METHODS[:2] if n_parameters <= UPDATING.most_by_quadrature else METHODS[1:]
     for method in evidences:
@@ -139,7 +139,8 @@ def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, .
         raise InputError(f"no evidence is named: give some of {', '.join(METHODS)}")
     if "quadrature" in evidences and n_parameters > UPDATING.most_by_quadrature:
         raise InputError(
-            f"quadrature of {n_parameters} parameters: it takes up to {UPDATING.most_by_quadrature}, take laplace"
+            f"quadrature takes up to {UPDATING.most_by_quadrature} parameters and the class has {n_parameters}: take "
+            "laplace"
         )
     return tuple(evidences)
 
@@ -152,7 +153,7 @@ def _find_peak(
     starts = model_class.sample_prior(UPDATING.n_starts, rng)
     values = density.posterior(starts)
     if not np.isfinite(values).any():
-        where = "; in ".join(where_it_fails(data, model_class, starts, lost=True))
+        where = "; in ".join(describe_failures(data, model_class, starts, lost=True))
         raise NotDeterminedError(
             f"class {model_class.name!r} has no backbone anywhere in its prior (in {where or 'any mode'} of its draws "
             "the model does not converge): take a smaller scale or prior, other harmonics, or leave out measured "
@@ -167,7 +168,7 @@ def _find_peak(
         spread = np.sqrt(np.diag(peak.covariance))
         if not any((np.abs(peak.theta - other.theta) < spread).all() for other in peaks):
             peaks.append(peak)
-        # the next start lies apart from this one and from the maximum that it led to
+        # The next start lies apart from this one and from the maximum to which it led.
         width = np.ptp(starts, axis=0)
         near = np.zeros(len(starts), dtype=bool)
         for each in (peak.theta, start):
@@ -176,14 +177,17 @@ def _find_peak(
         if not np.isfinite(values).any():
             break
     if not peaks:
-        return None, ["the posterior has no maximum with a curvature: samples and evidence come from transitional MCMC"]
+        return None, [
+            "the posterior has no maximum with a curvature: its samples and its evidence come from transitional Monte "
+            "Carlo"
+        ]
     peaks.sort(key=lambda each: -each.log_density)
     warnings = []
     if len(peaks) > 1 and peaks[0].log_density - peaks[1].log_density < 5:
         other = ", ".join(f"{value:.3g}" for value in peaks[1].theta)
         warnings.append(
             f"there is a second maximum at theta = ({other}), {peaks[0].log_density - peaks[1].log_density:.1f} lower "
-            "in log density: the transitional sampler sees both"
+            "in log density: take the transitional sampler, which finds both"
         )
     return peaks[0], warnings
 
@@ -196,10 +200,10 @@ def _climb(
         peak = maximum_a_posteriori(density.posterior, start, support=support, max_iterations=UPDATING.most_iterations)
         return peak if peak.precision.size else None  # `precision` raises without a curvature
     except NotDeterminedError as error:
-        return None if error.partial is None else _rough_peak(density, np.asarray(error.partial), support, rng)
+        return None if error.partial is None else _fit_rough_peak(density, np.asarray(error.partial), support, rng)
 
 
-def _rough_peak(
+def _fit_rough_peak(
     density: Density, theta: FloatArray, support: list[tuple[float, float]], rng: np.random.Generator
 ) -> Maximum | None:
     """Return the maximum of a quadratic that is fitted over about a standard deviation.
@@ -242,9 +246,9 @@ def _sample(
 ) -> Chain:
     n_chains = int(np.clip(n_samples // UPDATING.shortest_chain, 4, UPDATING.most_chains))
     if sampler == "ensemble":
-        # emcee advises more than twice as many walkers as parameters
+        # The authors of emcee advise more than twice as many walkers as parameters.
         n_chains = max(UPDATING.least_walkers, 2 * peak.theta.size + 2)
-    # `spread_starts` doubles the scatter: the starts follow the Laplace approximation and need a short warm-up only
+    # `spread_starts` doubles the scatter, so the starts follow the Laplace approximation and need a short warm-up only.
     start = spread_starts(density.posterior, peak.theta, peak.covariance_inside / 4, n_chains=n_chains, rng=rng)
     dropped = n_samples // (UPDATING.warm_up * n_chains)
     kept = (n_samples - n_samples // UPDATING.warm_up) // n_chains
@@ -256,7 +260,7 @@ def _sample(
     )  # fmt: skip
 
 
-def _evidences(
+def _compute_evidences(
     methods: Sequence[str],
     density: Density,
     model_class: ModelClass,
@@ -287,7 +291,7 @@ def _evidences(
                     max_evaluations=most,
                 ))  # fmt: skip
         except (NotDeterminedError, InputError) as error:
-            refused.append(f"no evidence by {method}: {error}")
+            refused.append(f"{method} gives no evidence: {error}")
     if stages and "transitional" not in methods:
         found.append(stages.evidence)
     return tuple(found) or (by_samples(),), refused

@@ -30,17 +30,17 @@ class ClassPosterior:
 
     Args:
         model_class: the class.
-        evidences: by every method that was run; classes are compared by the first.
+        evidences: evidence by every method that was run; classes are compared by the first.
         best: (n_parameters,) maximum a posteriori.
         estimates: mean, standard deviation and 95 % interval of each parameter, by "theta_1", "theta_2", ...
-        covariance: (n_parameters, n_parameters) of the samples.
-        samples: (n_samples, n_parameters).
-        log_likelihood_at_best: of the data at `best`.
-        diagnostics: of the sampling.
+        covariance: (n_parameters, n_parameters) covariance of the samples.
+        samples: (n_samples, n_parameters) samples of the posterior.
+        log_likelihood_at_best: logarithm of the likelihood of the data at `best`.
+        diagnostics: diagnostics of the sampling.
         prior_sensitivity: change of the logarithm of the evidence when a prior is twice as wide, by parameter.
-        warnings: one sentence for each reason to doubt the class.
-        moves_nothing: whether the class moves the frequencies nowhere in its prior; that is then its only warning.
-        chain: as sampled, chain by chain; None where it was not kept.
+        warnings: one sentence for each warning about the class.
+        has_no_effect: whether the class moves the frequencies nowhere in its prior; that is then its only warning.
+        chain: the samples chain by chain; None where they were not kept.
     """
 
     model_class: ModelClass
@@ -53,7 +53,7 @@ class ClassPosterior:
     diagnostics: Diagnostics
     prior_sensitivity: Mapping[str, float]
     warnings: tuple[str, ...]
-    moves_nothing: bool = False
+    has_no_effect: bool = False
     chain: Chain | None = None
 
     @property
@@ -95,7 +95,7 @@ class LinearMode:
         initial_hz: frequency of the nominal structure.
         updated_hz: frequency with the updated parameters.
         initial_mac: MAC of the nominal shape with the measured ones, mean over the tests.
-        updated_mac: likewise of the updated shape.
+        updated_mac: MAC of the updated shape with the measured ones, mean over the tests.
     """
 
     mode: int
@@ -111,15 +111,15 @@ class LinearPosterior:
     """Phase I: the parameters of the linear structure given the lowest points of the backbones (Song section 2.1.1).
 
     Args:
-        names: of the parameters.
+        names: names of the parameters.
         best: (n_parameters,) maximum a posteriori.
-        estimates: by the name of the parameter.
-        covariance: (n_parameters, n_parameters).
-        samples: (n_samples, n_parameters).
-        modes: frequencies and MAC before and after.
-        diagnostics: of the sampling.
-        warnings: one sentence for each reason to doubt the parameters.
-        chain: as sampled, chain by chain; None where it was not kept.
+        estimates: mean, standard deviation and 95 % interval, by the name of the parameter.
+        covariance: (n_parameters, n_parameters) covariance of the samples.
+        samples: (n_samples, n_parameters) samples of the posterior.
+        modes: frequencies and MAC before and after the updating.
+        diagnostics: diagnostics of the sampling.
+        warnings: one sentence for each warning about the parameters.
+        chain: the samples chain by chain; None where they were not kept.
     """
 
     names: tuple[str, ...]
@@ -145,11 +145,11 @@ class BackboneBand:
     Args:
         mode: number of the mode, from 1.
         sensor: name of that sensor.
-        amplitude: (n,) m.
-        frequency_hz: (n,) median, Hz.
-        low_hz: (n,) lower end of the 95 % band.
-        high_hz: (n,) upper end.
-        coverage: fraction of the measured points of this mode that lie within; nan without any.
+        amplitude: (n,) amplitudes, m.
+        frequency_hz: (n,) median of the frequency, Hz.
+        low_hz: (n,) lower end of the 95 % band, Hz.
+        high_hz: (n,) upper end of the 95 % band, Hz.
+        coverage: fraction of the measured points of this mode that lie within the band; nan without any point.
     """
 
     mode: int
@@ -171,19 +171,19 @@ class Updating(Result):
     """The whole updating: linear parameters, one posterior for each class, and the prediction of the best class.
 
     Args:
-        title: of the study.
-        form: of the likelihood, "paper", "literal", "recommended" or "independent".
-        linear: phase I; None where the linear structure was taken as it is.
-        system: the reduced structure by its modes, linear parameters at their best.
-        measured: the backbones.
+        title: the title of the study.
+        form: form of the likelihood, "paper", "literal", "recommended" or "independent".
+        linear: posterior of phase I; None where the linear structure was taken as it is.
+        system: the reduced structure by its modes, with the best linear parameters.
+        measured: the measured backbones.
         classes: one posterior for each class, in the order of the study.
         best_class: name of the class with the largest evidence.
-        prediction: of the best class.
-        warnings: one sentence for each reason to doubt the result.
-        not_determined: why there is no answer, "" if there is one.
-        settings: those of the study.
-        reductions: differences of the reduced structure from the whole one, those of the reduction that was used first;
-            empty where nothing was reduced or the comparison was not asked for.
+        prediction: backbones that the best class predicts, one for each mode.
+        warnings: one sentence for each warning about the result.
+        not_determined: the reason why there is no answer, "" if there is one.
+        settings: the settings of the study.
+        reductions: differences of the reduced structure from the whole one, those of the reduction in use first; empty
+            where the structure was not reduced or the comparison was not made.
     """
 
     title: str
@@ -203,7 +203,7 @@ class Updating(Result):
     def all_warnings(self) -> list[str]:
         """All warnings, those of phase I and of the classes last, each once."""
         of_linear = () if self.linear is None else self.linear.warnings
-        # the wording in `self.warnings`, and the wording of a warning that is not there
+        # Each pair is the wording in `self.warnings`, and the wording of a warning that is not there.
         named = [(f"linear structure: {text}", f"linear structure: {text}") for text in of_linear]
         for each in self.classes:
             name = each.model_class.name
@@ -249,12 +249,12 @@ class Updating(Result):
             {
                 "schema": SCHEMA,
                 **{name: getattr(self, name) for name in as_they_are},
-                "classes": [_class(each) for each in self.classes],
-                "linear": None if self.linear is None else _linear(self.linear),
+                "classes": [_convert_class(each) for each in self.classes],
+                "linear": None if self.linear is None else _convert_linear(self.linear),
                 "system": {name: getattr(self.system, name) for name in ("frequency_hz", "sensors", "joints")},
                 "reduction": reduction,
                 "reduction_free": free,
-                "measured": [_measured(curve) for curve in self.measured],
+                "measured": [_convert_curve(curve) for curve in self.measured],
                 "prediction": [asdict(band) for band in self.prediction],
             }
         )
@@ -264,7 +264,7 @@ class Updating(Result):
         return f"{self.title or 'without a title'} ({len(self.classes)} classes, {best})"
 
 
-def _class(posterior: ClassPosterior) -> dict[str, Any]:
+def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
     own, first = posterior.model_class, posterior.evidences[0]
     as_they_are = ("best", "covariance", "log_likelihood_at_best", "prior_sensitivity", "warnings")
     return {
@@ -276,18 +276,19 @@ def _class(posterior: ClassPosterior) -> dict[str, Any]:
         "log_evidence": first.log_evidence,
         "log_evidence_std": first.std,
         "evidences": [asdict(evidence) for evidence in posterior.evidences],
-        "parameters": {name: _estimate(estimate) for name, estimate in posterior.estimates.items()},
+        "parameters": {name: _convert_estimate(estimate) for name, estimate in posterior.estimates.items()},
         "coefficients": {
-            kind: {**_estimate(estimate), "unit": unit} for kind, (estimate, unit) in posterior.coefficients.items()
+            kind: {**_convert_estimate(estimate), "unit": unit}
+            for kind, (estimate, unit) in posterior.coefficients.items()
         },
         "diagnostics": asdict(posterior.diagnostics),
         **{name: getattr(posterior, name) for name in as_they_are},
     }
 
 
-def _linear(linear: LinearPosterior) -> dict[str, Any]:
+def _convert_linear(linear: LinearPosterior) -> dict[str, Any]:
     return {
-        "parameters": {name: _estimate(estimate) for name, estimate in linear.estimates.items()},
+        "parameters": {name: _convert_estimate(estimate) for name, estimate in linear.estimates.items()},
         "best": linear.factors,
         "covariance": linear.covariance,
         "modes": [asdict(mode) for mode in linear.modes],
@@ -296,12 +297,12 @@ def _linear(linear: LinearPosterior) -> dict[str, Any]:
     }
 
 
-def _measured(curve: MeasuredBackbone) -> dict[str, Any]:
+def _convert_curve(curve: MeasuredBackbone) -> dict[str, Any]:
     as_they_are = ("name", "mode", "controlled_sensor", "frequency_hz")
     amplitude = dict(zip(curve.sensors, curve.amplitude.T, strict=True))
     return {**{name: getattr(curve, name) for name in as_they_are}, "amplitude": amplitude}
 
 
-def _estimate(estimate: Estimate) -> dict[str, Any]:
+def _convert_estimate(estimate: Estimate) -> dict[str, Any]:
     """Return an estimate with the key "mean", for a posterior has a mean where other answers have a value."""
     return {"mean": estimate.value, "std": estimate.std, "interval95": estimate.interval95}

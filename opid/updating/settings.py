@@ -1,4 +1,4 @@
-"""The tuned numbers of Bayesian updating, each with its reason; what users choose stands in `study`."""
+"""The tuned numbers of Bayesian updating, each with its reason; the choices of users are in `study`."""
 
 from __future__ import annotations
 
@@ -9,64 +9,68 @@ from dataclasses import dataclass
 class UpdatingThresholds:
     """Where the fits and samplers of an updating end, and what is refused or warned of."""
 
-    farthest: float = 3.0  # ratio of frequencies, of nine in stiffness, beyond which no updating explains them
+    farthest: float = 3.0  # ratio of frequencies (nine in stiffness) beyond which no updating explains them
     alike: float = 0.8  # modal assurance from which on a measured shape is that of a mode
-    unlike: float = 0.3  # modal assurance below which it is not
+    unlike: float = 0.3  # modal assurance below which a measured shape is not that of a mode
     apart: float = 0.1  # fraction by which curves of one mode may begin at different frequencies
-    least_extension: float = 1e-3  # of the largest extension of a joint in any mode, below which its law has no effect
-    modes_above: int = 8  # modes beyond the highest that is named, among which the right one is looked for
-    prior_reach: float = 5.0  # standard deviations of a prior without an end that are taken for its range
-    # of the upper end of a prior, where its lower end is 0: the Ritz vectors serve from there on
+    # fraction of the largest extension of a joint in any mode, below which its law has no effect
+    least_extension: float = 1e-3
+    modes_above: int = 8  # modes above the highest that is named, among which the right one is searched
+    prior_reach: float = 5.0  # standard deviations that are the range of a prior without an end
+    # fraction of the upper end of a prior with the lower end 0, from which on the Ritz vectors are right
     least_ratio: float = 0.01
     peak_tolerance: float = 1e-6  # largest distance of the log density from its maximum; its rounding is 1e-9
     most_starts: int = 5  # draws of the prior at which the search for the linear parameters may begin
-    unmixed_r_hat: float = 1.1  # R-hat of the linear parameters above which their chains are not to be trusted
-    few_sets: int = 4  # with fewer curves of a mode, their scatter is a poor estimate
+    unmixed_r_hat: float = 1.1  # R-hat of the linear parameters above which their chains cannot be trusted
+    few_sets: int = 4  # number of curves of a mode below which their scatter is a poor estimate
     # standard deviations by which the updated eigenvalue may miss the mean of the measured ones
     missed_sigma: float = 3.0
     poor_mac: float = 0.8  # MAC of the updated shape with the measured ones below which they are hardly of one mode
     # standard deviations by which the lowest points may lie off the linear frequency of their curves
     moved_sigma: float = 1.0
-    n_amplitudes: int = 12  # at which trial backbones are compared to find how the linear error grows
-    fewest_amplitudes: int = 3  # at which all of these backbones must have converged
-    # growth of lambda below which a curve is linear: there is nothing that an error could grow with
+    n_amplitudes: int = 12  # amplitudes at which trial backbones are compared to find how the linear error grows
+    fewest_amplitudes: int = 3  # amplitudes at which all of these backbones must have converged
+    # growth of lambda below which a curve is linear, so that an error cannot grow with it
     least_growth: float = 1e-3
     most_missing: float = 0.25  # largest fraction of the points of a curve that may be interpolated
-    # smallest fraction of the amplitude range that solved points must span: the rest is extrapolated
+    # smallest fraction of the amplitude range that solved points must span: the remainder is extrapolated
     least_span: float = 0.9
     # relative distance of a harmonic to a mode within which they may interact for some theta
     interaction_reach: float = 0.03
     n_starts: int = 256  # draws of the prior among which the search for the maximum starts
-    most_iterations: int = 40  # of a search for a maximum. Ten are usual, unless the density has steps
-    rough_drop: float = 1.0  # of the log density: how far a rough quadratic reaches along each parameter
+    most_iterations: int = 40  # iterations of a search for a maximum; ten are usual, unless the density has steps
+    rough_drop: float = 1.0  # drop of the log density to which a rough quadratic reaches along each parameter
     most_chains: int = 20  # Metropolis chains side by side
     shortest_chain: int = 250  # samples of one chain below which there are fewer chains
-    least_walkers: int = 8  # of the ensemble. Twenty have no more effective samples, in chains that mix less
-    warm_up: int = 11  # one in so many samples is warm-up: 500 of 5500, as in Song et al
+    least_walkers: int = 8  # walkers of the ensemble; twenty have no more effective samples, in chains that mix less
+    warm_up: int = 11  # number of samples of which one is warm-up: 500 of 5500, as in Song et al
     n_moves: int = 5  # Metropolis steps of each particle in each stage of transitional Monte Carlo
     most_by_quadrature: int = 3  # parameters up to which the evidence is integrated by quadrature
     most_nodes: int = 6_000  # evaluations after which quadrature of one or two parameters gives up ...
-    most_nodes_of_three: int = 60_000  # ... and of three
-    aimed_acceptance: float = 0.3  # fraction of proposals for which the jumps of transitional Monte Carlo are scaled
-    weight_variation: float = 1.0  # of the weights in each stage; smaller ones need more stages (Ching & Chen 2007)
-    most_stages: int = 500  # after which the likelihood has no maximum that particles can reach
+    most_nodes_of_three: int = 60_000  # ... and of three parameters
+    aimed_acceptance: float = 0.3  # fraction of accepted proposals to which the jumps of transitional MCMC are scaled
+    # coefficient of variation of the weights in each stage; a smaller one needs more stages (Ching & Chen 2007)
+    weight_variation: float = 1.0
+    most_stages: int = 500  # stages after which the likelihood has no maximum that particles can reach
     few_samples: float = 200.0  # effective samples below which a 95 % interval is rough
-    most_r_hat: float = 1.05  # above it the chains of a class have not found the same distribution
-    methods_differ: float = 0.5  # difference of the logarithms of two evidences that is worth a warning, beside ...
-    methods_sigma: float = 3.0  # ... so many of their standard deviations
-    rare: float = 1e-3  # probability, for all modes together, below which a misfit that all curves share is not chance
-    # of the measured growth of lambda. Many curves may show a smaller misfit, but it does no harm
+    most_r_hat: float = 1.05  # R-hat above which the chains of a class have not found the same distribution
+    # two evidences get a warning if their logarithms differ by more than this ...
+    methods_differ: float = 0.5
+    methods_sigma: float = 3.0  # ... and this number of their standard deviations
+    # probability, for all modes together, below which a misfit that is common to all curves is not chance
+    rare: float = 1e-3
+    # fraction of the measured growth of lambda; many curves may show a smaller misfit, but it does no harm
     least_misfit: float = 0.05
-    # of that growth: what a class may leave where curves are too short to tell their noise
+    # fraction of that growth that a class may leave unexplained where curves are too short to show their noise
     most_unexplained: float = 0.3
     # degrees of freedom with which the expected scatter between curves counts beside the observed one
     expected_weight: int = 10
-    # of the growth of the frequencies: a class that moves them less anywhere in its prior has no effect
+    # fraction of the growth of the frequencies; a class that moves them less anywhere in its prior has no effect
     least_moved: float = 0.05
-    n_tried: int = 20  # draws of the prior at which it is seen whether a class moves the frequencies
-    n_checked: int = 200  # samples at which it is seen where the model converges, ...
-    far_out: float = 3.0  # ... and at so many times their distance from the best theta, too
-    too_close: float = 1.0  # difference of log evidence below which two classes cannot be told apart
+    n_tried: int = 20  # draws of the prior at which a class must move the frequencies
+    n_checked: int = 200  # samples at which the convergence of the model is checked, ...
+    far_out: float = 3.0  # ... and factor of their distance from the best theta at which it is checked, too
+    too_close: float = 1.0  # difference of log evidence below which two classes cannot be distinguished
     # fraction of the measured points in a 95 % band below which law or linear structure are wrong
     poor_coverage: float = 0.8
 

@@ -1,4 +1,4 @@
-"""An updating study: the structure, its measured backbones, the laws that are compared, and how."""
+"""An updating study: the structure, its measured backbones, the laws that are compared, and the settings."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 USUAL_SAMPLES: dict[Sampler, int] = {"adaptive": 5500, "metropolis": 5500, "transitional": 5500, "ensemble": 20000}
-"""Samples where a study names no number: as in the paper, and more for the ensemble, which mixes slowly."""
+"""Samples where a study gives no number: as in the paper, and more for the ensemble, which mixes slowly."""
 
-FEWEST_SAMPLES = 1000  # of all chains, the warm-up included: fewer give no reliable 95 % interval
+FEWEST_SAMPLES = 1000  # samples of all chains, the warm-up included: fewer give no reliable 95 % interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpdatingSettings:
-    """How an updating is made.
+    """The settings of an updating.
 
     Args:
-        form: of the likelihood, see `opid.updating.backbone_data`.
+        form: form of the likelihood, see `opid.updating.backbone_data`.
         sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
             Carlo, or the affine-invariant "ensemble" of emcee.
-        n_samples: of each class, in all chains, the warm-up (an eleventh of them) included; `USUAL_SAMPLES` of the
-            sampler where None.
-        seed: of all random numbers; the same seed gives the same result.
-        harmonics: of the model.
+        n_samples: number of samples of each class, in all chains, the warm-up (an eleventh of them) included;
+            `USUAL_SAMPLES` of the sampler where None.
+        seed: seed of all random numbers; the same seed gives the same result.
+        harmonics: harmonics of the model.
         n_internal: internal modes that the reduction keeps beside sensors and joints.
     """
 
@@ -71,7 +71,7 @@ class UpdatingSettings:
                 found.append(f"{name} is {value}, give {f'at least {least}' if least else '0 or more'}")
         whole = all(isinstance(each, int | np.integer) and each >= 0 for each in self.harmonics)
         if 1 not in self.harmonics or not whole:
-            found.append(f"harmonics are {list(self.harmonics)}, give 1 and others beside it, [1, 3] say")
+            found.append(f"harmonics are {list(self.harmonics)}, give 1 and others beside it, for example [1, 3]")
         return found
 
 
@@ -80,13 +80,13 @@ class UpdatingStudy(UpdatingSettings):
     """The data of a Bayesian updating and its settings, which `UpdatingSettings` explains.
 
     Args:
-        title: of the study.
+        title: the title of the study.
         structure: a finite-element structure, which will be reduced; or its modes, which are taken as they are.
-        backbones: the measured ones.
+        backbones: the measured backbones.
         classes: the laws that are compared; at least one.
-        parameters: prior of each stiffness factor that phase I updates, by its name in the structure; none leaves the
-            structure as it is.
-        noise: what is known of the errors of the backbones.
+        parameters: prior of each stiffness factor that phase I updates, by its name in the structure; without any the
+            structure stays as it is.
+        noise: settings for the errors of the backbones.
         source: the study file, if there is one.
 
     Raises:
@@ -105,7 +105,7 @@ class UpdatingStudy(UpdatingSettings):
         for name in ("backbones", "classes", "harmonics"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
-        refuse(list(_faults(self)), self.source)
+        refuse(list(_find_faults(self)), self.source)
 
     def __repr__(self) -> str:
         backbones = [f"backbone {each.name}: mode {each.mode}" for each in self.backbones]
@@ -114,7 +114,7 @@ class UpdatingStudy(UpdatingSettings):
         return "\n".join([f"UpdatingStudy: {self.title}", *lines])
 
 
-def _faults(study: UpdatingStudy) -> Iterator[str]:
+def _find_faults(study: UpdatingStudy) -> Iterator[str]:
     if not study.backbones:
         yield "there is no measured backbone, give at least one"
     if not study.classes:
@@ -128,14 +128,15 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
                 yield f"{names.count(name)} {what} are called {name!r}, rename them"
     yield from study.setting_faults
     if not study.structure.joints:
-        yield "the structure has no joint, name the degrees of freedom that the nonlinear law lies between"
+        yield "the structure has no joint, name the two degrees of freedom between which the nonlinear law acts"
     if study.parameters and isinstance(study.structure, JointedModes):
         yield "parameters are named and the structure is given by its modes, give its matrices or name no parameter"
     elif isinstance(study.structure, AffineStructure):
         for name in study.parameters:
             if name not in study.structure.parts:
-                known = ", ".join(study.structure.parts) or "it has none"
-                yield f"parameter {name!r} is none of the structure's: {known}"
+                known = ", ".join(study.structure.parts)
+                hint = f"give some of {known}" if known else "it has no part to update"
+                yield f"the structure has no parameter {name!r}: {hint}"
     alike: dict[tuple[str, ...], list[str]] = {}
     for one in study.backbones:
         unknown = tuple(name for name in one.sensors if name not in study.structure.sensors)
@@ -153,11 +154,11 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
         if high <= 0:
             yield f"the prior of {name!r} allows nothing above 0, a factor of stiffness is positive"
     if not study.setting_faults:  # a wrong list of harmonics is among these
-        yield from _harmonic_faults(study)
-    yield from _scatter_faults(study)
+        yield from _find_harmonic_faults(study)
+    yield from _find_scatter_faults(study)
 
 
-def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
+def _find_harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
     """Yield which laws need a mean that the harmonics do not have, for they are not odd."""
     for each in study.classes:
         try:
@@ -166,12 +167,12 @@ def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
             yield f"class {each.name!r}: {error}"
 
 
-def _scatter_faults(study: UpdatingStudy) -> Iterator[str]:
-    """Yield which modes have curves that do not tell how lambda scatters, and which `cov` is of no mode."""
+def _find_scatter_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Yield which modes have curves that do not show how lambda scatters, and which `cov` belongs to no mode."""
     curves_of, given = by_mode(study.backbones), study.noise.cov or {}
     for mode in given:
         if mode not in curves_of:
-            yield f"cov names mode {mode}, of which there is no backbone, there are {[*curves_of]}"
+            yield f"cov names mode {mode}, which has no backbone, name some of {[*curves_of]}"
     for mode, curves in curves_of.items() if study.form != "recommended" else ():
         if mode in given:
             continue
@@ -179,6 +180,6 @@ def _scatter_faults(study: UpdatingStudy) -> Iterator[str]:
             yield scatter_fault(mode)
         elif study.parameters and len({float(one.frequency_hz[0]) for one in curves}) < 2:
             yield (
-                f"the curves of mode {mode} begin at one frequency, which has no scatter for the linear parameters, "
+                f"the curves of mode {mode} begin at one frequency and show no scatter for the linear parameters, "
                 f"give cov of mode {mode}"
             )

@@ -12,30 +12,30 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import (
     BackboneData,
     ModeData,
-    curves_of,
-    named_points,
+    describe_failures,
+    describe_interactions,
+    describe_points,
+    make_curves,
     residuals,
-    where_it_fails,
-    where_modes_interact,
 )
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior
-from opid.updating.sampling.chains import Chain, Diagnostics, presses_against
+from opid.updating.sampling.chains import Chain, Diagnostics, find_pressures
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.settings import UPDATING
 
 N_PATTERNS = 2  # slope and curvature over the amplitude, the errors that a wrong law makes
 
 TOO_LITTLE = (
-    f"moves the frequencies by more than {100 * UPDATING.least_moved:.0f} % of their measured growth: look at the unit "
-    "of the amplitudes, and at the scale of the law"
+    f"moves the frequencies by more than {100 * UPDATING.least_moved:.0f} % of their measured growth: check the unit "
+    "of the amplitudes, and the scale of the law"
 )
 
 
 # ---- one class -------------------------------------------------------------------------------------
 
 
-def warnings_of_class(
+def warn_of_class(
     data: BackboneData,
     model_class: ModelClass,
     chain: Chain,
@@ -46,22 +46,22 @@ def warnings_of_class(
     diagnostics: Diagnostics,
 ) -> Iterator[str]:
     """Yield warnings about the posterior of one class, given its samples and its best parameters."""
-    for pressure in presses_against(chain.pooled, model_class.priors):
+    for pressure in find_pressures(chain.pooled, model_class.priors):
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
-    yield from warnings_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
+    yield from warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
     near = chain.thinned(UPDATING.n_checked)
     far = best + UPDATING.far_out * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
-    yield from warnings_of_curves(
-        where_it_fails(data, model_class, near),
-        where_it_fails(data, model_class, far, lost=True),
-        where_modes_interact(data, model_class, best),
+    yield from warn_of_curves(
+        describe_failures(data, model_class, near),
+        describe_failures(data, model_class, far, lost=True),
+        describe_interactions(data, model_class, best),
     )
     if diagnostics.effective_samples < UPDATING.few_samples:
         yield (
-            f"the samples are worth {diagnostics.effective_samples:.0f} independent ones: intervals are rough, draw "
-            "more"
+            f"the samples are worth only {diagnostics.effective_samples:.0f} independent ones: intervals are rough, "
+            "draw more samples"
         )
     if diagnostics.r_hat > UPDATING.most_r_hat:
         yield f"the chains differ (R-hat {diagnostics.r_hat:.2f}): draw more samples, or take the transitional sampler"
@@ -69,42 +69,42 @@ def warnings_of_class(
     for other in others:
         apart = abs(other.log_evidence - first.log_evidence)
         if apart > UPDATING.methods_differ + UPDATING.methods_sigma * (first.std**2 + other.std**2) ** 0.5:
-            yield f"log evidence by {other.method} is {apart:.1f} from that by {first.method}: believe the latter"
+            yield f"log evidence by {other.method} differs by {apart:.1f} from that by {first.method}: use the latter"
     if model_class.n_parameters > 1:
         for (name, estimate), kind in zip(estimates.items(), model_class.kinds, strict=True):
             if estimate.holds(0.0):
-                yield f"the interval of {name} contains 0: the data do not ask for the term {kind}"
+                yield f"the interval of {name} contains 0: the data do not need the term {kind}"
 
 
-def warnings_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
+def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
     """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
-    `gaps` and `lost` are from `where_it_fails`, `met` is from `where_modes_interact`.
+    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`.
     """
     if gaps:
         yield (
-            f"in {'; in '.join(gaps)} of the samples the model does not converge: its curve is bridged there from its "
-            "other points; take fewer harmonics, or leave out measured points near those amplitudes (an interaction of "
-            "modes, which continued_backbone follows)"
+            f"in {'; in '.join(gaps)} of the samples the model does not converge: its curve is interpolated there from "
+            "its other points; take fewer harmonics, or leave out measured points near those amplitudes (an "
+            "interaction of modes, which continued_backbone follows)"
         )
     elif lost:
         yield (
-            f"beside the posterior, in {'; in '.join(lost)} of the parameters, the model does not converge: they count "
-            "as impossible, which may cut the posterior off; take fewer harmonics, or leave out measured points near "
-            "those amplitudes"
+            f"beside the posterior, in {'; in '.join(lost)} of the parameters, the model does not converge: these "
+            "parameters count as impossible, which may cut the posterior off; take fewer harmonics, or leave out "
+            "measured points near those amplitudes"
         )
     for clause in met:
         yield (
-            f"in {clause}: frequencies measured there may lie off the smooth backbone of the model, which knows no "
-            "interaction; leave those points out (continued_backbone follows an interaction)"
+            f"in {clause}: frequencies measured there may lie off the smooth backbone of the model, which leaves "
+            "interactions out; leave those points out (continued_backbone follows an interaction)"
         )
 
 
-def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
+def has_no_effect(data: BackboneData, model_class: ModelClass) -> bool:
     """Return whether a class leaves the frequencies almost constant everywhere in its prior."""
     theta = model_class.sample_prior(UPDATING.n_tried, np.random.default_rng(0))
     for mode in data.modes:
-        eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta)
+        eigenvalue, _, _, lost = make_curves(data, mode, model_class)(theta)
         if lost.any() or np.ptp(eigenvalue, axis=1).max() > UPDATING.least_moved * np.ptp(mode.growth) * mode.linear:
             return False
     return True
@@ -115,15 +115,15 @@ def moves_nothing(data: BackboneData, model_class: ModelClass) -> bool:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """The misfit of a law to the growth of the frequencies of one mode, as far as all of its curves share it."""
+    """The misfit of a law to the growth of the frequencies of one mode, as far as it is common to all curves."""
 
-    mode: int  # its number, from 1
-    fraction: float  # of the measured growth of lambda, both as rms over the points
-    probability: float  # of such a misfit by chance if the law is right
+    mode: int  # number of the mode, from 1
+    fraction: float  # misfit over the measured growth of lambda, both as rms over the points
+    probability: float  # probability of such a misfit by chance if the law is right
 
 
-def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:
-    """Yield at most one sentence: a misfit that all curves of a mode share, larger than chance and large enough.
+def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:
+    """Yield at most one sentence, on a misfit common to all curves of a mode, larger than chance and large enough.
 
     Where the curves are too short for `misfits`, the fraction `unexplained` is judged.
     """
@@ -132,14 +132,14 @@ def warnings_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterato
     if rare:
         worst = max(rare, key=lambda each: each.fraction)
         yield (
-            f"at its best it leaves {100 * worst.fraction:.0f} % of the measured growth of the frequencies of mode "
-            f"{worst.mode} unexplained, the same way in all curves (by chance in less than one of "
-            f"{1 / UPDATING.rare:.0f} sets): this law does not fit the backbones, its intervals mean nothing"
+            f"with the best parameters {100 * worst.fraction:.0f} % of the measured growth of the frequencies of mode "
+            f"{worst.mode} stay unexplained, alike in all curves (by chance in less than one of "
+            f"{1 / UPDATING.rare:.0f} sets): this law does not fit the backbones, do not use its intervals"
         )
     elif not misfits and not unexplained <= UPDATING.most_unexplained:
         yield (
-            f"at its best it leaves {100 * unexplained:.0f} % of the measured growth of the frequencies unexplained: "
-            "this law does not fit the backbones, its intervals mean nothing"
+            f"with the best parameters {100 * unexplained:.0f} % of the measured growth of the frequencies stay "
+            "unexplained: this law does not fit the backbones, do not use its intervals"
         )
 
 
@@ -150,25 +150,25 @@ def lack_of_fit(data: BackboneData, model_class: ModelClass, theta: FloatArray) 
     If the law is right, their coefficients scatter about 0 from curve to curve (by each curve's own errors) and
     together (by the error of the linear structure that grows with lambda, `linear_error_growth`); Hotelling's T^2 gives
     the probability of their mean then. As few curves determine their scatter poorly, the scatter that is expected from
-    the points and from a slope of each curve's own (`curve_growth`) counts as much as ten more curves.
+    the points and from the slope of each single curve (`curve_growth`) counts as much as ten more curves.
     """
     found = []
     for mode in data.modes:
-        eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta[None])
+        eigenvalue, _, _, lost = make_curves(data, mode, model_class)(theta[None])
         if not lost[0]:
             error = (mode.eigenvalue - mode.between @ eigenvalue[0]) / mode.linear
-            found += _misfit_of_mode(data, mode, error)
+            found += _find_misfit(data, mode, error)
     return tuple(found)
 
 
-def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> list[LackOfFit]:
-    """Return one record; none where the curves are too short."""
+def _find_misfit(data: BackboneData, mode: ModeData, error: FloatArray) -> list[LackOfFit]:
+    """Return a list of one record, or an empty one where the curves are too short."""
     from scipy.stats import f as fisher
 
     terms = np.vander(mode.relative_amplitude, 1 + N_PATTERNS, increasing=True)
-    # the patterns have rms 1 and mean 0, so that the norm of their coefficients is an rms
+    # The patterns have rms 1 and mean 0, so that the norm of their coefficients is an rms.
     patterns = np.linalg.qr(terms)[0][:, 1:] * np.sqrt(len(terms))
-    own, slopes, rest, freedom = [], [], 0.0, 0
+    own, slopes, left, freedom = [], [], 0.0, 0
     for curve in range(mode.curve[-1] + 1):
         mine = mode.curve == curve
         columns = np.column_stack([np.ones(mine.sum()), patterns[mine]])
@@ -177,20 +177,20 @@ def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> li
         fitted = np.linalg.lstsq(columns, np.stack([error[mine], mode.growth[mine]], axis=1), rcond=None)[0]
         own.append(fitted[1:, 0])
         slopes.append(fitted[1:, 1])
-        rest += float(np.sum((error[mine] - columns @ fitted[:, 0]) ** 2))
+        left += float(np.sum((error[mine] - columns @ fitted[:, 0]) ** 2))
         freedom += int(mine.sum()) - columns.shape[1]
     if freedom < 1:
         return []
     mean, slope, n = np.mean(own, axis=0), np.mean(slopes, axis=0), len(own)
-    # linear_error belongs to the frequency: that of lambda is twice as large
+    # The setting linear_error belongs to the frequency; the error of lambda is twice as large.
     growth = mode.frequency_noise.common_scale if mode.frequency_noise else data.noise.growth_of_linear_error
     common = (2 * data.noise.linear_error * growth) ** 2 * np.outer(slope, slope)
     weight = min(UPDATING.expected_weight, freedom)
     per_point = np.eye(N_PATTERNS) * n / len(error) + data.noise.curve_growth**2 * np.outer(slope, slope)
-    expected = rest / freedom * per_point
+    expected = left / freedom * per_point
     between = np.array(own) - mean
     scatter = (between.T @ between + weight * expected) / (n - 1 + weight)
-    # harmonics left out and interpolation make small errors of lambda: curves without noise get no warning
+    # Harmonics that are left out, and interpolation, make small errors of lambda: curves without noise get no warning.
     exact = 1e-5**2 * np.eye(N_PATTERNS)
     score = float(mean @ np.linalg.solve(scatter / n + common + exact, mean))
     last = max(n - 1 + weight - N_PATTERNS + 1, 1)
@@ -207,7 +207,7 @@ def unexplained_fraction(data: BackboneData, model_class: ModelClass, theta: Flo
     """
     left, shift = [], []
     for mode in data.modes:
-        eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta[None])
+        eigenvalue, _, _, lost = make_curves(data, mode, model_class)(theta[None])
         if lost.any():
             return float("nan")
         of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
@@ -222,16 +222,16 @@ def unexplained_fraction(data: BackboneData, model_class: ModelClass, theta: Flo
 # ---- all classes -----------------------------------------------------------------------------------
 
 
-def warnings_of_classes(classes: Sequence[ClassPosterior]) -> list[str]:
+def warn_of_classes(classes: Sequence[ClassPosterior]) -> list[str]:
     """Return the warnings of all classes with their names; a single one if no class moves the frequencies."""
-    if all(each.moves_nothing for each in classes):
+    if all(each.has_no_effect for each in classes):
         return [f"no class {TOO_LITTLE}"]
     return [f"class {each.model_class.name!r}: {warning}" for each in classes for warning in each.warnings]
 
 
-def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
+def warn_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
     """Yield warnings about the choice of the best class and the bands that it predicts."""
-    if all(each.moves_nothing for each in classes):
+    if all(each.has_no_effect for each in classes):
         return  # there is nothing to choose or to predict
     ranked = sorted(classes, key=lambda each: -each.log_evidence)
     if len(ranked) > 1:
@@ -239,27 +239,27 @@ def warnings_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbo
         best, second = ranked[0].model_class.name, ranked[1].model_class.name
         if apart < UPDATING.too_close:
             yield (
-                f"{best!r} and {second!r} differ by {apart:.1f} in log evidence: the data cannot tell them apart, "
+                f"{best!r} and {second!r} differ by {apart:.1f} in log evidence: the data cannot distinguish them, "
                 "measure at larger amplitudes"
             )
         else:
-            yield from _prior_decides(ranked)
+            yield from _warn_of_prior(ranked)
     for band in bands:
         missing = ~np.isfinite(band.frequency_hz)
         if missing.any():
-            where = named_points(band.amplitude, missing, band.sensor)
+            where = describe_points(band.amplitude, missing, band.sensor)
             yield (
                 f"mode {band.mode}: there is no band at {where}, where the model does not converge for most draws: "
                 "take fewer harmonics, or leave out measured points near those amplitudes"
             )
         if band.coverage < UPDATING.poor_coverage:
             yield (
-                f"mode {band.mode}: the 95 % band holds {100 * band.coverage:.0f} % of the measured points: the law or "
-                "the linear structure is wrong there"
+                f"mode {band.mode}: the 95 % band holds only {100 * band.coverage:.0f} % of the measured points: the "
+                "law or the linear structure is wrong there, try another law"
             )
 
 
-def _prior_decides(ranked: Sequence[ClassPosterior]) -> Iterator[str]:
+def _warn_of_prior(ranked: Sequence[ClassPosterior]) -> Iterator[str]:
     """Yield where a prior twice as wide, of the best class or of another, would put another class first."""
     best, second, *_ = ranked
     apart = best.log_evidence - second.log_evidence
@@ -273,5 +273,6 @@ def _prior_decides(ranked: Sequence[ClassPosterior]) -> Iterator[str]:
     for name, first, change, apart in decisive:
         yield (
             f"with a prior of {name} twice as wide, {first.model_class.name!r} would come before "
-            f"{best.model_class.name!r} ({change} against {apart:.1f} in log evidence): the prior decides"
+            f"{best.model_class.name!r} ({change} against {apart:.1f} in log evidence): the prior decides, so give "
+            "reasons for its width"
         )

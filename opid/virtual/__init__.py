@@ -1,6 +1,6 @@
 """Tests with known truth: machines that taxi, modal tests and backbones, simulated as their sensors would record them.
 
-Nowhere else is a truth.json written.
+No other package writes a truth.json.
 """
 
 import lazy_loader

@@ -48,7 +48,7 @@ def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike
     """Write the logs or other files of a study, study.toml and truth.json, and return the path of the study.
 
     Raises:
-        InputError: a place that cannot be written to, or what `write_study` refuses.
+        InputError: a directory that cannot be written to, or what `write_study` refuses.
     """
     target = make_directory(directory)
     write_study(study, target / "study.toml")
@@ -67,7 +67,7 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
     """Read a truth.json.
 
     Raises:
-        InputError: no such file, another schema, or a content that is not of that command's making.
+        InputError: no such file, another schema, or content that this command does not write.
     """
     kind = _KINDS[record]
     remedy = f"give the truth.json that `{kind.command}` wrote beside the study"
@@ -75,7 +75,7 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
         table = json.loads(Path(path).read_text(encoding="utf-8"))
         if table["schema"] != kind.schema:
             raise InputError(
-                f"{path} has the schema {table['schema']!r} where {kind.schema!r} is needed: it is no truth of "
+                f"{path} has the schema {table['schema']!r} where {kind.schema!r} is needed: it is not the truth of "
                 f"{kind.what}; {remedy}"
             )
         return kind.read(table)  # type: ignore[return-value]
@@ -87,39 +87,41 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
         raise
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         why = (
-            f"it is no JSON (line {error.lineno}: {error.msg})"
+            f"it is not JSON (line {error.lineno}: {error.msg})"
             if isinstance(error, json.JSONDecodeError)
             else f"it has no {error.args[0]!r}"
             if isinstance(error, KeyError)
-            else "a value in it is not what such a file holds"
+            else "one of its values is not of the kind that such a file holds"
         )
-        raise InputError(f"{path} is no truth of {kind.what}, {why}: {remedy}") from error
+        raise InputError(f"{path} is not the truth of {kind.what}, {why}: {remedy}") from error
 
 
-def _numbers(record: Any, table: Mapping[str, Any], **others: Any) -> Any:
-    """The record with the numbers of a table and some other fields."""
+def _read_numbers(record: Any, table: Mapping[str, Any], **others: Any) -> Any:
+    """Return the record with the numbers of a table and some other fields."""
     names = [each.name for each in fields(record) if each.name not in others]
     return record(**{name: float(table[name]) for name in names}, **others)
 
 
-def _law(table: Mapping[str, Any]) -> Law:
-    # files before the origin of a law was kept have none
+def _read_law(table: Mapping[str, Any]) -> Law:
+    # Older files do not hold the origin of a law.
     return law_from_parameters(table["name"], table["parameters"]).resting_at(float(table.get("rest_m", 0.0)))
 
 
-def _law_table(law: Law) -> dict[str, Any]:
+def _tabulate_law(law: Law) -> dict[str, Any]:
     return {"name": law.name, "parameters": law.parameters, "rest_m": law.rest_m}
 
 
 def _read_gear(table: Mapping[str, Any]) -> GearTruth:
-    numbers = _numbers(GearNumbers, table["parameters"])
-    return GearTruth(numbers, _law(table["law"]), float(table.get("mass_change_kg", 0.0)), table.get("settings", {}))
+    numbers = _read_numbers(GearNumbers, table["parameters"])
+    return GearTruth(
+        numbers, _read_law(table["law"]), float(table.get("mass_change_kg", 0.0)), table.get("settings", {})
+    )
 
 
-def _gear_tables(truth: GearTruth) -> dict[str, Any]:
+def _tabulate_gear(truth: GearTruth) -> dict[str, Any]:
     return {
         "parameters": asdict(truth.parameters),
-        "law": _law_table(truth.law),
+        "law": _tabulate_law(truth.law),
         "mass_change_kg": truth.mass_change_kg,
     }
 
@@ -127,15 +129,18 @@ def _gear_tables(truth: GearTruth) -> dict[str, Any]:
 def _read_body(table: Mapping[str, Any]) -> BodyTruth:
     loadings = {run: tuple((*map(float, row),) for row in rows) for run, rows in table.get("loadings", {}).items()}
     return BodyTruth(
-        _numbers(BodyNumbers, table["parameters"]),
-        {name: _numbers(SuspensionTruth, each, law=_law(each["law"])) for name, each in table["interfaces"].items()},
+        _read_numbers(BodyNumbers, table["parameters"]),
+        {
+            name: _read_numbers(SuspensionTruth, each, law=_read_law(each["law"]))
+            for name, each in table["interfaces"].items()
+        },
         loadings,  # type: ignore[arg-type]
         table.get("settings", {}),
     )
 
 
-def _body_tables(truth: BodyTruth) -> dict[str, Any]:
-    interfaces = {name: vars(each) | {"law": _law_table(each.law)} for name, each in truth.interfaces.items()}
+def _tabulate_body(truth: BodyTruth) -> dict[str, Any]:
+    interfaces = {name: vars(each) | {"law": _tabulate_law(each.law)} for name, each in truth.interfaces.items()}
     return {"parameters": asdict(truth.parameters), "interfaces": interfaces, "loadings": dict(truth.loadings)}
 
 
@@ -143,17 +148,17 @@ def _read_modes(table: Mapping[str, Any]) -> ModalTruth:
     nonlinear = {}
     for mode, each in table["nonlinear"].items():
         k, c = ({int(power): float(value) for power, value in each[letter].items()} for letter in ("k", "c"))
-        nonlinear[int(mode)] = ModeTruth(k, c, **_series(each))
-    linear = LinearModesTruth(**_series(table.get("linear_modes", {})))
+        nonlinear[int(mode)] = ModeTruth(k, c, **_read_series(each))
+    linear = LinearModesTruth(**_read_series(table.get("linear_modes", {})))
     return ModalTruth(nonlinear, linear, table.get("structure", ""), table.get("settings", {}))
 
 
-def _series(table: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+def _read_series(table: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     names = ("amplitude", "frequency_hz", "damping_ratio")
     return {name: tuple(map(float, table[name])) for name in names if name in table}
 
 
-def _modal_tables(truth: ModalTruth) -> dict[str, Any]:
+def _tabulate_modes(truth: ModalTruth) -> dict[str, Any]:
     nonlinear = {str(mode): asdict(each) for mode, each in truth.nonlinear.items()}
     for each in nonlinear.values():
         each |= {letter: {str(power): value for power, value in each[letter].items()} for letter in ("k", "c")}
@@ -166,18 +171,18 @@ def _read_backbones(table: Mapping[str, Any]) -> UpdatingTruth:
     return UpdatingTruth(linear, law, table.get("structure", ""), table.get("settings", {}))
 
 
-def _updating_tables(truth: UpdatingTruth) -> dict[str, Any]:
+def _tabulate_backbones(truth: UpdatingTruth) -> dict[str, Any]:
     law = {term.name: term.amplitude for term in truth.law.terms}
     return {"structure": truth.structure, "linear": dict(truth.linear), "law": law}
 
 
 _KINDS: dict[type, _Kind] = {
-    GearTruth: _Kind("opid.truth/1", "a simulated field test", "opid simulate", _read_gear, _gear_tables),
-    BodyTruth: _Kind("opid.body-truth/1", "a simulated aircraft", "opid simulate aircraft", _read_body, _body_tables),
+    GearTruth: _Kind("opid.truth/1", "a simulated field test", "opid simulate", _read_gear, _tabulate_gear),
+    BodyTruth: _Kind("opid.body-truth/1", "a simulated aircraft", "opid simulate aircraft", _read_body, _tabulate_body),
     ModalTruth: _Kind(
-        "opid.modal-truth/1", "a simulated modal test", "opid simulate sine-beats", _read_modes, _modal_tables
+        "opid.modal-truth/1", "a simulated modal test", "opid simulate sine-beats", _read_modes, _tabulate_modes
     ),
     UpdatingTruth: _Kind(
-        "opid.updating-truth/1", "simulated backbones", "opid simulate backbones", _read_backbones, _updating_tables
+        "opid.updating-truth/1", "simulated backbones", "opid simulate backbones", _read_backbones, _tabulate_backbones
     ),
 }

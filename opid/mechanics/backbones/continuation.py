@@ -24,7 +24,7 @@ from opid.mechanics.laws.law import FloatArray, Law
 MOST_ITERATIONS = 8
 """Iterations of Newton's method in one step; where it needs more, the step is made smaller."""
 EASY, HARD = 3, 5
-"""Number of iterations up to which the next step is longer, and from which on it is shorter."""
+"""Numbers of iterations up to which the next step is longer, and from which on it is shorter."""
 SMALLEST_STEP = 1e-9
 """Fraction of the largest step below which the curve ends."""
 LEAST_COSINE = 0.9
@@ -35,7 +35,7 @@ LEAST_COSINE = 0.9
 class ContinuedBackbone(Backbone):
     """A backbone as a curve: amplitude and frequency may both turn back, and the amplitude may pass zero.
 
-    All points are solutions, and `reason` says why the curve ended before the amplitude asked for.
+    All points are solutions, and `reason` states why the curve ended before the last amplitude.
 
     Attributes:
         turning_points: (n_turns,) indices of the points at which the amplitude turns back.
@@ -66,17 +66,17 @@ def continued_backbone(
 
     Args:
         system: the linear structure by its modes.
-        law: of all joints, or one for each; springs only.
+        law: law of all joints, or one for each; springs only.
         mode: number of the mode, from 1.
         sensor: name of the sensor whose amplitude is followed.
-        first_amplitude_m: where the curve begins, near the linear mode, m.
-        last_amplitude_m: the amplitude, in absolute value, at which it ends, m.
-        harmonics: of the motion, as in `backbone`.
-        largest_step: of the curve, as a fraction of the last amplitude and of the coordinates there.
+        first_amplitude_m: amplitude at which the curve begins, near the linear mode, m.
+        last_amplitude_m: amplitude, in absolute value, at which the curve ends, m.
+        harmonics: harmonics of the motion, see `backbone`.
+        largest_step: largest step of the curve, as a fraction of the last amplitude and of the coordinates there.
         most_points: number of points after which the curve ends.
 
     Raises:
-        InputError: as `backbone`; amplitudes of which the last is not larger; no solution at the first.
+        InputError: what `backbone` refuses; a last amplitude that is not larger; no solution at the first.
 
     >>> from opid.mechanics.laws.law import law
     >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
@@ -88,7 +88,7 @@ def continued_backbone(
     amplitudes = require_amplitudes([first_amplitude_m, last_amplitude_m])
     if amplitudes[0] >= amplitudes[1]:
         raise InputError(
-            f"the amplitudes run from {first_amplitude_m:g} to {last_amplitude_m:g} m: give the smaller first"
+            f"the amplitudes go from {first_amplitude_m:g} to {last_amplitude_m:g} m: give the smaller one first"
         )
     if not (0.0 < largest_step <= 1.0 and most_points >= 2):
         raise InputError(f"largest_step is {largest_step} and most_points {most_points}: give up to 1, and 2 or more")
@@ -97,29 +97,29 @@ def continued_backbone(
     start = solve_at(equations, linear_unknowns(equations, amplitudes[0]), amplitudes[0])
     if start is None:
         raise InputError(
-            f"no solution near the linear mode at the first amplitude, {first_amplitude_m:g} m at {sensor!r}: begin at "
-            "a smaller one"
+            f"there is no solution near the linear mode at the first amplitude, {first_amplitude_m:g} m at {sensor!r}: "
+            "begin at a smaller one"
         )
-    scales = _scales(equations, linear_unknowns(equations, amplitudes[1]), amplitudes[1])
+    scales = _choose_scales(equations, linear_unknowns(equations, amplitudes[1]), amplitudes[1])
     points, turns, reason = _follow(equations, scales, start, amplitudes, largest_step, most_points)
-    return _as_curve(equations, mode, sensor, points, turns, reason)
+    return _make_curve(equations, mode, sensor, points, turns, reason)
 
 
-def _scales(equations: Balance, linear: FloatArray, last_amplitude_m: float) -> FloatArray:
-    """Size of each unknown at the last amplitude; that of the amplitude last."""
+def _choose_scales(equations: Balance, linear: FloatArray, last_amplitude_m: float) -> FloatArray:
+    """Return the size of each unknown at the last amplitude, and last the size of the amplitude."""
     n = equations.n_joint_unknowns
     coordinate = np.abs(linear[n:-1]).max()
     extension = max(np.abs(linear[:n]).max(initial=0.0), 1e-3 * last_amplitude_m)
-    # a backbone may move by a tenth of the eigenvalue: with this scale its flat and steep parts are alike
+    # A backbone may move by a tenth of the eigenvalue: with this scale its flat and steep parts are alike.
     return np.concatenate([
         np.full(n, extension), np.full(linear.size - n - 1, coordinate), [0.1 * linear[-1], last_amplitude_m]
     ])  # fmt: skip
 
 
-def _border(
+def _make_bordered(
     equations: Balance, scales: FloatArray, point: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Values of the equations, and their scaled Jacobian with the amplitude as an unknown, bordered by a direction."""
+    """Return values of the equations and their scaled Jacobian with the amplitude, bordered by a direction."""
     actual = point * scales
     value, jacobian = residual(equations, actual[:-1], actual[-1])
     bordered = np.zeros((point.size, point.size))
@@ -130,9 +130,9 @@ def _border(
     return value, bordered
 
 
-def _direction(equations: Balance, scales: FloatArray, point: FloatArray, before: FloatArray) -> FloatArray:
-    """Unit vector along the curve, on from the direction before."""
-    _, bordered = _border(equations, scales, point, before)
+def _find_direction(equations: Balance, scales: FloatArray, point: FloatArray, before: FloatArray) -> FloatArray:
+    """Return the unit vector along the curve that continues the direction before."""
+    _, bordered = _make_bordered(equations, scales, point, before)
     along = np.linalg.solve(bordered, np.eye(point.size)[-1])
     return along / np.linalg.norm(along)
 
@@ -140,10 +140,10 @@ def _direction(equations: Balance, scales: FloatArray, point: FloatArray, before
 def _correct(
     equations: Balance, scales: FloatArray, predicted: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, int] | None:
-    """The point of the curve on the plane across the direction, and the iterations it took; None without one."""
+    """Return the point of the curve on the plane across the direction, and the iterations; None without one."""
     point = predicted.copy()
     for iteration in range(MOST_ITERATIONS):
-        value, bordered = _border(equations, scales, point, direction)
+        value, bordered = _make_bordered(equations, scales, point, direction)
         try:
             step = np.linalg.solve(bordered, np.append(value, direction @ (point - predicted)))
         except np.linalg.LinAlgError:
@@ -164,24 +164,24 @@ def _follow(
     largest_step: float,
     most_points: int,
 ) -> tuple[FloatArray, list[int], str]:
-    """The points of the curve, the indices of its turns, and why it ended early."""
+    """Return the points of the curve, the indices of its turns, and why it ended early."""
     points = [np.append(start, amplitudes[0]) / scales]
     turns: list[int] = []
-    along = _direction(equations, scales, points[0], np.eye(scales.size)[-1])
+    along = _find_direction(equations, scales, points[0], np.eye(scales.size)[-1])
     step = largest_step / 10.0
     while abs(points[-1][-1]) < 1.0:
         if len(points) >= most_points:
-            reason = _describe_end(points, scales, f"{most_points} points are taken")
+            reason = _describe_end(points, scales, f"it has {most_points} points")
             return np.array(points) * scales, turns, reason
         found = _correct(equations, scales, points[-1] + step * along, along)
-        turned = None if found is None else _direction(equations, scales, found[0], along)
+        turned = None if found is None else _find_direction(equations, scales, found[0], along)
         if found is None or turned is None or turned @ along < LEAST_COSINE:
             step /= 2.0
             if step < SMALLEST_STEP * largest_step:
                 return np.array(points) * scales, turns, _describe_end(points, scales, "Newton's method fails")
             continue
         if along[-1] * turned[-1] < 0.0:
-            points.append(_turn(equations, scales, points[-1], along, step, turned))
+            points.append(_find_turn(equations, scales, points[-1], along, step, turned))
             turns.append(len(points) - 1)
         points.append(found[0])
         along = turned
@@ -189,10 +189,10 @@ def _follow(
     return np.array(_move_last(equations, scales, points)) * scales, turns, ""
 
 
-def _turn(
+def _find_turn(
     equations: Balance, scales: FloatArray, point: FloatArray, along: FloatArray, step: float, turned: FloatArray
 ) -> FloatArray:
-    """The point within a step at which the amplitude turns, by regula falsi on the direction of the amplitude."""
+    """Return the point within a step at which the amplitude turns, by regula falsi on the amplitude's direction."""
     low, high, at_low, at_high = 0.0, step, along[-1], turned[-1]
     best = point
     for _ in range(8):
@@ -201,7 +201,7 @@ def _turn(
         if found is None:
             break
         best = found[0]
-        at_middle = _direction(equations, scales, best, along)[-1]
+        at_middle = _find_direction(equations, scales, best, along)[-1]
         if at_middle * at_low > 0.0:
             low, at_low = middle, at_middle
         else:
@@ -210,7 +210,7 @@ def _turn(
 
 
 def _move_last(equations: Balance, scales: FloatArray, points: list[FloatArray]) -> list[FloatArray]:
-    """The points, of which the last one is moved back to the last amplitude."""
+    """Return the points, of which the last one is moved back to the last amplitude."""
     before, beyond = points[-2], points[-1]
     target = np.sign(beyond[-1])
     fraction = (target - before[-1]) / (beyond[-1] - before[-1])
@@ -227,7 +227,7 @@ def _describe_end(points: list[FloatArray], scales: FloatArray, why: str) -> str
     )
 
 
-def _as_curve(
+def _make_curve(
     equations: Balance, mode: int, sensor: str, points: FloatArray, turns: list[int], reason: str
 ) -> ContinuedBackbone:
     motion = np.array([modal_motion(equations, point[:-1]) for point in points])

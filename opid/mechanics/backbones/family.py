@@ -35,12 +35,12 @@ class Backbone:
     Attributes:
         mode: number of the mode, from 1.
         sensor: the sensor whose amplitude is prescribed.
-        amplitude: (n,) its first-harmonic amplitude, m.
-        frequency_hz: (n,) Hz; nan where Newton's method failed.
+        amplitude: (n,) first-harmonic amplitude of that sensor, m.
+        frequency_hz: (n,) frequency, Hz; nan where Newton's method failed.
         shapes: (n, n_sensors) first-harmonic displacement of all sensors, m, `amplitude` at the prescribed one.
-        harmonics: of the motion.
+        harmonics: harmonics of the motion.
         converged: (n,) whether there is a solution.
-        reason: which points failed and what to try; empty where all converged.
+        reason: the points that failed and what to try; empty where all converged.
         extension: (n, n_harmonics, n_joints) cosine coefficients of the joints' extensions, m.
     """
 
@@ -62,8 +62,8 @@ class BackboneFamily:
     Attributes:
         mode: number of the mode, from 1.
         sensor: the sensor whose amplitude is prescribed.
-        amplitude: (n_points,) its first-harmonic amplitude, m.
-        harmonics: of the motion.
+        amplitude: (n_points,) first-harmonic amplitude of that sensor, m.
+        harmonics: harmonics of the motion.
         eigenvalue: (n_samples, n_points) square of the angular frequency, 1/s^2; nan where Newton's method failed.
         shapes: (n_samples, n_points, n_sensors) first-harmonic displacement of all sensors, m.
         converged: (n_samples, n_points) whether there is a solution.
@@ -79,7 +79,7 @@ class BackboneFamily:
 
     @property
     def frequency_hz(self) -> FloatArray:
-        """(n_samples, n_points) Hz."""
+        """(n_samples, n_points) frequencies, Hz."""
         return np.sqrt(self.eigenvalue) / (2 * np.pi)
 
 
@@ -105,15 +105,15 @@ def backbone(
 
     Args:
         system: the linear structure by its modes.
-        law: of all joints, or one for each of them; springs only.
+        law: law of all joints, or one for each of them; springs only.
         mode: number of the mode, from 1.
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n,) first-harmonic amplitudes of that sensor, m, positive, in any order.
-        harmonics: of the motion, 1 among them. Odd laws leave out the even ones; others need 0.
+        harmonics: harmonics of the motion, 1 among them. Odd laws leave out the even ones; others need 0.
 
     Raises:
-        InputError: an unknown mode or sensor, one that the mode does not move, amplitudes or harmonics that cannot be,
-            a law of the rate, a number of laws that is not that of the joints.
+        InputError: an unknown mode or sensor, one that the mode does not move, impossible amplitudes or harmonics, a
+            law of the rate, or another number of laws than of joints.
 
     >>> from opid.mechanics.laws.law import law
     >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
@@ -125,12 +125,12 @@ def backbone(
     laws = laws_of_joints(law, system)
     firsts, codes, values, *_ = law_arrays(*laws)
     terms = tuple(term for each in laws for term in each.terms)
-    curves = _curves(system, terms, (firsts[:-1], firsts[1:], codes), mode, sensor, amplitude, harmonics)
+    curves = _prepare_curves(system, terms, (firsts[:-1], firsts[1:], codes), mode, sensor, amplitude, harmonics)
     eigenvalue, shapes, extension = (found[0] for found in curves.solve(values[np.newaxis]))
     converged = np.isfinite(eigenvalue)
     frequency_hz = np.sqrt(eigenvalue) / (2 * np.pi)
     extension = extension.reshape(converged.size, len(curves.harmonics), len(system.joints))
-    reason = _reason(curves.amplitude, frequency_hz, sensor)
+    reason = _describe_failures(curves.amplitude, frequency_hz, sensor)
     return Backbone(
         mode, sensor, curves.amplitude, frequency_hz, shapes, curves.harmonics, converged, reason, extension
     )
@@ -151,15 +151,15 @@ def backbone_family(
     Args:
         system: the linear structure by its modes.
         kinds: names of the kinds of law that are added up; springs only.
-        coefficients: (n_samples, n_parameters) values of all parameters of all kinds, in their order and SI units: with
-            kinds of one coefficient, one column a kind.
+        coefficients: (n_samples, n_parameters) values of all parameters of all kinds, in their order and SI units; with
+            kinds of one coefficient, one column for each kind.
         mode: number of the mode, from 1.
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
-        harmonics: of the motion, as in `backbone`.
+        harmonics: harmonics of the motion, see `backbone`.
 
     Raises:
-        InputError: as `backbone`, an unknown kind, or coefficients of the wrong shape.
+        InputError: what `backbone` refuses, an unknown kind, or coefficients of the wrong shape.
 
     >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
     >>> family = backbone_family(one, ("cubic_stiffness",), [[0.0], [4e6]], mode=1, sensor="mass", amplitude=[1e-3])
@@ -179,12 +179,12 @@ def family_evaluator(
     amplitude: ArrayLike,
     harmonics: Sequence[int] = (1,),
 ) -> Callable[[ArrayLike], BackboneFamily]:
-    """Return a function from coefficients to `BackboneFamily`, for samplers: what does not depend on them is made once.
+    """Return a function from coefficients to `BackboneFamily`, for samplers, which prepares everything else once.
 
     `system`, `kinds`, `mode`, `sensor`, `amplitude` and `harmonics` are those of `backbone_family`.
 
     Raises:
-        InputError: as `backbone_family`, which the function returned raises for coefficients of the wrong shape.
+        InputError: what `backbone_family` refuses; the returned function refuses coefficients of the wrong shape.
     """
     for kind in kinds:
         if kind not in LAWS:
@@ -195,7 +195,7 @@ def family_evaluator(
     n_joints = len(system.joints)
     codes = np.array([code_of(kind) for kind in kinds], dtype=np.int64)
     spans = (np.zeros(n_joints, dtype=np.int64), np.full(n_joints, len(kinds), dtype=np.int64), codes)
-    curves = _curves(system, terms, spans, mode, sensor, amplitude, harmonics)
+    curves = _prepare_curves(system, terms, spans, mode, sensor, amplitude, harmonics)
 
     def evaluate(coefficients: ArrayLike) -> BackboneFamily:
         given = np.asarray(coefficients, dtype=np.float64)
@@ -220,7 +220,7 @@ def first_harmonic_factor(power: ArrayLike) -> FloatArray:
     beta_p = 2 / sqrt(pi) Gamma((p + 2) / 2) / Gamma((p + 3) / 2).
 
     Args:
-        power: p, any shape.
+        power: power p, of any shape.
 
     >>> first_harmonic_factor([1, 3, 5]).round(12).tolist()
     [1.0, 0.75, 0.625]
@@ -230,20 +230,20 @@ def first_harmonic_factor(power: ArrayLike) -> FloatArray:
 
 
 def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:
-    """Return one law a joint.
+    """Return one law for each joint.
 
     Raises:
-        InputError: another number of laws than joints, or a law that rests elsewhere than at its origin.
+        InputError: another number of laws than of joints, or a law that does not rest at its origin.
     """
     laws = (law,) * len(system.joints) if isinstance(law, Law) else tuple(law)
     if len(laws) != len(system.joints):
         raise InputError(
-            f"there are {len(laws)} laws for the {len(system.joints)} joints: give one law, or one a joint"
+            f"there are {len(laws)} laws for the {len(system.joints)} joints: give one law, or one for each joint"
         )
     for each in laws:
         if each.rest_m and each.terms:
             raise InputError(
-                f"{each.name} rests {each.rest_m:g} m from its origin: backbones take laws about the position at rest"
+                f"{each.name} rests {each.rest_m:g} m from its origin: give a law about its position at rest"
             )
     return laws
 
@@ -260,7 +260,7 @@ class _Curves:
     spans: tuple[Any, ...]
 
     def solve(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Eigenvalue, shapes and extensions at all amplitudes, in the order given, for (n_samples, n_terms, 3)."""
+        """Return eigenvalue, shapes and extensions at all amplitudes, as given, for values (n_samples, n_terms, 3)."""
         system, sensors, harmonics, transform = self.arguments
         factors = values[:, :, 0].copy()
         if transform[0].shape[1] == 0:
@@ -272,7 +272,7 @@ class _Curves:
         return eigenvalue, shapes, extension
 
 
-def _curves(
+def _prepare_curves(
     system: JointedModes,
     terms: tuple[Term, ...],
     spans: tuple[Any, ...],
@@ -308,14 +308,14 @@ def _curves(
 
 
 def _condense(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The modes as the kernel takes them, without modes that no joint moves."""
+    """Return the modes in the form that the kernel takes, without modes that no joint moves."""
     refuse_unseen(system, m, a)
     psi, phi = system.at_joints.T, system.at_sensors.T
     size = np.linalg.norm(psi, axis=1)
     moved = size > NOTHING * size.max(initial=0.0)
     others = moved.copy()
     others[m] = False
-    # the equation of the sensor replaces the coordinate q of the mode
+    # The equation of the sensor replaces the coordinate q of the mode.
     relative = psi[others] - np.outer(phi[others, a] / phi[m, a], psi[m])
     by_pairs = np.einsum("ij,ik->ijk", relative, psi[others]).reshape(int(others.sum()), psi.shape[1] ** 2)
     at_sensor = phi[others, a]
@@ -362,13 +362,13 @@ def refuse_unseen(system: JointedModes, m: int, a: int) -> None:
         )
 
 
-def _reason(amplitude: FloatArray, frequency_hz: FloatArray, sensor: str) -> str:
+def _describe_failures(amplitude: FloatArray, frequency_hz: FloatArray, sensor: str) -> str:
     failed = np.flatnonzero(np.isnan(frequency_hz))
     if failed.size == 0:
         return ""
     points = ", ".join(f"{point + 1} ({amplitude[point]:.4g} m at {sensor!r})" for point in failed[:5])
     more = f" and {failed.size - 5} more" if failed.size > 5 else ""
     return (
-        f"no solution near the curve at point {points}{more}: take smaller steps of the amplitude or fewer harmonics, "
-        "or follow the curve with continued_backbone, which passes interactions with other modes"
+        f"there is no solution near the curve at point {points}{more}: take smaller steps of the amplitude or fewer "
+        "harmonics, or follow the curve with continued_backbone, which passes interactions with other modes"
     )

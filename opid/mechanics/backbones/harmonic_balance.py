@@ -37,8 +37,8 @@ class Transform:
 
     Attributes:
         cosines: (n_harmonics, n_times) cos(h theta).
-        weights: (n_harmonics, n_times) with which values over time sum up to cosine coefficients.
-        angle: (n_times,) theta, rad.
+        weights: (n_harmonics, n_times) weights with which values over time sum up to cosine coefficients.
+        angle: (n_times,) angle theta, rad.
     """
 
     cosines: FloatArray
@@ -56,7 +56,7 @@ def is_odd(terms: Sequence[Term]) -> bool:
 
 
 def refuse_velocity(terms: Sequence[Term]) -> None:
-    """Refuse terms that are no springs, because a backbone is a free motion that neither grows nor decays.
+    """Refuse terms that are not springs, because a backbone is a free motion that neither grows nor decays.
 
     Raises:
         InputError: a term depends on the rate.
@@ -64,7 +64,7 @@ def refuse_velocity(terms: Sequence[Term]) -> None:
     for term in terms:
         at_rest, moving = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in (0.0, 0.1))
         if not np.array_equal(at_rest + 0.0 * TRIED_M, moving + 0.0 * TRIED_M):
-            raise InputError(f"{term.name} depends on the rate of the extension: backbones take springs alone")
+            raise InputError(f"{term.name} depends on the rate of the extension: give springs, which backbones need")
 
 
 def refuse_held_free_modes(system: JointedModes) -> None:
@@ -78,7 +78,7 @@ def refuse_held_free_modes(system: JointedModes) -> None:
     held = free & (size > 1e-9 * size.max(initial=0.0))
     if held.any():
         raise InputError(
-            f"mode {int(np.argmax(held)) + 1} is free but for the joints' laws, which are not odd, so its mean "
+            f"mode {int(np.argmax(held)) + 1} is only held by the laws of the joints, which are not odd, so its mean "
             "position is not known: give the joints some linear stiffness"
         )
 
@@ -87,7 +87,7 @@ def harmonics_of(terms: Sequence[Term], harmonics: Sequence[int]) -> tuple[int, 
     """Return the harmonics in order; where all `terms` are odd, the even ones are zero and left out.
 
     Raises:
-        InputError: harmonics that are no whole numbers, twice the same, without 1, or without 0 for a law that is not
+        InputError: harmonics that are not whole numbers, twice the same, without 1, or without 0 for a law that is not
             odd.
     """
     asked = tuple(harmonics)
@@ -162,9 +162,9 @@ class Balance:
 
     Attributes:
         system: the linear structure by its modes.
-        laws: one a joint.
-        harmonics: of the motion.
-        transform: from harmonics to times of a period.
+        laws: one law for each joint.
+        harmonics: harmonics of the motion.
+        transform: transform from harmonics to times of a period.
         mode: column of the mode.
         sensor: row of the sensor.
         explicit: (n_harmonics, n_modes) whether a mode keeps its coordinate in a harmonic.
@@ -180,7 +180,7 @@ class Balance:
 
     @property
     def n_joint_unknowns(self) -> int:
-        """Number of harmonics of all extensions, which stand first."""
+        """Number of harmonics of all extensions, which are the first unknowns."""
         return len(self.harmonics) * len(self.laws)
 
     @property
@@ -193,7 +193,7 @@ def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str
     """Return the equations of the backbone of a mode, counted from 1, at prescribed amplitudes of a sensor.
 
     Raises:
-        InputError: an unknown mode or sensor, harmonics that cannot be, a law of the rate.
+        InputError: an unknown mode or sensor, impossible harmonics, or a law of the rate.
     """
     terms = [term for each in laws for term in each.terms]
     refuse_velocity(terms)
@@ -201,7 +201,7 @@ def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str
     m = system.index(mode)
     moved = np.abs(system.at_joints).max(axis=0, initial=0.0) > 1e-9 * np.abs(system.at_joints).max(initial=0.0)
     at = np.square(used)[:, np.newaxis] * system.eigenvalue[m]
-    # within an octave of the harmonic; in harmonic 0 the rigid-body modes
+    # Near modes lie within an octave of the harmonic; in harmonic 0 the rigid-body modes are near.
     near = (system.eigenvalue > at / 4.0) & (system.eigenvalue < 4.0 * at)
     free = (np.array(used) == 0)[:, np.newaxis] & (np.abs(system.eigenvalue) <= 1e-9 * system.eigenvalue.max())
     explicit = (near | free) & moved
@@ -241,7 +241,7 @@ def residual(equations: Balance, unknowns: FloatArray, amplitude: float) -> tupl
         psi, away = system.at_joints[:, kept], system.eigenvalue[kept] - h**2 * at
         others, seen = system.at_joints[:, ~kept], system.at_sensors[equations.sensor]
         receptance = 1.0 / (system.eigenvalue[~kept] - h**2 * at)
-        # what the forces of this harmonic do to its extensions, to its coordinates (over the eigenvalue), to the sensor
+        # These matrices take forces of this harmonic to its extensions, coordinates (over the eigenvalue) and sensor.
         condensed, pushed, sensed = (others * receptance) @ others.T, psi.T / at, -(seen[~kept] * receptance) @ others.T
         value[rows] += condensed @ force[k] - psi @ unknowns[own]
         value[own] = away / at * unknowns[own] + pushed @ force[k]
@@ -266,7 +266,7 @@ def modal_motion(equations: Balance, unknowns: FloatArray) -> FloatArray:
     system, n = equations.system, equations.n_joint_unknowns
     force, _ = joint_harmonics(equations.laws, equations.transform, unknowns[:n].reshape(-1, len(equations.laws)))
     away = system.eigenvalue - np.square(equations.harmonics)[:, np.newaxis] * unknowns[-1]
-    # a rigid-body mode that no joint moves stands still in harmonic 0
+    # A rigid-body mode that no joint moves stands still in harmonic 0.
     motion = np.divide(-force @ system.at_joints, away, out=np.zeros(away.shape), where=away != 0.0)
     motion[equations.explicit] = unknowns[n:-1]
     return motion

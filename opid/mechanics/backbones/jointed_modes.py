@@ -21,8 +21,8 @@ class JointedModes:
         eigenvalue: (n_modes,) lambda_i = omega_i^2, 1/s^2, ascending.
         at_sensors: (n_sensors, n_modes) shapes at the sensors, kg^-1/2.
         at_joints: (n_joints, n_modes) extension of each joint for a unit of each modal coordinate, kg^-1/2.
-        sensors: their names.
-        joints: their names.
+        sensors: names of the sensors.
+        joints: names of the joints.
 
     Raises:
         InputError: counts that do not match, values that are not finite, or a name given twice.
@@ -38,7 +38,7 @@ class JointedModes:
         for name in ("eigenvalue", "at_sensors", "at_joints"):
             array = read_only(getattr(self, name))
             if not np.isfinite(array).all():
-                raise InputError(f"{name} has values that are not finite: mend the matrices they come from")
+                raise InputError(f"{name} has values that are not finite: correct the matrices from which they come")
             object.__setattr__(self, name, array)
         for name in ("sensors", "joints"):
             names = tuple(getattr(self, name))
@@ -63,13 +63,13 @@ class JointedModes:
         return np.sqrt(np.maximum(self.eigenvalue, 0.0)) / (2 * np.pi)
 
     def sensor(self, name: str) -> int:
-        """Row of the sensor called `name`; InputError names the nearest one."""
+        """Return the row of the sensor called `name`; InputError names the nearest one."""
         if name not in self.sensors:
             raise InputError(f"there is no sensor {name!r}: {nearest(name, self.sensors)}")
         return self.sensors.index(name)
 
     def index(self, mode: int) -> int:
-        """Index of a mode, which users count from 1; InputError outside the modes."""
+        """Return the index of a mode, which users count from 1; InputError outside the modes."""
         if mode not in range(1, self.n_modes + 1):
             raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
         return int(mode) - 1
@@ -87,10 +87,10 @@ def jointed_modes(
     """Return all modes of a small structure (a reduced one), (K - lambda M) phi = 0.
 
     Args:
-        mass: (n_dof, n_dof) kg, symmetric and positive definite.
-        stiffness: (n_dof, n_dof) N/m, symmetric, the joints' linear part included.
-        sensor_rows: (n_sensors, n_dof), the reading of each sensor for unit motion of each degree of freedom.
-        joint_rows: (n_joints, n_dof), the extension of each joint likewise.
+        mass: (n_dof, n_dof) mass matrix, kg, symmetric and positive definite.
+        stiffness: (n_dof, n_dof) stiffness matrix, N/m, symmetric, with the joints' linear part.
+        sensor_rows: (n_sensors, n_dof) reading of each sensor for unit motion of each degree of freedom.
+        joint_rows: (n_joints, n_dof) extension of each joint for unit motion of each degree of freedom.
         sensors: names of the sensors.
         joints: names of the joints.
 

@@ -1,6 +1,7 @@
 """Backbones as single-point forcing finds them: one sensor in quadrature with the force, level after level.
 
-Here are the records that a measurement fills, and the same curves by harmonic balance of the damped, forced structure.
+The module has the records of a measurement, and computes the same curves by harmonic balance of the damped, forced
+structure.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from opid.mechanics.rig import Shaker
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
-# number of frequencies among which quadrature of the linear structure is sought
+# number of frequencies among which quadrature of the linear structure is searched
 _N_SCANNED = 6001
 # fraction of the largest extension by which a solution may differ from its prediction
 _FROM_PREDICTION = 0.05
@@ -33,8 +34,8 @@ class Specimen:
     """A structure with damped modes and nonlinear joints, and a shaker at one of its sensors.
 
     Args:
-        system: its modes, as its sensors and joints see them.
-        laws: one law a joint; a single `Law` counts for all.
+        system: the modes of the structure, as its sensors and joints see them.
+        laws: one law for each joint; a single `Law` counts for all.
         damping_ratio: (n_modes,) zeta of each mode, or one number for all.
         drive: name of the sensor at which the force acts.
         shaker: None for a force that acts directly; otherwise the feedback moves its armature, and the force is that in
@@ -56,7 +57,8 @@ class Specimen:
         damping = np.asarray(self.damping_ratio, dtype=np.float64)
         if damping.shape not in ((), (n_modes,)) or not ((damping > 0.0) & (damping < 1.0)).all():
             raise InputError(
-                f"damping_ratio is {self.damping_ratio!r}: give one number between 0 and 1, or {n_modes}, one a mode"
+                f"damping_ratio is {self.damping_ratio!r}: give one number between 0 and 1, or {n_modes}, one for each "
+                "mode"
             )
         laws_of_joints(self.laws, self.system)
         self.system.sensor(self.drive)
@@ -65,7 +67,7 @@ class Specimen:
 
     @property
     def joint_laws(self) -> tuple[Law, ...]:
-        """One law a joint."""
+        """One law for each joint."""
         return laws_of_joints(self.laws, self.system)
 
     @property
@@ -91,19 +93,17 @@ class ContinuationLevel:
     Harmonics are complex amplitudes by the number of the harmonic less one, x(t) = Re sum_h X_h exp(j h omega t).
 
     Args:
-        wanted_m: amplitude that was asked for, m.
         frequency_hz: frequency of the record, Hz.
-        force: (n_harmonics,) of the force on the structure, N.
-        sensors: (n_sensors, n_harmonics) of the displacements, m.
+        force: (n_harmonics,) harmonics of the force on the structure, N.
+        sensors: (n_sensors, n_harmonics) harmonics of the displacements, m.
         phase_error_rad: phase of the sensor against the force, off quadrature, radians.
         invasiveness: rms of the control's harmonics above the first over its first.
         converged: whether phase, control and amplitude are within their tolerance.
-        n_records: number of records that it took.
-        periods: number of periods of the drive that it took.
-        reason: why it has not converged, "" if it has.
+        n_records: number of records of this level.
+        periods: number of periods of the drive at this level.
+        reason: the reason why it has not converged, "" if it has.
     """
 
-    wanted_m: float
     frequency_hz: float
     force: ComplexArray
     sensors: ComplexArray
@@ -121,10 +121,10 @@ class MeasuredCurve:
 
     Args:
         mode: number of the mode, from 1.
-        sensor: whose quadrature was held.
-        controlled_sensor: whose amplitude was stepped up.
+        sensor: the sensor whose quadrature was held.
+        controlled_sensor: the sensor whose amplitude grows from level to level.
         sensors: names of all sensors, in the order of the levels' rows.
-        levels: in the order in which they were driven; after several failures the curve ends.
+        levels: the levels in the order in which they were driven; after several failures the curve ends.
     """
 
     mode: int
@@ -145,27 +145,22 @@ class MeasuredCurve:
 
     @property
     def harmonics(self) -> ComplexArray:
-        """(n, n_sensors, n_harmonics) of the displacements, m."""
+        """(n, n_sensors, n_harmonics) harmonics of the displacements, m."""
         return np.stack([level.sensors for level in self.levels])
 
     @property
     def force(self) -> ComplexArray:
-        """(n, n_harmonics) of the force, N."""
+        """(n, n_harmonics) harmonics of the force, N."""
         return np.stack([level.force for level in self.levels])
 
     @property
     def phase_error_rad(self) -> FloatArray:
-        """(n,) off quadrature, radians."""
+        """(n,) phase error from quadrature, radians."""
         return np.array([level.phase_error_rad for level in self.levels])
 
     @property
-    def invasiveness(self) -> FloatArray:
-        """(n,) rms of the control's harmonics above the first over its first."""
-        return np.array([level.invasiveness for level in self.levels])
-
-    @property
     def amplitude(self) -> FloatArray:
-        """(n, n_sensors) the part of the first harmonic that is in phase with the controlled sensor, m.
+        """(n, n_sensors) part of the first harmonic that is in phase with the controlled sensor, m.
 
         At resonance a mode lags the force by a quarter of a period; other motion is out of phase with it.
         """
@@ -175,12 +170,12 @@ class MeasuredCurve:
 
     @property
     def controlled_amplitude(self) -> FloatArray:
-        """(n,) first harmonic of the controlled sensor, m."""
+        """(n,) amplitude of the first harmonic of the controlled sensor, m."""
         return np.abs(self.harmonics[:, self.sensors.index(self.controlled_sensor), 0])
 
     @property
     def reason(self) -> str:
-        """Why the curve is incomplete: the reason of the first level that failed, "" if none did."""
+        """The reason why the curve is incomplete, that of the first level that failed; "" if none did."""
         return next((level.reason for level in self.levels if level.reason), "")
 
 
@@ -194,7 +189,7 @@ def quadrature_curve(
     harmonics: Sequence[int] = (1, 3, 5, 7),
     widest_fraction: float = 0.03,
 ) -> MeasuredCurve:
-    """Return the curve that single-point forcing tends to, by harmonic balance, without simulating a measurement.
+    """Return the curve to which single-point forcing tends, by harmonic balance, without simulating a measurement.
 
     A sensor may be in quadrature more than once. The curve begins at the linear quadrature that is nearest to the mode
     and keeps to its branch by secants over the amplitude, with steps between the levels where they need them.
@@ -203,31 +198,30 @@ def quadrature_curve(
 
         z_h + R_jj(h w) F_h(z) - R_jd(h w) f delta_h1 = 0,  Re X_s1 = 0,  |X_c1| = A
 
-    are solved for the extensions z of the joints, w and f at each amplitude A. The control has vanished and does not
-    appear.
+    are solved for the extensions z of the joints, w and f at each amplitude A. The control is zero and does not appear.
 
     Args:
-        specimen: the structure; its shaker is left out, the force acts directly.
+        specimen: the structure; its shaker is left out, and the force acts directly.
         mode: number of the mode, from 1.
-        sensor: whose quadrature is held.
-        controlled_sensor: whose amplitude is stepped up.
-        amplitude: (n,) of its first harmonic, m, growing.
-        harmonics: that are balanced, 1 among them; 0 and the even ones, too, where a law is not odd.
-        widest_fraction: how far the frequency may move from level to level, as a fraction of it.
+        sensor: the sensor whose quadrature is held.
+        controlled_sensor: the sensor whose amplitude grows from level to level.
+        amplitude: (n,) growing amplitudes of its first harmonic, m.
+        harmonics: harmonics that are balanced, 1 among them; 0 and the even ones, too, where a law is not odd.
+        widest_fraction: fraction by which the frequency may move from level to level.
 
     Raises:
         InputError: no such mode or sensor, amplitudes that are not positive and growing, harmonics without the first,
-            or a mode that the drive point or the controlled sensor does not move in.
+            or a mode in which the drive point or the controlled sensor does not move.
     """
-    wanted = growing_amplitudes(amplitude)
+    wanted = require_growing_amplitudes(amplitude)
     numbers = tuple(sorted({int(number) for number in harmonics}))
     if 1 not in numbers or numbers[0] < 0:
         raise InputError(f"harmonics are {tuple(harmonics)}: give whole numbers from 0 on, with 1 among them")
-    _, force_n = linear_start(specimen, mode, controlled_sensor)
+    _, force_n = solve_linear_start(specimen, mode, controlled_sensor)
     system = specimen.system
     columns = system.sensor(sensor), system.sensor(controlled_sensor)
     linear_hz = float(system.frequency_hz[system.index(mode)])
-    found = _linear_quadrature(specimen, linear_hz, columns[0], widest_fraction)
+    found = _find_linear_quadrature(specimen, linear_hz, columns[0], widest_fraction)
     balance = _Balance(specimen, numbers, columns, 0.0, found or linear_hz, force_n)
     branch = _Branch(0.0, balance.linear_motion())
     last, levels = 1.0, []
@@ -236,17 +230,18 @@ def quadrature_curve(
         branch, here = followed or branch, replace(balance, amplitude=a)
         _, ratio, force = here.unpack(branch.x)
         if followed is None or abs(ratio / last - 1.0) > widest_fraction or force <= 0.0:
-            reason = f"no quadrature at {sensor!r} within {widest_fraction:.0%} of {last * balance.frequency_hz:.3f} Hz"
-            levels.append(here.level(branch.x, numbers, reason))
+            near_hz = last * balance.frequency_hz
+            reason = f"{sensor!r} does not reach quadrature within {widest_fraction:.0%} of {near_hz:.3f} Hz"
+            levels.append(here.make_level(branch.x, numbers, reason))
             break
         last = ratio
-        levels.append(here.level(branch.x, numbers, ""))
+        levels.append(here.make_level(branch.x, numbers, ""))
     return MeasuredCurve(mode, sensor, controlled_sensor, system.sensors, tuple(levels))
 
 
 @dataclass(frozen=True, eq=False)
 class _Branch:
-    """A solution x at one amplitude, m, and how it changes with that, 1/m."""
+    """A solution x at one amplitude, m, and its slope over the amplitude, 1/m."""
 
     amplitude: float
     x: FloatArray
@@ -254,7 +249,7 @@ class _Branch:
 
 
 def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
-    """The solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
+    """Return the solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
     goal = amplitude
     while branch.amplitude < amplitude:
         step = goal - branch.amplitude
@@ -262,7 +257,7 @@ def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | N
         there = replace(balance, amplitude=goal)
         x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
         off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
-        # a sensor may have two quadratures close to each other: a solution far from the prediction is the other one
+        # A sensor may have two quadratures close to each other: a solution far from the prediction is the other one.
         if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
             branch, goal = _Branch(goal, x, (x - branch.x) / step), amplitude
         elif step > _LEAST_STEP * amplitude:
@@ -272,8 +267,8 @@ def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | N
     return branch
 
 
-def _linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_fraction: float) -> float | None:
-    """Frequency of quadrature of a sensor of the linear structure, the nearest to a mode's, Hz; None without one."""
+def _find_linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_fraction: float) -> float | None:
+    """Return the linear frequency of quadrature of a sensor, Hz, that is nearest to a mode; None without one."""
     system, shapes = specimen.system, specimen.system.at_sensors[column] * specimen.drive_row
 
     def in_phase(shift: ArrayLike) -> FloatArray:
@@ -291,7 +286,7 @@ def _linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest
     return linear_hz * (1.0 + float(optimize.brentq(in_phase, shifts[nearest], shifts[nearest + 1], xtol=1e-14)))
 
 
-def growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
+def require_growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
     """Return `amplitude` as an array (n,).
 
     Raises:
@@ -303,7 +298,7 @@ def growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
     return wanted
 
 
-def linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple[FloatArray, float]:
+def solve_linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple[FloatArray, float]:
     """Return the extension of each joint of `specimen` and the force, N, for 1 m at `controlled_sensor`, linearly.
 
     Raises:
@@ -313,7 +308,7 @@ def linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple
     row, drive = system.at_sensors[system.sensor(controlled_sensor), column], specimen.drive_row[column]
     eigenvalue = system.eigenvalue[column]
     if eigenvalue <= 0.0:
-        raise InputError(f"mode {mode} has {system.frequency_hz[column]:g} Hz: only an elastic mode resonates")
+        raise InputError(f"mode {mode} has {system.frequency_hz[column]:g} Hz: give the number of an elastic mode")
     largest = np.abs(system.at_sensors[:, column]).max()
     for name, value in ((controlled_sensor, row), (specimen.drive, drive)):
         if abs(value) <= 1e-9 * largest:
@@ -334,7 +329,7 @@ class _Balance:
     force_n_per_m: float
 
     def linear_motion(self) -> FloatArray:
-        """The unknowns for no amplitude, where nothing but the force moves the structure."""
+        """Return the unknowns in the limit of zero amplitude, where only the force moves the structure."""
         system, omega = self.specimen.system, 2.0 * np.pi * self.frequency_hz
         q = self.specimen.drive_row / (system.eigenvalue - omega**2 + 1j * omega * self.specimen.modal_damping)
         stiffness = 1.0 / abs(q @ system.at_sensors[self.columns[1]])
@@ -343,24 +338,24 @@ class _Balance:
         return np.concatenate([z.real.ravel(), z.imag.ravel(), [1.0, stiffness / self.force_n_per_m]])
 
     def unpack(self, x: FloatArray) -> tuple[ComplexArray, float, float]:
-        """Extensions (n_harmonics, n_joints) over the amplitude, frequency and force over their scales."""
+        """Return extensions (n_harmonics, n_joints) over the amplitude, frequency and force over their scales."""
         parts = x[:-2].reshape(2, len(self.numbers), -1)
         return parts[0] + 1j * parts[1], float(x[-2]), float(x[-1])
 
     def motion(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
-        """Misfit of the joints (n_harmonics, n_joints), sensors (n_harmonics, n_sensors), both over the amplitude."""
+        """Return the misfit of the joints (n_harmonics, n_joints) and the sensors (n_harmonics, n_sensors), over A."""
         z, ratio, force = self.unpack(x)
         system, specimen = self.specimen.system, self.specimen
         omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
-        held = self._joint_force(self.amplitude * z, omega[:, 0])
+        held = self._transform_joint_force(self.amplitude * z, omega[:, 0])
         modal = -held @ system.at_joints
         force *= self.force_n_per_m * self.amplitude
         modal[self.numbers.index(1)] += force * specimen.drive_row
         q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / self.amplitude
         return z - q @ system.at_joints.T, q @ system.at_sensors.T, force
 
-    def _joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
-        """Harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""
+    def _transform_joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
+        """Return harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""
         angle = np.outer(np.arange(_SAMPLES) * (2.0 * np.pi / _SAMPLES), self.numbers)
         wave = np.exp(1j * angle)
         extension, rate = (wave @ z).real, (wave @ (1j * omega[:, None] * z)).real
@@ -371,15 +366,15 @@ class _Balance:
         return np.asarray(weight[:, None] * (wave.conj().T @ force), dtype=np.complex128)
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """(n_unknowns,) all zero at quadrature."""
+        """Return the (n_unknowns,) values of the equations, all zero at quadrature."""
         misfit, sensors, _ = self.motion(x)
         first = sensors[self.numbers.index(1)]
         held, quadrature = np.abs(first[self.columns[1]]), first[self.columns[0]].real
         size = max(abs(first[self.columns[0]]), 1e-12)
         return np.concatenate([misfit.real.ravel(), misfit.imag.ravel(), [held - 1.0, quadrature / size]])
 
-    def level(self, x: FloatArray, numbers: tuple[int, ...], reason: str) -> ContinuationLevel:
-        """The record of a solution."""
+    def make_level(self, x: FloatArray, numbers: tuple[int, ...], reason: str) -> ContinuationLevel:
+        """Return the record of a solution."""
         _, sensors, force = self.motion(x)
         kept = max(numbers)
         displacement = np.zeros((sensors.shape[1], kept), dtype=complex)
@@ -388,17 +383,17 @@ class _Balance:
                 displacement[:, number - 1] = row
         forces = np.zeros(kept, dtype=complex)
         forces[0] = force
-        error = phase_error(forces[0], displacement[self.columns[0], 0])
+        error = find_quadrature_error(forces[0], displacement[self.columns[0], 0])
         frequency = self.frequency_hz * self.unpack(x)[1]
-        return ContinuationLevel(self.amplitude, frequency, forces, displacement, error, 0.0, not reason, 1, 0, reason)
+        return ContinuationLevel(frequency, forces, displacement, error, 0.0, not reason, 1, 0, reason)
 
 
-def phase_error(force: complex, displacement: complex) -> float:
-    """Return how far a displacement is off quadrature with a force, radians, within pi / 2 on either side.
+def find_quadrature_error(force: complex, displacement: complex) -> float:
+    """Return the phase of a displacement off quadrature with a force, radians, within pi / 2 on either side.
 
     It is positive below resonance. A sensor that moves against the drive point counts as one that moves with it.
 
-    >>> round(phase_error(1.0, 0.1 - 1j), 4)
+    >>> round(find_quadrature_error(1.0, 0.1 - 1j), 4)
     0.0997
     """
     ratio = force / displacement

@@ -33,19 +33,19 @@ __all__ = [
 
 
 class LawArrays(NamedTuple):
-    """Laws as the compiled functions take them: one table with the terms of all laws.
+    """Laws in the form that the compiled functions take: one table with the terms of all laws.
 
     Args:
         firsts: (n_laws + 1,) row at which each law begins and, at the end, the number of rows.
         codes: (n_terms,) code of each term, see `code_of`.
         values: (n_terms, 14) by columns:
             0 to 2: amplitude times `Term.loading`, and two inner values, 1 where there is none;
-            3 to 7: where the law rests, and there the force for unit amplitude and its derivatives by z and by both
-            inner values; all are 0 for a term with memory;
+            3 to 7: the rest position of the law, and there the force for unit amplitude and its derivatives by z and
+            by both inner values; all are 0 for a term with memory;
             8 and 9: the fourth inner value, 0 where there is none, and the third one, 1 where there is none;
-            10 to 13: `Term.loading` where the law rests, and the derivatives of its logarithm by that position and by
-            both inner values.
-        memories: (n_terms, 4) first memory of a term and their number; first state of a prediction that stands for them
+            10 to 13: `Term.loading` at rest, and the derivatives of its logarithm by that position and by both inner
+            values.
+        memories: (n_terms, 4) first memory of a term and their number; first state of a prediction that represents them
             and their number: one for each memory, or one for the mean of those that slip. The first memory is -1 where
             there is none. Faint terms have no states; their first memory is -2 - q, where q is its index among the
             memories of all faint terms.
@@ -63,7 +63,7 @@ class LawArrays(NamedTuple):
 
 
 def law_arrays(*laws: Law | TermSet) -> LawArrays:
-    """Return laws as the compiled functions take them.
+    """Return laws in the form that the compiled functions take.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> law_arrays(default_law("arctan_velocity")).values[:, :4].tolist()
@@ -81,7 +81,7 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
         values[row, 10:] = term.loading(rest_m)
         values[row, 0] *= values[row, 10]
         if term.kind.memory is None:
-            # a kind may divide zero by zero at rest before it replaces the result
+            # A kind may divide zero by zero at rest before it replaces the result.
             with np.errstate(all="ignore"):
                 shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
             values[row, 3:8] = rest_m, shape, by_z, first, second
@@ -96,7 +96,7 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
 
 
 def _elements(term: Term) -> list[FloatArray]:
-    """Rows of `LawArrays.elements`."""
+    """Return the rows of `LawArrays.elements` for a term."""
     kind, rows = term.kind, []
     for u, weight in zip(kind.elements, kind.weights, strict=True):
         slopes = (0.0, 0.0, 0.0, 0.0)
@@ -131,34 +131,34 @@ def predictor(
     Args:
         joints: stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law
             (n_interfaces, 4); rows, codes, number of inner values, and the other fields of `LawArrays`.
-        accelerance: (n_interfaces, n_interfaces), 1/kg.
-        drive: (2 n - 1, n_interfaces), m/s^2.
-        measured: (n, n_interfaces), m/s^2.
-        step_s: s.
-        covariance_start: (n_states, n_states).
-        noise: (7, n_interfaces) see `opid.mechanics.driven.Noise.table`.
+        accelerance: (n_interfaces, n_interfaces) accelerance, 1/kg.
+        drive: (2 n - 1, n_interfaces) accelerations below the suspensions at half steps, m/s^2.
+        measured: (n, n_interfaces) readings on the body, m/s^2.
+        step_s: time step, s.
+        covariance_start: (n_states, n_states) covariance of the start state.
+        noise: (7, n_interfaces) noise, see `opid.mechanics.driven.Noise.table`.
         ground: whether d and e are states.
-        sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
-        reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg; the
+        sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); otherwise there are none.
+        reading: (n_interfaces, n_interfaces) reading of the sensor of the row for a unit force on the column, 1/kg; the
             accelerance where left out.
         by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance; none where left out.
         by_reading: (n_directions, n_interfaces, n_interfaces) the same directions of the reading; `by_mass` where left
             out.
         by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive; none where left out.
-        by_measured: (n, n_directions, n_interfaces) directions of the measured; none where left out.
+        by_measured: (n, n_directions, n_interfaces) directions of the readings; none where left out.
     """
     n = drive.shape[1]
     reading = accelerance if reading is None else reading
     by_mass = np.zeros((0, n, n)) if by_mass is None else by_mass
     by_reading = by_mass if by_reading is None else by_reading
-    # directions stand last, because the innermost loops go over them
+    # The directions are the last axis, because the innermost loops go over them.
     of_mass, of_reading = (np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading))
     by_drive = np.zeros((len(drive), 0, n)) if by_drive is None else by_drive
     by_measured = np.zeros((len(measured), 0, n)) if by_measured is None else by_measured
-    # there is nothing to correct where the state is certain and nothing disturbs it
+    # A correction is not needed where the state is certain and undisturbed.
     correct = bool(covariance_start.any() or noise[[0, 2, 3, 4, 5]].any())
     unmeasured = bool(noise[5].any())
-    # the kernel orders its states as z, v, what the laws remember, both offsets, [d, e], [w]
+    # The kernel orders its states as z, v, the memories of the laws, both offsets, [d, e], [w].
     n_start = len(covariance_start)
     order = np.arange(n_start).reshape(-1, n)
     offsets = order[[4, 5, 2, 3]] if ground else order[2:]
@@ -171,12 +171,12 @@ def predictor(
     covariance[n_given:, n_given:] = np.diag(noise[5, : n * unmeasured] ** 2)
     of_memory = np.arange(2 * n, 2 * n + memory_start.size)
     covariance[of_memory, of_memory] = memory_start**2 if correct else 0.0
-    # the kernel for one interface has room for few states
+    # The kernel for one interface has room for few states.
     single = n == 1 and memory_start.size <= 1 and not (ground and unmeasured)
     begun = into[:, : n_start - 2 * n].copy()
 
     def predictions(start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        # for None, unlike 1 or False, numba compiles a kernel of its own without the code for the other case
+        # For None, unlike 1 or False, numba compiles a kernel of its own without the code for the other case.
         innovation, spread, changes, motion = _predictions(
             None if single else n,
             (0.0,) * memory_start.size if single else (),
@@ -185,7 +185,7 @@ def predictor(
             joints, accelerance, of_mass, reading, of_reading, drive, by_drive, measured, by_measured,
             step_s, into @ start, begun, covariance, noise, correct, sensitivity,
         )  # fmt: skip
-        # samples come first in the kernel: rows of a whole record, a power of two apart, would share few cache lines
+        # Samples come first in the kernel: rows of a whole record, a power of two apart, would fall on few cache lines.
         return innovation, spread, changes.transpose(1, 2, 0), motion
 
     return predictions
@@ -207,10 +207,11 @@ def check_compiles(kind: Kind) -> None:
     try:
         values = njit(kind.function, error_model="numpy")(0.001, 0.02, 1.0, 1.0)
     except NumbaError as error:
-        # the first line of the message only names the step that failed
+        # The first line of the message only names the step that failed.
         reason = [*str(error).splitlines(), ""][1].strip()
         raise InputError(
-            f"numba cannot compile the function of {kind.name!r} ({reason}): write it with numpy alone, no helpers"
+            f"numba cannot compile the function of {kind.name!r} ({reason}): write it with numpy alone, without calls "
+            "of other functions"
         ) from None
     if len(values) != 5:
         raise InputError(f"the function of {kind.name!r} returns {len(values)} values: give five")

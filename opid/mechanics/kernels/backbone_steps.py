@@ -15,13 +15,13 @@ _MOST_HALVINGS = 8
 # farther off may be on another branch, and smaller steps are taken
 _FARTHEST = 0.05
 _FARTHEST_EXTENSION = 0.2
-# keeps powers of |z| finite at z = 0
+# least |z| of powers of |z|, which stay finite at z = 0
 _LEAST_TRAVEL = 1e-30
 
 
 @part(inline=False)
 def _power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
-    """First harmonic of sums of c |z|^(p-1) z for one harmonic: c beta_p |z|^(p-1) z, and its slope."""
+    """Compute the first harmonic of sums of c |z|^(p-1) z for one harmonic: c beta_p |z|^(p-1) z, and its slope."""
     first_rows, last_rows, _, powers, values, factors = law
     for j in range(force.shape[1]):
         travel = abs(z[j])
@@ -87,7 +87,7 @@ def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: igno
 
 @part(inline=False)
 def _transformed_forces(law, sample, transform, z, force, slope, work):  # type: ignore[no-untyped-def]
-    """Harmonics of the forces, and their slopes by the harmonics of the extensions, from times of a period."""
+    """Compute harmonics of forces, and their slopes by harmonics of the extensions, from times of a period."""
     first_rows, last_rows, codes, powers, values, _ = law
     cosines, weights, products = transform
     motion, force_then, slope_then = work
@@ -108,7 +108,7 @@ def _transformed_forces(law, sample, transform, z, force, slope, work):  # type:
 
 @part(inline=False)
 def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[no-untyped-def]
-    """Sums over modes of products / (l_i - h^2 l), and of products / (l_i - h^2 l)^2."""
+    """Compute sums over modes of products / (l_i - h^2 l), and of products / (l_i - h^2 l)^2."""
     for c in range(once.size):
         once[c] = 0.0
         twice[c] = 0.0
@@ -122,7 +122,7 @@ def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[
 
 @part(inline=False)
 def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  # type: ignore[no-untyped-def]
-    """Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
+    """Fill Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
 
     The sensor's equation replaces the coordinate of the target mode, q = (A + r F_1) / phi_m(a) with
     r = sum phi_i(a) psi_i / (l_i - l), so the equations are regular at its resonance.
@@ -162,7 +162,7 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
                 by_force = (own[0] / at - 1.0) * once[n_joints * n_joints + i] / own[1] + own_joints[i] / at
                 for other in range(n_harmonics):
                     matrix[n - 1, other * n_joints + i] = by_force * slope[i, k, other]
-            # division by the eigenvalue makes all rows of similar size
+            # Division by the eigenvalue makes all rows of similar size.
             matrix[n - 1, n] = (own[0] / at - 1.0) * seen / own[1] + pushed / at
             matrix[n - 1, n - 1] = (-seen / at + (own[0] / at - 1.0) * seen_slope) / own[1]
 
@@ -203,7 +203,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
     for k in range(n - 1):
         moved[k] = 0.0
     for _ in range(_MOST_ITERATIONS):
-        # the closed form needs no times of a period
+        # The closed form needs no times of a period.
         if work[0].size == 0:
             _power_forces(law, sample, y, force, slope)
         else:
@@ -215,7 +215,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
                     for other in range(force.shape[0]):
                         slope[j, k, other] *= fraction
         if done:
-            # the first harmonic alone counts, because an interaction may change the others abruptly
+            # Only the first harmonic counts, because an interaction may change the others abruptly.
             farthest, size = 0.0, 0.0
             for k in range(n - 1):
                 if harmonics[k // force.shape[1]] == 1:
@@ -233,7 +233,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
             step = max(step, abs(matrix[k, n]))
             size = max(size, abs(y[k]))
         y[n - 1] -= matrix[n - 1, n]
-        # in this form the comparison fails for nan
+        # In this form the comparison fails for nan.
         if not abs(y[n - 1] - predicted) < abs(predicted):
             return False
         done = step <= _SMALL_STEP * size and abs(matrix[n - 1, n]) <= _SMALL_STEP * y[n - 1]
@@ -285,9 +285,9 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
     last, n_trial, halvings = positions[0], n_known, 0
     step = goal - last
     while last < goal:
-        # the last step ends on the goal itself
+        # The last step ends on the goal itself.
         target = goal if last + step >= goal * (1.0 - 1e-12) else last + step
-        # an extrapolation from close points does not reach far
+        # An extrapolation from close points does not reach far.
         near = target - last <= last - trial_positions[n_trial - 1]
         amplitude, fraction = (target, 1.0) if held == 0.0 else (held, target)
         _predict(trial_positions, trial_ratios, n_trial if near else 1, target, amplitude, y)
@@ -308,7 +308,7 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
 
 @part(inline=False)
 def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[no-untyped-def]
-    """First harmonic at all sensors."""
+    """Compute the first harmonic at all sensors."""
     own, _, others, _, _, _ = system
     own_sensors, others_sensors, others_joints, at_sensor = sensors
     n_joints = force.shape[1]
@@ -330,7 +330,7 @@ def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[
 
 @kernel()
 def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: ignore[no-untyped-def]
-    """Eigenvalue, shapes and extensions (harmonic by harmonic) of all samples at all amplitudes, which grow."""
+    """Return eigenvalue, shapes and extensions (harmonic by harmonic) of all samples at all growing amplitudes."""
     own, own_joints, _, others_products, _, _ = system
     n_samples, n_points, n_joints = law[4].shape[0], amplitudes.size, own_joints.size
     n_harmonics, n_times = transform[0].shape
@@ -353,8 +353,8 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
         begun = False
         for point in range(n_points):
             amplitude, reached = amplitudes[point], 0
-            # the second method, by fractions of the law, is for laws that are stiff at rest, whose curve does not begin
-            # in the linear mode
+            # The second method, by fractions of the law, is for laws that are stiff at rest, whose curve does not begin
+            # in the linear mode.
             for method in range(1 if begun else 2):
                 if not begun:
                     n_known = 1

@@ -1,11 +1,11 @@
-"""How numba compiles: the decorators of kernels and their parts, the choice among kinds of law, and small arrays.
+"""Compilation by numba: the decorators of kernels and their parts, the choice among kinds of law, and small arrays.
 
 numba keeps the machine code of a kernel on disk and makes it anew when the file of the kernel changes, but not when
 another file changes whose functions are compiled into it. The name under which the code is kept therefore holds a
-digest of all sources that kernels are made of: other sources give another name.
+digest of all sources of the kernels: other sources give another name.
 
 A built-in kind of law has the code of its index in `BUILT_IN` and is compiled into the kernels. A user's own kind is
-compiled alone, and its code is the address of what was compiled: no kernel is compiled anew for it.
+compiled alone, and its code is the address of the compiled function: no kernel is compiled anew for it.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from opid.mechanics.laws import kind, kinds, memory_kinds
 from opid.mechanics.laws.kinds import BUILT_IN, LAWS, Kind
 
 Freedom = Literal["none", "fused", "any order"]
-# what LLVM may do with sums and products, in its own words
+# freedom of LLVM with sums and products, in its own words
 _FLAGS: dict[Freedom, Any] = {"none": False, "fused": {"contract"}, "any order": {"reassoc", "nsz", "contract"}}
-# Any: the functions it decorates take one argument less than they state
+# The type is Any, because the decorated functions take one argument less than they state.
 _intrinsic: Any = extending.intrinsic
 _NUMBER = types.float64
 _CODES = {kind.name: code for code, kind in enumerate(BUILT_IN)}
@@ -40,11 +40,11 @@ def part(*, inline: bool, freedom: Freedom = "none") -> Callable[[Callable[..., 
     Args:
         inline: whether its code replaces each call. A call with many arrays takes longer than a short function does; a
             long function that is inlined at several places takes longer to compile.
-        freedom: what the compiler may change in the arithmetic: "none"; "fused", a product and a sum in one
+        freedom: changes that the compiler may make in the arithmetic: "none"; "fused", a product and a sum in one
             instruction, rounded once; "any order", in addition sums in any order, so that it takes several numbers at
             once.
     """
-    # Python never calls a part, and numba's wrappers for such calls would lengthen the compilation
+    # Python never calls a part, and numba's wrappers for such calls would lengthen the compilation.
     no_wrappers: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(error_model="numpy", fastmath=_FLAGS[freedom], forceinline=inline, **no_wrappers)
 
@@ -61,7 +61,7 @@ def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
 
 @cache
 def _digest() -> str:
-    """Short digest of the kinds of law and of all files in this folder."""
+    """Return a short digest of the kinds of law and of all files in this folder."""
     of_kinds = [Path(str(module.__file__)) for module in (kind, kinds, memory_kinds)]
     sources = [*of_kinds, *sorted(Path(__file__).parent.glob("*.py"))]
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:12]
@@ -94,9 +94,9 @@ def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
     """Compile a call of the kind with this code: (code, z, v, a, b) -> force for unit amplitude and its derivatives.
 
     Args:
-        code: see `code_of`.
+        code: code of the kind, see `code_of`.
         z: extension, m.
-        v: its rate, m/s.
+        v: rate of the extension, m/s.
         a: first inner value.
         b: second inner value.
     """
@@ -109,8 +109,8 @@ def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: A
     """Compile a call of the kind with memory of this code: (code, h, v, a, b, c, u) -> h', by h, v, a, b, c.
 
     Args:
-        code: see `code_of`, of a built-in kind with memory.
-        h: what the kind remembers.
+        code: code of a built-in kind with memory, see `code_of`.
+        h: memory of the kind.
         v: rate of the extension, m/s.
         a: first inner value.
         b: second inner value.
@@ -122,7 +122,7 @@ def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: A
 
 
 def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n_in: int, n_out: int) -> Any:
-    """Signature and code of a call of one of several functions of numbers, chosen by its key.
+    """Return signature and code of a call of one of several functions of numbers, chosen by its key.
 
     Compiled code cannot index a tuple of functions, so the choice is written in the language of LLVM: one branch for
     each function, and one for an address.
@@ -176,8 +176,8 @@ def small_zeros(_: Any, several: Any, remembered: Any, shape: Any) -> Any:
     Args:
         several: the number of interfaces, or None for one.
         remembered: a tuple with a number for each memory of one interface.
-        shape: tuple of whole numbers. For one interface with m memories the largest have 6 + m states by as many, or
-            what m memories do at five stages, 40 m.
+        shape: tuple of whole numbers. For one interface with m memories the largest have (6 + m)^2 numbers, or 40 m
+            numbers of m memories at five stages.
     """
     array = types.Array(types.float64, len(shape), "C")
 

@@ -51,8 +51,8 @@ from opid.mechanics.kernels.steps import (
     _sum_of_held,
 )
 
-# largest decay of a memory in a step, as its rate times the step; from 2.8 on the steps would grow without bound. So
-# fast a memory has nearly reached its end; after a reversal, where it matters, velocity and decay are small
+# largest decay of a memory in a step, as its rate times the step; from 2.8 on the steps would grow without bound. Such
+# a fast memory has nearly reached its end; after a reversal, where it matters, velocity and decay are small
 _MOST_DECAY = 2.0
 # largest number of steps in a sample: a memory that needs more is nearly a jump, which static laws describe
 _MOST_STEPS = 30
@@ -60,7 +60,7 @@ _MOST_STEPS = 30
 
 @part(inline=True)
 def _interpolate(given, start, begin, end, out):  # type: ignore[no-untyped-def]
-    """Values of the parabola through three half steps, at the beginning, middle and end of a part of the step."""
+    """Compute values of the parabola through three half steps, at the beginning, middle and end of a part of it."""
     for row in range(3):
         t = begin + 0.5 * row * (end - begin)
         first, middle, last = (2.0 * t - 1.0) * (t - 1.0), 4.0 * t * (1.0 - t), t * (2.0 * t - 1.0)
@@ -89,7 +89,7 @@ def _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, 
 
 @part(inline=False)
 def _look_ahead(joints, travels, pulled, held, at_end):  # type: ignore[no-untyped-def]
-    """Mean h' / v of the elements that stick where a step ends, and the part of `held` that still sticks."""
+    """Compute the mean h' / v of elements that stick at the end of a step, and the part of `held` that still sticks."""
     firsts, memories, elements = joints[1], joints[5], joints[6]
     for i in range(firsts.size - 1):
         for term in range(firsts[i], firsts[i + 1]):
@@ -151,7 +151,7 @@ def _predictions(  # type: ignore[no-untyped-def]
         state[s] = start[s]
         for q in range(n_states):
             covariance[s, q] = covariance_start[s, q]
-    # the compiler takes blocks of columns at once; unused columns fill up the last block
+    # The compiler takes blocks of columns at once; unused columns fill up the last block.
     width = (n_parameters + 15) // 16 * 16
     moving, carried = np.zeros((n_moving, width)), np.zeros((n_moving, width))
     resting = np.zeros((n_states - n_moving, width))
@@ -232,7 +232,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             if step == 0:
                 _followed_forces(joints, i, owns[i] + 4, 2, seen, state[n + i], followed, by_own)
             else:
-                # the last stage of the step before was here
+                # The last stage of the step before was at this state.
                 _copy_followed(joints, i, owns[i] + 4, 3, seen, by_own)
         for i in range(n):
             body = 0.0
@@ -308,7 +308,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             for q in range(n_moving - 2 * n):
                 quickest = max(quickest, np.abs(evolution[seen, q, 1]))
             needed = quickest * step_s / _MOST_DECAY
-            # in this form nan gives the largest number
+            # In this form nan gives the largest number.
             n_steps = 1 + int(needed) if needed < _MOST_STEPS else _MOST_STEPS
         part_s = step_s / n_steps
         for i in range(n if unmeasured else 0):
@@ -365,7 +365,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                         relative += (1.0 - ends + ends * decay[i]) * state[n_states - n + i]
                     for k in range(n):
                         relative -= accelerance[i, k] * force[stage, k]
-                    # z before v, and d before e, because the rate of the first is the second at this stage
+                    # z comes before v, and d before e, because the rate of the first is the second at this stage.
                     following[0, i] += weight * here[1, i]
                     here[0, i] = state[i] + ahead * here[1, i]
                     following[1, i] += weight * relative
@@ -397,7 +397,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                     for half, stage in ((0, 0), (1, 1), (2, 3)):
                         v = pace[0, i] + 0.5 * half * (pace[1, i] - pace[0, i])
                         _followed_forces(joints, i, owns[i] + 4, half, stage, v, followed, by_own)
-                    # both stages in the middle have the same memories
+                    # Both stages in the middle have the same memories.
                     _copy_followed(joints, i, owns[i] + 4, 1, 2, by_own)
                 for q in range(n_followed if piece < n_steps - 1 else 0):
                     for k in range(4):
@@ -417,7 +417,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                 for row in range(n_moving):
                     for p in range(width):
                         carried[row, p] = 0.0
-                    # the step transforms the correction of z, v and h; the others keep theirs
+                    # The step transforms the correction of z, v and h; the other states keep theirs.
                     for i in range(n if is_first else 0):
                         coefficient = _dot_of_rows(transition, row, gain, i)
                         for p in range(width):

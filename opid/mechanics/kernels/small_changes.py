@@ -1,4 +1,4 @@
-"""What a step of a prediction does to small changes of its state: to derivatives by parameters and to the covariance.
+"""The effect of a step of a prediction on small changes of its state: derivatives by parameters, and the covariance.
 
 The state is that of `opid.mechanics.kernels.prediction_steps`. A small change y of (z, v, h) obeys
 y' = J_s y + (0, c_s, 0) at stage s of a step of the length t,
@@ -27,7 +27,7 @@ from opid.mechanics.kernels.steps import _STAGE_STEP, _STAGE_WEIGHT
 def _step_matrices(  # type: ignore[no-untyped-def]
     accelerance, by_z, by_v, evolution, owners, step_s, of_acceleration, of_force, of_memory, transition, work
 ):
-    """T, and what a body acceleration, a joint force or a rate of a memory at a stage does to (z, v, h) after the step.
+    """Make T, and the effect of a body acceleration, joint force or memory rate at a stage on (z, v, h) after the step.
 
     The latter are L_s (0, 1, 0), L_s (0, -A, 0) and L_s (0, 0, 1), made from the last stage to the first, one row of
     L_s J_s in `work` at a time.
@@ -61,7 +61,7 @@ def _step_matrices(  # type: ignore[no-untyped-def]
 
 @part(inline=False, freedom="fused")
 def _slip(joints, evolution, at_end, of_acceleration, of_force, transition):  # type: ignore[no-untyped-def]
-    """Add to these matrices what slipping elements do: their mean h is a state that moves with z.
+    """Add the effect of slipping elements to these matrices: their mean h is a state that moves with z.
 
     At a stage h follows from its value at the beginning and the travel since then, dh_s = r_s dh + T_s (dz_s - dz).
     `_step_matrices` took A T_s as a slope of the force, and A r_s as its derivative by h. `at_end` has T and r where
@@ -93,7 +93,7 @@ def _slip(joints, evolution, at_end, of_acceleration, of_force, transition):  # 
 
 @part(inline=False, freedom="fused")
 def _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carried):  # type: ignore[no-untyped-def]
-    """Add to `carried` how elements that slip at a stage differ from their mean; `moved` has their derivatives."""
+    """Add to `carried` the difference of elements that slip at a stage from their mean; `moved` has derivatives."""
     _, firsts, _, _, values, memories, elements, _ = joints
     for i in range(n):
         for term in range(firsts[i], firsts[i + 1]):
@@ -138,7 +138,7 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
                         for p in range(width):
                             carried[row, p] += elements[e, 6] * moved[e, p]
                     else:
-                        # an element that slips does not depend on where it was
+                        # An element that slips does not depend on its position before.
                         for p in range(width):
                             moved[e, p] = 0.0
                 for p in range(width):
@@ -150,9 +150,9 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
 def _by_offset_and_ground(  # type: ignore[no-untyped-def]
     linear, of_acceleration, of_force, step_s, ground, unmeasured, decay, transition, of_drive, of_push
 ):
-    """What the drive at each half step does to (z, v, h), directly and through d; the columns of o, d, e and w of T.
+    """Make the effect of the drive at each half step on (z, v, h), directly and through d; and columns o, d, e, w of T.
 
-    `of_push` is what a push of w does that grows from zero at the beginning of the step to its full size at the end.
+    `of_push` is the effect of a push of w that grows from zero at the beginning of the step to its end.
     """
     n, n_moving = linear.shape[0], transition.shape[0]
     n_states = transition.shape[1]
@@ -188,7 +188,7 @@ def _dot_of_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
 
 @part(inline=True, freedom="fused")
 def _carry(n, transition, ground, unmeasured, moving, resting, carried):  # type: ignore[no-untyped-def]
-    """Add rows z, v and h of Phi times columns to `carried`; `moving` has these rows of them, `resting` the rest."""
+    """Add rows z, v and h of Phi times columns to `carried`; `moving` has these rows, `resting` the other rows."""
     n_moving, n_states = transition.shape
     for row in range(n_moving):
         for i in range(n):
@@ -224,7 +224,7 @@ def _carry_ground(step_s, n, resting):  # type: ignore[no-untyped-def]
 
 @part(inline=True, freedom="fused")
 def _push(owns, start, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried):  # type: ignore[no-untyped-def]
-    """Add to `carried` what the parameters themselves do to z, v and h in a step whose drive begins at `start`."""
+    """Add to `carried` the effect of the parameters on z, v and h in a step whose drive begins at `start`."""
     n, n_own, n_mass, n_drive = force.shape[1], by_own.shape[1], by_mass.shape[2], by_drive.shape[1]
     for row in range(carried.shape[0]):
         for i in range(n):
@@ -256,7 +256,7 @@ def _push(owns, start, by_mass, by_drive, force, by_own, of_acceleration, of_for
 
 @part(inline=True, freedom="fused")
 def _push_memories(joints, owns, evolution, of_memory, carried):  # type: ignore[no-untyped-def]
-    """Add what the inner parameters of terms with memory do to the memories in a step."""
+    """Add the effect of the inner parameters of terms with memory on the memories in a step."""
     _, firsts, _, n_inner, _, memories, _, _ = joints
     for i in range(firsts.size - 1):
         column = owns[i] + 4
@@ -271,7 +271,7 @@ def _push_memories(joints, owns, evolution, of_memory, carried):  # type: ignore
 
 @part(inline=True, freedom="fused")
 def _push_ground(start, step_s, first_drive, by_drive, resting):  # type: ignore[no-untyped-def]
-    """Add what directions of the drive do to d and e in a step whose drive begins at `start`."""
+    """Add the effect of directions of the drive on d and e in a step whose drive begins at `start`."""
     n = by_drive.shape[2]
     for c in range(by_drive.shape[1]):
         for i in range(n):
@@ -282,7 +282,7 @@ def _push_ground(start, step_s, first_drive, by_drive, resting):  # type: ignore
 
 @part(inline=True, freedom="fused")
 def _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
-    """Gain K of the white innovation, lower Cholesky factor of the covariance of the raw one, and P - K K'."""
+    """Compute the gain K of the white innovation, the lower Cholesky factor of its raw covariance, and P - K K'."""
     n, n_states = by_state.shape
     for i in range(n):
         for s in range(n_states):
@@ -343,7 +343,7 @@ def _balance(step_s, tied, transition):  # type: ignore[no-untyped-def]
 def _carry_covariance(  # type: ignore[no-untyped-def]
     transition, step_s, n_steps, ground, unmeasured, decay, of_push, noise, tied, covariance, product
 ):
-    """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step, noise of the motion not on d.
+    """Compute P = Phi P Phi' + Q; noise of the drive acts like an offset for a step, that of the motion not on d.
 
     In each of the n steps from one sample to the next an offset walks by an n-th of its variance, and white noise of
     the same density has n times its variance.

@@ -18,7 +18,7 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
 
 @part(inline=True)
 def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ignore[no-untyped-def]
-    """Force of the terms of a law, and decay of the quickest memory, 1/s; the rates of memories go to `rates`."""
+    """Return the force of a law and the decay of its quickest memory, 1/s; the rates of memories go to `rates`."""
     codes, values, memories, elements = law_table
     total, quickest = 0.0, 0.0
     for row in range(first, last):
@@ -37,14 +37,14 @@ def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ig
 
 @part(inline=True)
 def _confine(h, limit):  # type: ignore[no-untyped-def]
-    # these comparisons leave nan as nan
+    # These comparisons leave nan as nan.
     h = limit if h > limit else h
     return -limit if h < -limit else h
 
 
 @part(inline=True, freedom="any order")
 def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
-    """Force of Jenkins elements, whose sliders do not move within a step."""
+    """Return the force of Jenkins elements, whose sliders do not move within a step."""
     total = 0.0
     begin = max(0, first)
     for k in range(last - first):
@@ -55,7 +55,7 @@ def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untype
 
 @part(inline=True)
 def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
-    """Drag along the sliders whose springs carry more than they can."""
+    """Drag along the sliders whose springs would carry more than the slip force."""
     directions, spans, _, _, _, sliders = joints
     for joint in range(directions.shape[0]):
         begin, n = max(0, spans[joint, 4]), spans[joint, 5] - spans[joint, 4]
@@ -72,7 +72,7 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
 @part(inline=True, freedom="any order")
 def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     total = 0.0
-    # max and counting from 0 show the compiler that no index is negative, so that it takes several numbers at once
+    # Counting from 0 and max show the compiler that no index is negative, so that it takes several numbers at once.
     begin = max(0, first)
     for k in range(last - first):
         total += matrix[row, begin + k] * x[begin + k]
@@ -90,7 +90,7 @@ def _dot_of_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-
 
 @part(inline=True)
 def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-def]
-    """out = inputs forces, at one half step."""
+    """Compute out = inputs forces at one half step."""
     for i in range(out.size):
         total = 0.0
         for k in range(spans[i, 2], spans[i, 3]):
@@ -100,7 +100,7 @@ def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-de
 
 @part(inline=True)
 def _accelerate(matrices, joints, drive, positions, memory, x, v, out, rates):  # type: ignore[no-untyped-def]
-    """out = drive - stiffness x - damping v - sum_j loads_j (K_j z + C_j w + f_j(z, w) + sliders_j), z = d_j x.
+    """Compute out = drive - stiffness x - damping v - sum_j loads_j (K_j z + C_j w + f_j(z, w) + sliders_j), z = d_j x.
 
     Each row of a matrix counts only between its first and its last nonzero (`spans`). The rates of memories go to
     `rates`, and the decay of the quickest one is returned.
@@ -132,7 +132,7 @@ _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
 
 @kernel()
 def structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0, memory0):  # type: ignore[no-untyped-def]
-    """Displacement, velocity and acceleration at each sample, (n, n_dof) each, and the state after the last.
+    """Return displacement, velocity and acceleration at each sample, (n, n_dof) each, and the state after the last.
 
     `matrices` and `joints` are those of `opid.mechanics.response.Assembled`, `forces` stand at half steps. The state
     is the sliders' positions and what the laws remember; the last value is how fast the quickest memory decayed, 1/s.
@@ -157,7 +157,7 @@ def structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, 
         for q in range(memory.size):
             h_begin[q] = h_next[q] = memory[q]
         sample = step // steps_per_sample
-        # the last sample takes no step and needs its acceleration alone
+        # The last sample takes no step and only needs its acceleration.
         for stage in range(4 if step < n_steps else 1):
             if stage == 1 or stage == 3:
                 _drive(inputs, spans, forces, 2 * step + _STAGE_PLACE[stage], drive)
@@ -189,9 +189,9 @@ def structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, 
 
 @part(inline=True)
 def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
-    """Force of joint i without its terms with memory, k z + c v + f(z, v) + g x, and its slopes by z and v.
+    """Return the force of joint i without its terms with memory, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
-    Its derivatives by its own parameters (k, c, g, where its law rests, those of the law) go to by_own[stage] from
+    Its derivatives by its own parameters (k, c, g, rest position, those of the law) go to by_own[stage] from
     `column` on; the column after them is returned, too.
     """
     linear, firsts, codes, n_inner, values, memories, _, _ = joints
@@ -321,7 +321,7 @@ def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by
 
 @part(inline=False)
 def _places(joints):  # type: ignore[no-untyped-def]
-    """First column of the parameters of each interface (k, c, g, where its law rests, those of the law)."""
+    """Return the first column of the parameters of each interface (k, c, g, rest position, those of the law)."""
     _, firsts, _, n_inner, _, _, _, _ = joints
     owns = np.zeros(firsts.size, np.int64)
     for i in range(firsts.size - 1):
@@ -345,7 +345,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
             for q in range(begin, begin + (memories[row, 1] if begin >= 0 else 0)):
                 u, limit = elements[q, 0], elements[q, 1]
                 for half in range(2 if limit < np.inf else 0):
-                    # until it slips h moves with the travel
+                    # Until it slips, h moves with the travel.
                     travel = 0.5 * step_s * (v_begin[i] + (0.25 + 0.5 * half) * (v_end[i] - v_begin[i]))
                     free = followed[half, q, 0] + elements[q, 2] * travel
                     followed[half + 1, q, 0] = _confine(free, limit)
@@ -368,7 +368,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
                             rate, _, _, _, _, _ = evolve(codes[row], h, v, a, b, c, u)
                         rate, by_h, _, by_a, by_b, by_c = evolve(codes[row], h + 0.5 * part_s * rate, v, a, b, c, u)
                         h += part_s * rate
-                        # an implicit step stays stable for any decay
+                        # An implicit step stays stable for any decay.
                         fading = 0.5 * part_s * by_h
                         for column, by_value in enumerate((by_a, by_b, by_c)):
                             before = followed[then, q, 1 + column] * (1.0 + fading)
@@ -378,7 +378,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
 
 @part(inline=True)
 def _followed_forces(joints, i, column, half, stage, v, followed, by_own):  # type: ignore[no-untyped-def]
-    """Derivatives of the force of joint i by the parameters of its faint terms with memory, at a stage of a step."""
+    """Compute derivatives of the force of joint i by parameters of its faint terms with memory, at a stage."""
     _, firsts, codes, n_inner, values, memories, _, elements = joints
     for row in range(firsts[i], firsts[i + 1]):
         begin, count, lag = -2 - memories[row, 0], memories[row, 1], values[row, 8]
@@ -387,7 +387,7 @@ def _followed_forces(joints, i, column, half, stage, v, followed, by_own):  # ty
         for q in range(begin, begin + (count if begin >= 0 else 0)):
             h, amplitude = followed[half, q, 0], values[row, 0] * elements[q, 6]
             rate, by_h, by_a, by_b, by_c = 0.0, 0.0, 0.0, 0.0, 0.0
-            # the force of what slips has no lag
+            # The force of elements that slip has no lag.
             if elements[q, 1] == np.inf:
                 rate, by_h, _, by_a, by_b, by_c = evolve(
                     codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
@@ -415,7 +415,7 @@ def _copy_followed(joints, i, column, before, stage, by_own):  # type: ignore[no
 
 @part(inline=False)
 def _owners(joints):  # type: ignore[no-untyped-def]
-    """The interface that each state of a memory belongs to."""
+    """Return the interface to which each state of a memory belongs."""
     firsts, memories = joints[1], joints[5]
     owners = np.zeros(memories[:, 3].sum(), np.int64)
     for i in range(firsts.size - 1):
@@ -427,7 +427,7 @@ def _owners(joints):  # type: ignore[no-untyped-def]
 
 @kernel()
 def remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
-    """Derivatives of the force of one joint, all of whose terms are faint, along a motion: (n, n_own)."""
+    """Return derivatives of the force of one joint, all of whose terms are faint, along a motion: (n, n_own)."""
     n_followed, n_own = len(joints[7]), _places(joints)[1]
     followed, by_own, pace = np.zeros((3, n_followed, 4)), np.zeros((1, n_own)), np.zeros((2, 1))
     found = np.empty((v.size, n_own))

@@ -1,4 +1,4 @@
-"""What a kind of restoring-force law is: a force for unit amplitude, its parameters, and how it may be used."""
+"""A kind of restoring-force law: a force for unit amplitude, its parameters, and its use."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal
 ForceAndDerivatives = tuple[Any, Any, Any, Any, Any]
 RateAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
 
-# keeps log(|z|) and |z|^(n-1) finite at z = 0
+# least |z| in log(|z|) and |z|^(n-1), which stay finite at z = 0
 TINY = 1e-30
 
 Values = tuple[float, ...]
@@ -47,29 +47,28 @@ class Kind:
     Args:
         name: the name in files, options and results.
         latex: the force as a formula, with r"\\dot z" for the rate.
-        parameters: the amplitude first, then at most two inner ones, a and b; four with a memory.
-        function: (z, v, a, b) -> the force for unit amplitude and its derivatives by z, v, a and b. It is pure and
-            written with numpy, works on arrays and, compiled by numba, on numbers. A parameter that the kind does not
-            have is passed all the same, and its derivative is 0.0. Squares and products are twenty times faster than
-            z**3.
+        parameters: the amplitude first, then at most two inner parameters, a and b; four with a memory.
+        function: function (z, v, a, b) -> the force for unit amplitude and its derivatives by z, v, a and b. It is pure
+            and written with numpy, works on arrays and, compiled by numba, on numbers. A parameter that the kind does
+            not have is passed, too, and its derivative is 0.0. Squares and products are twenty times faster than z**3.
         searched: whether a search for the law of a suspension tries it. The others are terms of a series that a search
-            would mistake for their neighbours; only laws that are asked for by name have them.
+            would mistake for their neighbours; a law has them only if it is named.
         bench_only: whether only the search on a test bench tries it, where the force is measured. Runs do not
             distinguish a free power from the kinds that it contains as special cases.
-        is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
+        is_about_rest: whether its extension is counted from the position at rest, anywhere on the spring's curve: the
             same curve about another position is the same kind with other parameters, and needs no origin.
-        quasi_static: inner values with which it is loaded slowly, None for those that are as in quick motion; empty
-            where all are. Such a kind comes to rest on its slow curve and moves from there on its quick one. Its
-            amplitude is the force that it carries at its origin; at another extension it carries 1 less its force for
-            unit amplitude as a fraction of that.
-        limits: (values, rest_m) -> names and values of kinds that it imitates near some of its values, so well that no
-            derivative suggests the exchange; they are about where a suspension rests, rest_m away from its origin.
+        quasi_static: inner values of slow loading, None for those that are the same in quick motion; empty where all
+            are the same. Such a kind comes to rest on its slow curve and moves from there on its quick one. Its
+            amplitude is the force that it carries at its origin; at another extension it carries the fraction 1 less
+            its force for unit amplitude.
+        limits: function (values, rest_m) -> names and values of kinds that it imitates near some of its values, so well
+            that no derivative suggests the exchange; they are about the position at rest, rest_m from its origin.
         is_stop: whether it is a stop, which has no force before it is reached and never pulls.
         is_even: whether its force is the same on both sides of its origin.
         is_pressed: whether it is friction that the load of the spring presses.
         is_friction: whether it is friction or yielding, whose force differs from run to run independently of springs
             and dampers.
-        memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
+        memory: None for a force of travel and velocity alone. A kind with memory has a state h: the function
             (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
             its inner parameters are a, b, c and d in this order, d = 0 where there is none, and `function` is the force
             of a slow motion that goes on in one direction.

@@ -1,7 +1,7 @@
-"""The kinds of restoring-force law: what a term of a law can be, one function each.
+"""The kinds of restoring-force law, one function for each.
 
-A kind is a force for unit amplitude together with its derivatives. The comment above each entry says what it stands for
-in a suspension. Kinds that remember are in `memory_kinds`.
+A kind is a force for unit amplitude together with its derivatives. The comment above each entry states its meaning in a
+suspension. Kinds with memory are in `memory_kinds`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _arctan_mixed(z: Any, v: Any, s: Any, c: Any) -> ForceAndDerivatives:
 
 
 def _limits_of_arctan_mixed(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
-    """The arctangents of the velocity alone and of the travel alone."""
+    """Return the arctangents of the velocity alone and of the travel alone."""
     amplitude, scale_m, lag_s = values
     if lag_s == 0.0:
         return ()
@@ -151,9 +151,9 @@ def _dead_zone_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
 
 
 def _limits_of_dead_zone(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
-    """Stops at one of its corners, for motions that never visit the other corner."""
+    """Return stops at each corner, for motions that never reach the other corner."""
     stiffness, gap_m = values
-    # where on the travel from rest it becomes stiffer, and in which direction
+    # travel from rest at which it becomes stiffer, with the direction as sign
     corner = math.copysign(gap_m, stiffness)
     stops = (("rebound_stop", corner - rest_m), ("bump_stop", corner + rest_m))
     return tuple((name, (abs(stiffness), gap)) for name, gap in stops if gap > 0.0)
@@ -186,12 +186,12 @@ def _gas_column(z: Any, v: Any, h: Any, n: Any) -> ForceAndDerivatives:
     return 1.0 - pressure + by_extension * beyond, by_extension / h, 0.0, -by_extension * extension / h, by_n
 
 
-# parameters that several kinds of friction share
+# parameters that several kinds of friction have in common
 FORCE_N = Parameter("amplitude_n", "N", "amplitude", 400.0)
 TURNING_M_PER_S = Parameter("scale_m_per_s", "m/s", "scale", 0.02)
 
 BUILT_IN = (
-    # dry friction that turns over within the velocity s
+    # dry friction that reverses within the velocity s
     Kind(
         "arctan_velocity",
         r"A \tfrac{2}{\pi} \arctan(\dot z / s)",
@@ -199,7 +199,7 @@ BUILT_IN = (
         _arctan_velocity,
         is_friction=True,
     ),
-    # a spring that gives way beyond the travel s
+    # a spring that softens beyond the travel s
     Kind(
         "arctan_displacement",
         r"A \tfrac{2}{\pi} \arctan(z / s)",
@@ -228,9 +228,9 @@ BUILT_IN = (
         _coulomb_friction,
         is_friction=True,
     ),
-    # friction of seals and bearings that the spring force presses together: A at rest, elsewhere in proportion to the
-    # spring force, zero once the spring has extended by d. For a straight spring d is the static deflection F0/K, for a
-    # column of gas near its rest h/n. Suspensions of 1 to 4 Hz have deflections of 250 to 15 mm
+    # friction of seals and bearings that the spring force presses together: A at rest, elsewhere proportional to the
+    # spring force, and zero when the spring has extended by d. For a straight spring d is the static deflection F0/K,
+    # for a column of gas near its rest h/n. Suspensions of 1 to 4 Hz have deflections of 250 to 15 mm
     Kind(
         "loaded_friction",
         r"A (1 - z / d)_+ \tfrac{2}{\pi} \arctan(\dot z / s)",
@@ -317,7 +317,7 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
         _quadratic_stiffness,
     ),
-    # a spring that is stiffer in one direction, straighter than a gas; a mode has a force at twice its frequency by it
+    # a spring that is stiffer in one direction, straighter than a gas; it gives a mode a force at twice its frequency
     Kind(
         "even_quadratic_stiffness",
         r"k\, z^2",
@@ -374,7 +374,7 @@ BUILT_IN = (
         _dead_zone_stiffness,
         limits=_limits_of_dead_zone,
     ),
-    # the buffer that a strut meets at the end of its stroke in compression, a gap away from where it rests ...
+    # the buffer that a strut meets at the end of its stroke in compression, a gap away from its position at rest ...
     Kind(
         "bump_stop",
         r"-k\, (-z - g)_+",
@@ -398,9 +398,9 @@ BUILT_IN = (
         is_about_rest=True,
         is_stop=True,
     ),
-    # gas compressed in an oleo strut, F0 carried at rest, h its volume over the piston area. Moving it is polytropic,
-    # with an exponent of 1.1 where oil and gas mix to 1.35 where they are apart (Currey 1988, Aircraft Landing Gear
-    # Design); loaded in a hangar it is isothermal
+    # gas compressed in an oleo strut: F0 is the force at rest, h the gas volume over the piston area. In motion it is
+    # polytropic, with an exponent from 1.1 where oil and gas mix to 1.35 where they are separated (Currey 1988,
+    # Aircraft Landing Gear Design); loaded in a hangar it is isothermal
     Kind(
         "gas_column",
         r"F_0 (1 - (1 + z / h)^{-n})",
@@ -416,7 +416,7 @@ BUILT_IN = (
     ),
     *MEMORY_KINDS,
 )
-"""The kinds that are always there. A new one is one function and one entry above; nothing else changes."""
+"""The built-in kinds. A new one needs one function and one entry above."""
 
 # the built-in kinds, and those that `opid.register_kind` added in this process
 KNOWN = {kind.name: kind for kind in BUILT_IN}

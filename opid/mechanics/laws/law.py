@@ -1,7 +1,7 @@
-"""Restoring-force laws as values: what a fit finds is what a simulation runs.
+"""Restoring-force laws as values: a simulation takes the same law that a fit finds.
 
 A law is a sum of terms, f(z, v) = sum_i A_i g_i(z, v; inner parameters) in N, of the extension z (m) of a
-joint and its rate v (m/s). It stands beside the linear stiffness and damping of the joint.
+joint and its rate v (m/s). The joint has it beside its linear stiffness and damping.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ class Term:
 
     def __post_init__(self) -> None:
         if self.name not in LAWS:
-            raise InputError(_no_such_law(self.name))
+            raise InputError(_describe_unknown_law(self.name))
         try:
             object.__setattr__(self, "values", tuple(float(value) for value in self.values))
         except (TypeError, ValueError):
-            raise InputError(f"{self.name} got the values {self.values!r}: give numbers") from None
+            raise InputError(f"{self.name} has the values {self.values!r}: give numbers") from None
         if len(self.values) != len(self.kind.parameters):
             names = ", ".join(parameter.name for parameter in self.kind.parameters)
-            raise InputError(f"{self.name} got {len(self.values)} value(s): it takes {names}")
+            raise InputError(f"{self.name} has {len(self.values)} value(s): give one for each of {names}")
         for parameter, value in zip(self.kind.parameters, self.values, strict=True):
             positive = parameter.role in ("scale", "exponent")
             if not math.isfinite(value) or (positive and value <= 0.0):
@@ -59,7 +59,7 @@ class Term:
 
     @property
     def amplitude(self) -> float:
-        """The value that the force is proportional to."""
+        """The value to which the force is proportional."""
         return self.values[0]
 
     @property
@@ -70,7 +70,7 @@ class Term:
     def evaluate(self, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
         """Return the force for unit amplitude and its derivatives by z, v and the first two inner values.
 
-        That of a term with memory is the force of a slow motion that goes on in one direction.
+        A term with memory has the force of a slow motion that goes on in one direction.
         """
         return self.kind.function(z, v, *(*self.inner, 1.0, 1.0)[:2])
 
@@ -81,13 +81,13 @@ class Term:
 
         Args:
             rest_m: extension at rest, m.
-            z: extension from there, m.
-            v: its rate, m/s, of the same shape.
+            z: extension from rest, m.
+            v: rate of the extension, m/s, of the same shape.
         """
         shape, by_z, by_v, first, second = self.evaluate(z + rest_m, v)
         if rest_m == 0.0:
             return shape, by_z, by_v, first, second
-        # a kind may divide zero by zero at rest before it replaces the result
+        # A kind may divide zero by zero at rest before it replaces the result.
         with np.errstate(all="ignore"):
             at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
         factor, _, by_first, by_second = self.loading(rest_m)
@@ -117,8 +117,8 @@ class Term:
     def loading(self, rest_m: float) -> tuple[float, float, float, float]:
         """Return the factor on the amplitude where the term was brought slowly to rest, and its derivatives.
 
-        A gas that carries the force 1 - s there, by its slow curve s(z), moves on its quick curve q(z) as if it carried
-        (1 - s)/(1 - q) at its origin: that is the factor.
+        A gas that carries the force 1 - s at rest, by its slow curve s(z), moves on its quick curve q(z) as if it
+        carried (1 - s)/(1 - q) at its origin, which is the factor.
 
         Args:
             rest_m: extension at rest, m.
@@ -144,8 +144,8 @@ class TermSet:
     """Terms side by side, of which several may be of one kind.
 
     Args:
-        terms: each about its own origin.
-        rest_m: where on them the joint rests, m: the force is f(rest + z, v) - f(rest, 0).
+        terms: the terms, each about its own origin.
+        rest_m: extension of the terms at which the joint rests, m: the force is f(rest + z, v) - f(rest, 0).
     """
 
     terms: tuple[Term, ...] = ()
@@ -153,22 +153,22 @@ class TermSet:
 
     @property
     def has_memory(self) -> bool:
-        """Whether a term remembers."""
+        """Whether a term has a memory."""
         return any(term.kind.memory is not None for term in self.terms)
 
     @property
     def remembering(self) -> Law:
-        """The terms that remember."""
+        """The terms with memory."""
         return Law(tuple(term for term in self.terms if term.kind.memory is not None))
 
     @property
     def n_faint(self) -> int:
-        """How many of the last terms are too weak to move anything, so that their memories only follow the motion."""
+        """Number of last terms that are too weak to move anything, so that their memories only follow the motion."""
         return 0
 
     @property
     def vector(self) -> FloatArray:
-        """All values in one array (n_parameters,), for a fit to move."""
+        """(n_parameters,) all values in one array, which a fit varies."""
         return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
 
     def force(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
@@ -180,10 +180,10 @@ class TermSet:
         return total
 
     def static_force(self, z: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return how much more the law carries standing still at an extension than where it rests, N.
+        """Return the force of the law standing still at an extension, less that at rest, N.
 
         Args:
-            z: extension from where it rests, to which it was brought slowly, m.
+            z: extension from rest, to which the law was brought slowly, m.
 
         Returns:
             The force, its derivative by z, (*z.shape,) each, and those by each entry of `vector`, (*z.shape,
@@ -193,7 +193,7 @@ class TermSet:
         force, by_z = np.zeros(position.shape), np.zeros(position.shape)
         by_values = np.zeros((*position.shape, self.vector.size))
         column = 0
-        # a kind may divide zero by zero at rest before it replaces the result
+        # A kind may divide zero by zero at rest before it replaces the result.
         with np.errstate(all="ignore"):
             for term in self.terms:
                 shape, slope, *by_inner = term.static_force(position)
@@ -239,7 +239,7 @@ class WithCandidates(TermSet):
 
     Args:
         terms: terms of the law, then the faint ones.
-        rest_m: where on them the joint rests, m.
+        rest_m: extension of the terms at which the joint rests, m.
         n_faint: number of faint terms.
     """
 
@@ -254,10 +254,11 @@ class Law(TermSet):
 
     Args:
         terms: the terms, each about its own origin.
-        rest_m: where on the law the joint rests, m: its force is f(rest + z, v) - f(rest, 0).
+        rest_m: extension of the law at which the joint rests, m: its force is f(rest + z, v) - f(rest, 0).
 
     Raises:
-        InputError: two terms of one kind that differ in an inner parameter, or laws to add that rest elsewhere.
+        InputError: two terms of one kind that differ in an inner parameter, or a sum of laws that rest at different
+            extensions.
 
     >>> friction = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
     >>> hardening = law("cubic_stiffness", stiffness_n_per_m3=3e9)
@@ -287,7 +288,7 @@ class Law(TermSet):
 
     @property
     def parameters(self) -> dict[str, dict[str, float]]:
-        """The values as they go to JSON, {kind: {parameter: value}}."""
+        """The values as JSON holds them, {kind: {parameter: value}}."""
         return {
             term.name: {p.name: value for p, value in zip(term.kind.parameters, term.values, strict=True)}
             for term in self.terms
@@ -295,16 +296,19 @@ class Law(TermSet):
 
     @property
     def parameter_list(self) -> tuple[Parameter, ...]:
-        """What each entry of `vector` is, in order."""
+        """The parameter of each entry of `vector`, in order."""
         return tuple(parameter for term in self.terms for parameter in term.kind.parameters)
 
     def with_vector(self, vector: ArrayLike) -> Law:
         """Return the law of the same terms with these values, the inverse of `vector`."""
         values = np.asarray(vector, dtype=np.float64)
         if values.shape != self.vector.shape:
-            raise InputError(f"{self.name} has {self.vector.size} parameter(s), got an array of shape {values.shape}")
-        rest: Iterator[float] = iter(values.tolist())
-        terms = tuple(Term(term.name, tuple(next(rest) for _ in term.values)) for term in self.terms)
+            raise InputError(
+                f"{self.name} has {self.vector.size} parameter(s) and the array shape {values.shape}: give one value "
+                "for each"
+            )
+        remaining: Iterator[float] = iter(values.tolist())
+        terms = tuple(Term(term.name, tuple(next(remaining) for _ in term.values)) for term in self.terms)
         return Law(terms, self.rest_m)
 
     def resting_at(self, rest_m: float) -> Law:
@@ -314,16 +318,16 @@ class Law(TermSet):
             rest_m: the extension at which it rests, from the origin of the terms, m.
 
         Raises:
-            InputError: no finite number.
+            InputError: a value that is not a finite number.
         """
         if isinstance(rest_m, bool) or not isinstance(rest_m, Real) or not math.isfinite(rest_m):
-            raise InputError(f"a law is to rest at {rest_m!r}: give the extension in m, a finite number")
+            raise InputError(f"rest_m of a law is {rest_m!r}: give the extension in m, a finite number")
         return Law(self.terms, float(rest_m))
 
     def scaled(self, factor: float) -> Law:
         """Return factor times this law: only the amplitudes change.
 
-        A fit to accelerations gives the force per unit mass; times the mass it is the force.
+        A fit to accelerations gives the force per unit mass, which times the mass is the force.
         """
         terms = tuple(replace(term, values=(factor * term.amplitude, *term.inner)) for term in self.terms)
         return Law(terms, self.rest_m)
@@ -331,7 +335,10 @@ class Law(TermSet):
     def __add__(self, other: Law) -> Law:
         rests = {law.rest_m for law in (self, other) if law.terms}
         if len(rests) > 1:
-            raise InputError(f"laws that rest at {self.rest_m:g} and {other.rest_m:g} m do not add: give one rest")
+            raise InputError(
+                f"laws that rest at {self.rest_m:g} and {other.rest_m:g} m cannot be added: let both rest at one "
+                "extension"
+            )
         return Law((*self.terms, *other.terms), *rests)
 
 
@@ -360,16 +367,16 @@ def law_from_parameters(name: str, parameters: Mapping[str, Mapping[str, float]]
     """Return the law of a result file: the inverse of `Law.name` with `Law.parameters`.
 
     Raises:
-        InputError: as `law`.
+        InputError: what `law` refuses.
 
     >>> law_from_parameters("linear", {}) == LINEAR
     True
     """
-    names = _kind_names(name)
+    names = _split_name(name)
     for given in parameters:
         if given not in names:
             raise InputError(f"the law {name!r} has no term {given!r}: {nearest(given, names)}")
-    return Law(tuple(_term(kind, parameters.get(kind, {})) for kind in names))
+    return Law(tuple(_make_term(kind, parameters.get(kind, {})) for kind in names))
 
 
 def default_law(name: str) -> Law:
@@ -381,23 +388,23 @@ def default_law(name: str) -> Law:
     >>> default_law("arctan_velocity+cubic_stiffness").vector.tolist()
     [400.0, 0.02, 3000000000.0]
     """
-    return Law(tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _kind_names(name)))
+    return Law(tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _split_name(name)))
 
 
-def _no_such_law(name: str) -> str:
-    """Why a name is refused, with the kinds that a search tries and those that are fitted only by name."""
+def _describe_unknown_law(name: str) -> str:
+    """Return why a name is refused, with the kinds that a search tries and those that are fitted only by name."""
     known = [*LAWS, "linear"]
     if meant_by(name, known):
         return f"there is no law {name!r}: {nearest(name, known)}"
     searched = [repr(kind) for kind, each in LAWS.items() if each.searched and not each.bench_only]
     others = [repr(kind) for kind in LAWS if repr(kind) not in searched]
     return (
-        f"there is no law {name!r}: a search tries {', '.join(searched)}; fitted only where they are named are "
+        f"there is no law {name!r}: a search tries {', '.join(searched)}; only a study that names them fits "
         f"{', '.join(others)}; 'linear' is a spring and a damper without a law"
     )
 
 
-def _kind_names(name: str) -> list[str]:
+def _split_name(name: str) -> list[str]:
     if not isinstance(name, str):
         raise InputError(f"the law is {name!r}: give its name in quotes, sums joined by +")
     names = [part.strip() for part in name.split("+")]
@@ -409,13 +416,13 @@ def _kind_names(name: str) -> list[str]:
         if part == "linear":
             raise InputError(f"the law {name!r} adds 'linear': the linear part is always there, leave it out")
         if part not in LAWS:
-            raise InputError(_no_such_law(part))
+            raise InputError(_describe_unknown_law(part))
         if names.count(part) > 1:
             raise InputError(f"the law {name!r} has {part!r} twice: name each kind once")
     return names
 
 
-def _term(name: str, given: Mapping[str, float]) -> Term:
+def _make_term(name: str, given: Mapping[str, float]) -> Term:
     if not isinstance(given, Mapping):
         raise InputError(f"the parameters of {name} are {given!r}: give a dict of name and value")
     names = [parameter.name for parameter in LAWS[name].parameters]
@@ -430,7 +437,9 @@ def _term(name: str, given: Mapping[str, float]) -> Term:
 
 def _add_up(name: str, terms: tuple[Term, ...]) -> Term:
     if len({term.inner for term in terms}) > 1:
-        raise InputError(f"a sum has {name!r} twice with different inner parameters: one law has one term of a kind")
+        raise InputError(
+            f"a sum has {name!r} twice with different inner parameters: give one term of each kind, or equal parameters"
+        )
     return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))
 
 
@@ -466,17 +475,17 @@ def law_rows(
 
 
 class FitOfOneLaw:
-    """What a search of the law reads of a fit that has one law."""
+    """The part of a fit with one law that a search of the law reads."""
 
     if TYPE_CHECKING:
 
         @property
         def law(self) -> Law:
-            """The law with its fitted values: a field, or worked out."""
+            """The law with its fitted values, as a field or a property."""
 
     @property
     def laws(self) -> dict[str, Law]:
-        """The law, as a search takes it."""
+        """The law in the form that a search takes."""
         return {"": self.law}
 
     @property

@@ -1,6 +1,6 @@
-"""The kinds of law that remember: friction that bends before it slides, joints that yield, arms of rubber.
+"""The kinds of law with memory: friction that bends before it slides, joints that yield, arms of rubber.
 
-Each has a state of its own beside the motion; `opid.laws.Kind` says what its functions return.
+Each has a state beside the motion; `opid.laws.Kind` describes the values of its functions.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter, RateAndDerivatives
 
 # Each element carries the force of a joint between two of these fractions. Their ratios are nearly equal, because many
-# small sliders give way first. Twenty such elements for joints of forty sliders leave the noise of usual sensors; ten
-# left up to twice as much, and other terms were found that made up for it
+# small sliders slip first. With twenty such elements for joints of forty sliders the misfit is the noise of usual
+# sensors; with ten it was larger, and a search found other terms that compensated for it.
 _EDGES = (0.0, *np.geomspace(0.005, 1.0, 20).tolist())
 ELEMENTS = tuple(0.5 * (low + high) for low, high in pairwise(_EDGES))
 WEIGHTS = tuple(high - low for low, high in pairwise(_EDGES))
-# where Gauss looks at an element, over its middle, and how much that counts
+# Gauss nodes of an element, over its middle, and their weights
 _HALF_SPAN = (_EDGES[-1] - _EDGES[-2]) / (_EDGES[-1] + _EDGES[-2])
 _SPAN = tuple(
     (1.0 + _HALF_SPAN * node, weight / 2) for node, weight in zip(*np.polynomial.legendre.leggauss(4), strict=True)
@@ -42,7 +42,7 @@ def _dahl(h: Any, v: Any, s: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivativ
 def _bouc_wen(h: Any, v: Any, s: Any, n: Any, c: Any, _u: Any) -> RateAndDerivatives:
     size = np.maximum(np.abs(h), TINY)
     logarithm = np.log(size)
-    # three times as quick as size**n
+    # This is three times as fast as size**n.
     power = np.exp(n * logarithm)
     direction = 0.5 * np.sign(v) * np.sign(h) + c
     by_v = (1.0 - power * direction) / s
@@ -62,8 +62,8 @@ def _lugre(h: Any, v: Any, s: Any, b: Any, w: Any, _u: Any) -> RateAndDerivative
 
 
 def _slipping(h: Any, v: Any, s: Any, p: Any, c: Any, u: Any) -> RateAndDerivatives:
-    # an element is as stiff as the sliders that it stands for: with the slip travel of their middle alone nothing would
-    # depend on c below 0.2, and fits ended there
+    # An element is as stiff as the sliders that it represents: with the slip travel of their middle alone, the force
+    # would not depend on c below 0.2, and fits ended there.
     by_v, by_p, by_c = 0.0, 0.0, 0.0
     for node, weight in _SPAN:
         fraction = np.minimum(u * node * (1.0 + c), 1.0)

@@ -33,17 +33,17 @@ class DecayLaw:
     """The restoring force of a mode from its free decays, without any measured force.
 
     Args:
-        stiffness: k_n by its power n; 1 is k0. Force per unit mass (or modal force) over displacement^n.
-        damping: c_n by its power n; 1 is c0. Likewise over velocity^n.
+        stiffness: k_n by its power n, where 1 is k0: force per unit mass (or modal force) over displacement^n.
+        damping: c_n by its power n, where 1 is c0: force per unit mass (or modal force) over velocity^n.
         frequency_low_hz: natural frequency at zero amplitude, Hz.
         damping_low: damping ratio at zero amplitude.
         amplitude: (n,) displacement amplitudes within those of the decays.
-        frequency_hz: (n,) natural frequency at them, Hz.
-        damping_ratio: (n,) damping ratio at them.
-        covariance: of k0, k_2 ..., c0, c_2 ... in this order.
-        misfit: rms error of amplitude and phase over its standard deviation; 1 is noise.
+        frequency_hz: (n,) natural frequency at these amplitudes, Hz.
+        damping_ratio: (n,) damping ratio at these amplitudes.
+        covariance: covariance of k0, k_2 ..., c0, c_2 ... in this order.
+        misfit: rms error of amplitude and phase over its standard deviation; noise alone gives 1.
         phase_error: rms error of phase, rad, and of relative amplitude.
-        warnings: one sentence for each reason to doubt the law.
+        warnings: one sentence for each warning about the law.
     """
 
     stiffness: dict[int, Estimate]
@@ -64,7 +64,7 @@ class DecayLaw:
         return make_fitted_law(self.stiffness, self.damping)
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds of it."""
+        """Return the law as result.json holds it."""
         return {
             **coefficients_json(self.stiffness, self.damping),
             "frequency_low_hz": asdict(self.frequency_low_hz),
@@ -87,7 +87,7 @@ class Flow:
     drift: NDArray[np.complex128]
 
 
-def backbone(track: Track, derivative: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+def find_backbone(track: Track, derivative: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return displacement amplitude, natural frequency (rad/s), its std, c = 2 zeta omega (1/s) and its std, each (n,).
 
     From phase and amplitude of a free vibration A(t) cos phi(t) (Feldman 1994, Mech. Syst. Signal Process. 8, eq. 6)
@@ -126,27 +126,27 @@ def fit_decays(
         if order is not None and not 1 <= order <= HIGHEST_ORDER:
             raise InputError(f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}")
     amplitude, natural, natural_std, damping, damping_std = (
-        np.concatenate(parts) for parts in zip(*(backbone(each, derivative) for each in tracks), strict=True)
+        np.concatenate(parts) for parts in zip(*(find_backbone(each, derivative) for each in tracks), strict=True)
     )
-    # in these units the coefficients of all powers have similar sizes
+    # In these units the coefficients of all powers have similar sizes.
     length, rate = float(amplitude.max()), float(np.median(natural))
     level = amplitude / length
     warnings: tuple[str, ...] = ()
     if level.max() < MODAL.least_range * level.min():
-        falls = f"the amplitude falls by {level.max() / level.min():.2g} only"
-        warnings = (f"{falls}: powers above 1 rest on little",)
+        falls = f"the amplitude falls only by a factor of {level.max() / level.min():.2g}"
+        warnings = (f"{falls}: the powers above 1 are poorly determined, record a longer decay or a stronger impact",)
     square, speed = (natural / rate) ** 2, level * natural / rate
     of_speed = (speed, damping / rate, damping_std / rate)
-    k = _linear_fit(level, square, 2.0 * natural_std * natural / rate**2, stiffness_order)
-    c = _linear_fit(*of_speed, damping_order)
+    k = _fit_linear(level, square, 2.0 * natural_std * natural / rate**2, stiffness_order)
+    c = _fit_linear(*of_speed, damping_order)
     n_coefficients, n_data = k.size + c.size, 2 * amplitude.size
     if n_data <= n_coefficients + 2 * len(tracks) + 2:
         raise NotDeterminedError(
-            f"{n_data} amplitudes and phases cannot tell {n_coefficients} coefficients: lower the orders"
+            f"{n_data} amplitudes and phases cannot determine {n_coefficients} coefficients: lower the orders"
         )
     tame = np.zeros(k.size), np.zeros(c.size)
-    tame[0][0], tame[1][0] = float(np.median(square)), max(float(_linear_fit(*of_speed, 1)[0]), 1e-5)
-    decays = [_Scaled.of(track, length, rate, derivative) for track in tracks]
+    tame[0][0], tame[1][0] = float(np.median(square)), max(float(_fit_linear(*of_speed, 1)[0]), 1e-5)
+    decays = [_ScaledTrack.from_track(track, length, rate, derivative) for track in tracks]
     fit = _refine(decays, (k, c), tame, derivative)
     std = np.sqrt(np.diag(fit.covariance))
     factors = np.array(
@@ -155,7 +155,7 @@ def fit_decays(
     estimates = [Estimate.normal(fit.vector[j] * each, std[j] * each) for j, each in enumerate(factors)]
     k0, c0 = fit.vector[0], fit.vector[k.size]
     if not k0 > 0.0:
-        raise NotDeterminedError("the law found has no stiffness at zero amplitude: lower the orders")
+        raise NotDeterminedError("the fitted law has no stiffness at zero amplitude: lower the orders")
     low_hz = np.sqrt(k0) * rate / (2.0 * np.pi)
     gradient = np.zeros(fit.vector.size)
     gradient[0], gradient[k.size] = -0.25 * c0 / k0**1.5, 0.5 / np.sqrt(k0)
@@ -188,7 +188,7 @@ def solve_slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Fl
     """
     log_amplitude = np.linspace(low, high, 100)
     a = np.exp(log_amplitude)[:, None]
-    angle = np.pi * (np.arange(24) + 0.5) / 24  # half a cycle, of which the other half is the mirror image
+    angle = np.pi * (np.arange(24) + 0.5) / 24  # half a cycle; the other half is its mirror image
     cosine, sine = np.cos(angle), np.sin(angle)
     third_cosine, third_sine = np.cos(3.0 * angle), np.sin(3.0 * angle)
     in_phase, quadrature = np.zeros_like(a), np.zeros_like(a)
@@ -196,15 +196,15 @@ def solve_slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Fl
     for _ in range(5):
         q = a * cosine + in_phase * third_cosine + quadrature * third_sine
         v = -omega * (a * sine + 3.0 * (in_phase * third_sine - quadrature * third_cosine))
-        drag = _higher_powers(c, v)
-        force = _higher_powers(k, q) + drag
-        square = k[0] + _harmonic(force, cosine) / a
+        drag = _sum_higher_powers(c, v)
+        force = _sum_higher_powers(k, q) + drag
+        square = k[0] + _find_harmonic(force, cosine) / a
         if (square <= 0.0).any():
             return None
         omega = np.sqrt(square)
-        in_phase = _harmonic(force, third_cosine) / (9.0 * square - k[0])
-        quadrature = _harmonic(force, third_sine) / (9.0 * square - k[0])
-    damping = c[0] - (_harmonic(drag, sine) / (omega * a))[:, 0]
+        in_phase = _find_harmonic(force, third_cosine) / (9.0 * square - k[0])
+        quadrature = _find_harmonic(force, third_sine) / (9.0 * square - k[0])
+    damping = c[0] - (_find_harmonic(drag, sine) / (omega * a))[:, 0]
     natural = omega[:, 0]
     step = log_amplitude[1] - log_amplitude[0]
     rate = damping / (2.0 + np.gradient(np.log(natural), step, edge_order=2))
@@ -231,18 +231,18 @@ def predict_decay(
     own_time = since - np.interp(-log_start, -fall, since)
     if (np.diff(own_time) <= 0.0).any() or not own_time[0] <= time[0] <= time[-1] <= own_time[-1]:
         return None
-    # a smooth map both ways: amplitude and phase as functions of time
+    # Times and amplitudes map smoothly onto each other, so amplitude and phase are functions of time.
     log_amplitude = CubicSpline(own_time, fall)(time)
     by_time = CubicSpline(own_time, turned)(time)
     omega, rate = (np.interp(log_amplitude, flow.log_amplitude, each) for each in (flow.omega, flow.rate))
-    # each derivative of A e^(j phi) multiplies it by -delta + j omega; for the second one these change as well
+    # Each derivative of A e^(j phi) multiplies it by -delta + j omega; for the second one these change as well.
     gain = (omega + 1j * rate) ** derivative
     if derivative == 2:
         gain = gain + np.interp(log_amplitude, flow.log_amplitude, flow.drift)
     return log_amplitude + np.log(np.abs(gain)), by_time - by_time[0] + np.angle(gain)
 
 
-def _higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:
+def _sum_higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:
     """Return sum_n values_n x |x|^(n-1) from n = 2 on."""
     size, total = np.abs(x), np.zeros_like(x)
     for value in values[:0:-1]:
@@ -250,11 +250,11 @@ def _higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:
     return total * x
 
 
-def _harmonic(force: FloatArray, shape: FloatArray) -> FloatArray:
+def _find_harmonic(force: FloatArray, shape: FloatArray) -> FloatArray:
     return 2.0 * (force @ shape / shape.size)[:, None]
 
 
-def _linear_fit(level: FloatArray, y: FloatArray, std: FloatArray, order: int | None) -> FloatArray:
+def _fit_linear(level: FloatArray, y: FloatArray, std: FloatArray, order: int | None) -> FloatArray:
     """Return the coefficients of y = sum_n value_n a_n level^(n-1), n = 1 .. order."""
     std = np.maximum(std, 1e-12 * float(np.median(np.abs(y))) + 1e-300)
     best: tuple[float, FloatArray] = (np.inf, np.zeros(0))
@@ -264,18 +264,18 @@ def _linear_fit(level: FloatArray, y: FloatArray, std: FloatArray, order: int | 
         columns = np.column_stack([harmonic_factor(n) * level ** (n - 1) for n in range(1, trial + 1)])
         values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
         misfit = float(np.sum(((y - columns @ values) / std) ** 2))
-        # windows overlap by half: three are worth about two
+        # Windows overlap by half, so three are worth about two.
         n = 0.67 * level.size
         score = n * np.log(max(misfit / level.size, 0.5)) + trial * np.log(n)
         if score < best[0]:
             best = (score, values)
     if not best[1].size:
-        raise NotDeterminedError(f"{level.size} windows cannot tell {order or 1} coefficients: lower the orders")
+        raise NotDeterminedError(f"{level.size} windows cannot determine {order or 1} coefficients: lower the orders")
     return best[1]
 
 
 @dataclass(frozen=True, eq=False)
-class _Scaled:
+class _ScaledTrack:
     """A track in units of length and rate, with times and phases from the first window on and the root of its noise."""
 
     time: FloatArray
@@ -284,8 +284,8 @@ class _Scaled:
     root: FloatArray
 
     @classmethod
-    def of(cls, track: Track, length: float, rate: float, derivative: int) -> _Scaled:
-        # a small addition to the diagonal limits the weight of every window
+    def from_track(cls, track: Track, length: float, rate: float, derivative: int) -> _ScaledTrack:
+        # A small addition to the diagonal limits the weight of every window.
         noise = track.covariance + np.diag(1e-6 * np.diag(track.covariance) + 1e-14)
         logs = np.log(track.amplitude / (length * rate**derivative))
         time, root = (track.time_s - track.time_s[0]) * rate, np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
@@ -298,8 +298,8 @@ class _Scaled:
         predicted = predict_decay(flow, self.time, start, derivative)
         if predicted is None:
             return None
-        rest = np.concatenate([self.log_amplitude - predicted[0], self.phase - predicted[1] - shift])
-        return solve_triangular(self.root, rest, lower=True)
+        misfit = np.concatenate([self.log_amplitude - predicted[0], self.phase - predicted[1] - shift])
+        return solve_triangular(self.root, misfit, lower=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +314,7 @@ class _Fit:
 
 
 def _refine(
-    decays: Sequence[_Scaled],
+    decays: Sequence[_ScaledTrack],
     guess: tuple[FloatArray, FloatArray],
     tame: tuple[FloatArray, FloatArray],
     derivative: int,
@@ -339,7 +339,7 @@ def _refine(
     starts = [np.array([each.log_amplitude[0], 0.0]) for each in decays]
     start = np.concatenate([*guess, *starts])
     if np.abs(errors(start)).max() >= IMPOSSIBLE:
-        # the law of the start values does not vibrate or decay: its linear part alone does
+        # The law of the start values does not vibrate or decay, but its linear part alone does.
         start = np.concatenate([*tame, *starts])
     of_damping = np.full(n_k - n_s, max(abs(float(guess[1][0])), 1e-4))
     scale = np.concatenate([np.ones(n_s), of_damping, np.full(2 * len(decays), 0.1)])
@@ -348,12 +348,14 @@ def _refine(
     if flow is None or not np.abs(found.fun).max() < IMPOSSIBLE:
         raise NotDeterminedError("no law of these orders decays over all amplitudes of the record: lower the orders")
     parts = np.split(found.fun, np.cumsum(sizes)[:-1])
-    rests = np.concatenate([each.root @ part for each, part in zip(decays, parts, strict=True)])
+    misfits = np.concatenate([each.root @ part for each, part in zip(decays, parts, strict=True)])
     misfit = float(np.sqrt(np.sum(found.fun**2) / max(found.fun.size - found.x.size, 1)))
-    return _Fit(found.x, _covariance(found.jac, found.fun, sizes), flow, misfit, float(np.sqrt(np.mean(rests**2))))
+    return _Fit(
+        found.x, _find_covariance(found.jac, found.fun, sizes), flow, misfit, float(np.sqrt(np.mean(misfits**2)))
+    )
 
 
-def _covariance(jacobian: FloatArray, errors: FloatArray, sizes: Sequence[int]) -> FloatArray:
+def _find_covariance(jacobian: FloatArray, errors: FloatArray, sizes: Sequence[int]) -> FloatArray:
     """Return the covariance of the parameters for white errors or, where that is larger, for correlated ones.
 
     The scores of windows up to the lag 2 n^(1/3) apart, amplitude and phase together, may be correlated.

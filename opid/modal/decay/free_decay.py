@@ -13,7 +13,7 @@ from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
-from opid.modal.decay.fit import DecayLaw, backbone, fit_decays
+from opid.modal.decay.fit import DecayLaw, find_backbone, fit_decays
 from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.linear.modes import ModalTest
@@ -35,33 +35,33 @@ class Decay(Result):
     """Frequency, damping and law of a mode from one free decay.
 
     Args:
-        name: of the record.
+        name: the name of the record.
         mode: number of the mode, from 1; None for a raw channel.
         amplitude: (n,) displacement amplitude, largest first, in `amplitude_unit`.
-        frequency_hz: (n,) natural frequency at it, Hz.
-        frequency_std_hz: (n,) standard deviation, Hz.
-        damping_ratio: (n,) c / (2 omega) at it.
-        damping_std: (n,) standard deviation.
+        frequency_hz: (n,) natural frequency at these amplitudes, Hz.
+        frequency_std_hz: (n,) standard deviation of the frequency, Hz.
+        damping_ratio: (n,) damping ratio c / (2 omega) at these amplitudes.
+        damping_std: (n,) standard deviation of the damping ratio.
         amplitude_unit: "m kg^1/2" in modal coordinates, "m" for a raw channel.
-        start_s: where the decay that was used begins, s from the first sample.
-        stop_s: and where it ends.
+        start_s: start of the decay that was used, s from the first sample.
+        stop_s: end of the decay that was used, s from the first sample.
         time_s: (m,) times of the points that are plotted, s.
         signal: (m,) the record as given, in `signal_unit`.
         envelope: (m,) amplitude of the fundamental in the same unit; nan outside the stretch that was used.
         signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s" or "m/s^2".
         law: restoring force of the powers 2 and up, per unit mass (modal force in modal coordinates); None if no law
             was found.
-        stiffness: k_n by its power n, 1 is k0, per unit mass.
-        damping: c_n by its power n, 1 is c0.
+        stiffness: k_n by its power n, where 1 is k0, per unit mass.
+        damping: c_n by its power n, where 1 is c0, per unit mass.
         frequency_low_hz: natural frequency in the limit of zero amplitude, Hz.
         damping_low: damping ratio in that limit.
         residual_share: rms of the residual over that of the record.
         law_misfit: rms error of amplitude and phase by the law over its standard deviation; nan without a law.
         track: amplitude and phase as they were measured, for a law of several decays (`law_of_decays`).
-        derivative: 2 where the signal is an acceleration, 1 a velocity, 0 a displacement.
-        warnings: one sentence for each reason to doubt the result.
-        settings: of `opid decay`, if that made it: its options by their names, and `log`.
-        files: that the record was read from.
+        derivative: 2 where the signal is an acceleration, 1 where it is a velocity, 0 where it is a displacement.
+        warnings: one sentence for each warning about the result.
+        settings: the options of `opid decay` by their names, and `log`; empty if another program made the result.
+        files: the files that the record was read from.
     """
 
     name: str
@@ -135,12 +135,12 @@ def decay_of(
 
     Args:
         test: the test; a force in it is ignored, and must have ended.
-        mode: number of the mode, from 1; it is sought near its linear frequency.
-        stiffness_order: as in `free_decay`, like `damping_order`, `start_s` and `stop_s`.
+        mode: number of the mode, from 1; it is searched near its linear frequency.
+        stiffness_order: order of the stiffness; it and `damping_order`, `start_s`, `stop_s` are those of `free_decay`.
 
     Raises:
-        InputError: no such mode, a rigid-body mode, or as `free_decay`.
-        NotDeterminedError: as `free_decay`.
+        InputError: no such mode, a rigid-body mode, or what `free_decay` refuses.
+        NotDeterminedError: what `free_decay` cannot determine.
     """
     frequency = float(test.modes.frequency_hz[test.modes.index(mode)])
     if not frequency > 0.0:
@@ -178,17 +178,17 @@ def free_decay(
     the next impact. Amplitudes are those of displacement, whichever quantity was measured.
 
     Args:
-        samples: (n,) signal, in SI units.
+        samples: (n,) the signal, in SI units.
         fs: sampling rate, Hz.
         quantity: "acceleration", "velocity" or "displacement".
         near_hz: frequency of the mode, within a tenth, Hz; where None, the strongest mode that decays is taken.
         band_hz: band of the mode, Hz, instead of `near_hz`.
         start_s: start of the free decay, s from the first sample; found where None.
-        stop_s: its end, likewise.
+        stop_s: end of the free decay, s from the first sample; found where None.
         stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; where None, the Bayesian criterion
             chooses it.
-        damping_order: N_d likewise.
-        name: of the record.
+        damping_order: N_d of c_n q'|q'|^(n-1), 1 for linear damping; where None, the Bayesian criterion chooses it.
+        name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
 
     Raises:
@@ -200,11 +200,11 @@ def free_decay(
     >>> round(decay.frequency_low_hz.value, 2), round(decay.damping_low.value, 4)
     (40.0, 0.006)
     """
-    series = _series(samples, fs, quantity)
+    series = _read_series(samples, fs, quantity)
     derivative = QUANTITIES.index(quantity)
     stretch = find_stretch(series, fs=fs, near_hz=near_hz, band_hz=band_hz, start_s=start_s, stop_s=stop_s)
-    track, late = _track_from_start(series, stretch, fs, start_s is None)
-    amplitude, natural, natural_std, damping, damping_std = backbone(track, derivative)
+    track, late = _track_late_if_needed(series, stretch, fs, start_s is None)
+    amplitude, natural, natural_std, damping, damping_std = find_backbone(track, derivative)
     warnings = [*stretch.warnings, *late, *_warn_of_track(track, amplitude)]
     law: DecayLaw | None = None
     try:
@@ -212,8 +212,8 @@ def free_decay(
         warnings += law.warnings
         if law.misfit > MODAL.most_misfit:
             warnings.append(
-                f"the law leaves {law.misfit:.2g} times what the noise would: it is a smooth stand-in for another kind "
-                "of joint, to be used within these amplitudes"
+                f"the misfit of the law is {law.misfit:.2g} times what noise would leave: the mode follows another "
+                "kind of law, use this one only within these amplitudes"
             )
     except NotDeterminedError as why:
         warnings.append(f"no law: {why}")
@@ -253,12 +253,12 @@ def law_of_decays(
     """Return one law for several free decays of the same mode, measured in the same place.
 
     Args:
-        decays: one or several.
-        stiffness_order: as in `free_decay`, like `damping_order`.
+        decays: one or several decays.
+        stiffness_order: order of the stiffness; it and `damping_order` are those of `free_decay`.
 
     Raises:
         InputError: no decay, or decays of different modes or quantities.
-        NotDeterminedError: as `opid.modal.decay.fit.fit_decays`.
+        NotDeterminedError: what `opid.modal.decay.fit.fit_decays` cannot determine.
     """
     if not decays:
         raise InputError("there is no free decay to fit a law to: give at least one")
@@ -272,11 +272,11 @@ def law_of_decays(
     )
 
 
-def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
+def _read_series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
     try:
         series = np.asarray(samples, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("the samples are no numbers: give one series of them") from None
+        raise InputError("the samples are not numbers: give one series of numbers") from None
     if series.ndim != 1 or series.size < 16:
         raise InputError(f"the samples have shape {series.shape}: give one series of 16 or more")
     if not np.isfinite(series).all():
@@ -290,7 +290,7 @@ def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
     if np.ptp(series) == 0.0:
         raise NotDeterminedError("the signal is constant: nothing decays in it")
     largest = float(np.abs(series).max())
-    # beyond, its square or the logarithm of its envelope would be no number
+    # Outside this range the square of the signal or the logarithm of its envelope would overflow.
     if not 1e-30 < largest < 1e30:
         raise InputError(
             f"the signal reaches {largest:.3g}, which no structure does in SI units: check its unit and scale"
@@ -298,8 +298,8 @@ def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
     return series
 
 
-def _track_from_start(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
-    """Return the track of a decay, without its first quarter where other oscillations disturb that too much."""
+def _track_late_if_needed(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
+    """Return the track of a decay; its first quarter is left out where other oscillations disturb it too much."""
     try:
         return track_decay(series, stretch, fs=fs), []
     except NotDeterminedError as first:
@@ -310,48 +310,52 @@ def _track_from_start(series: FloatArray, stretch: Stretch, fs: float, may_wait:
             track = track_decay(series, replace(stretch, start=start), fs=fs)
         except NotDeterminedError:
             raise first from None
-        return track, [f"before {start / fs:.4g} s too much rings beside the mode: it is left out"]
+        return track, [
+            f"before {start / fs:.4g} s other oscillations disturb the mode too much: that part of the record is left "
+            "out"
+        ]
 
 
 def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
     own = float(np.median(track.omega)) / (2.0 * np.pi)
     for frequency in track.unresolved_hz:
         yield (
-            f"another mode at {frequency:.4g} Hz is too close to that of {own:.4g} Hz to be told apart in this record: "
-            "frequency and damping swing with their beat; separate them with several sensors (a modal filter)"
+            f"another mode at {frequency:.4g} Hz is too close to the one of {own:.4g} Hz to be separated in this "
+            "record: frequency and damping swing with their beat; separate the modes with several sensors (a modal "
+            "filter)"
         )
-    if _beats(track):
+    if _has_beat(track):
         yield (
-            "frequency or amplitude swings as two modes that beat: what is over amplitude is not that of one mode; "
-            "separate them with several sensors (a modal filter)"
+            "frequency or amplitude swings as it does when two modes beat: the curves over amplitude are not those of "
+            "one mode; separate the modes with several sensors (a modal filter)"
         )
     if track.residual_share > MODAL.most_residual:
         yield (
-            f"{100 * track.residual_share:.0f} % of the record is neither this mode nor what was found beside it: its "
-            "amplitude is small beside noise and other modes"
+            f"{100 * track.residual_share:.0f} % of the record is neither this mode nor a neighbour that was found: "
+            "the mode is weak beside noise and other modes; excite it more strongly, or narrow the band"
         )
     log_std = np.sqrt(np.diag(track.covariance)[: amplitude.size])
     if (np.diff(np.log(amplitude)) > 0.1 + 5.0 * np.maximum(log_std[1:], log_std[:-1])).any():
-        yield "the amplitude does not fall throughout: something feeds the mode, or two modes beat"
+        yield "the amplitude rises in between: something still drives the mode, or two modes beat; give another stretch"
 
 
-def _beats(track: Track) -> bool:
+def _has_beat(track: Track) -> bool:
     """Return whether rate or frequency swings about a smooth curve by more than noise, and the rate from the start."""
     if track.time_s.size < 12:
         return False
     root, swings = np.sqrt(track.amplitude / track.amplitude.max()), False
     for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std)):
         weight = 1.0 / np.maximum(std, 1e-6 * np.abs(np.median(track.omega)))
-        rest = values - np.polyval(np.polyfit(root, values, 3, w=weight), root)
-        swings |= bool(np.sqrt(np.mean((rest * weight) ** 2)) > MODAL.beating)
-    # a beat shows from the start on; noise at low amplitude has little weight here
+        departure = values - np.polyval(np.polyfit(root, values, 3, w=weight), root)
+        swings |= bool(np.sqrt(np.mean((departure * weight) ** 2)) > MODAL.beating)
+    # A beat shows from the start on; noise at low amplitude has little weight here.
     trust = 1.0 / np.maximum(track.rate_std, 1e-2 * float(np.median(np.abs(track.rate)))) ** 2
     mean = float(np.average(track.rate, weights=trust))
     return swings and float(np.average((track.rate - mean) ** 2, weights=trust)) > (1.5 * mean) ** 2
 
 
 def _thin_for_plot(series: FloatArray, track: Track, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    step = max(1, -(-series.size // 20_000))  # a plot needs no more points
+    step = max(1, -(-series.size // 20_000))  # a plot does not need more points
     time = np.arange(0, series.size, step) / fs
     log_amplitude = np.interp(time, track.time_s, np.log(track.amplitude))
     inside = (time >= track.start_s) & (time <= track.stop_s)

@@ -1,4 +1,4 @@
-"""Where in a record a free decay is: its frequency, the end of the impact before it, and what comes after it."""
+"""Find the free decay in a record: its frequency, the end of the impact before it, and what comes after it."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from opid.signals.recording import FloatArray
 class Stretch:
     """The part of a record that holds a free decay."""
 
-    frequency_hz: float  # of the mode, roughly, Hz
-    rate: float  # its amplitude falls as exp(-rate t), roughly, 1/s
+    frequency_hz: float  # rough frequency of the mode, Hz
+    rate: float  # rough decay rate, 1/s: the amplitude falls as exp(-rate t)
     start: int  # first sample
     stop: int  # sample after the last that may be used
-    sure_stop: int  # sample where the envelope comes near its level at the end of the record
-    warnings: tuple[str, ...]  # one sentence for each reason to doubt the choice
+    sure_stop: int  # sample where the envelope comes near its value at the end of the record
+    warnings: tuple[str, ...]  # one sentence for each warning about the choice
 
 
 def find_stretch(
@@ -45,36 +45,36 @@ def find_stretch(
         NotDeterminedError: no peak, or fewer than ten cycles of it.
     """
     n = samples.size
-    first, last = _limits(n, fs, start_s, stop_s)
-    low, high = _band(last - first, fs, near_hz, band_hz)
+    first, last = _find_limits(n, fs, start_s, stop_s)
+    low, high = _choose_band(last - first, fs, near_hz, band_hz)
     part = samples[first:last] - np.median(samples[first:last])
     peak = 0 if start_s is not None else int(np.argmax(np.abs(detrend(part))))
     if peak > 0.95 * part.size:
         raise NotDeterminedError(
             f"the signal is largest at {(first + peak) / fs:.4g} s, at the end of the record: it grows, or an "
-            "impact came then; give start_s and stop_s of a free decay"
+            "impact comes at the end; give start_s and stop_s of a free decay"
         )
-    frequency = _decaying_peak(part[peak:], fs, low, high)
+    frequency = _find_decaying_peak(part[peak:], fs, low, high)
     cycle = fs / frequency
     if last - first < MODAL.fewest_cycles * cycle:
-        raise _too_short(first / fs, (last - first) / cycle, frequency)
+        raise _make_length_error(first / fs, (last - first) / cycle, frequency)
     warnings: list[str] = []
     envelope = find_envelope(part, fs=fs, frequency_hz=frequency)
     start = 0
     if start_s is None:
-        start = _start(part, envelope, cycle)
-        start = max(start, _clipped_until(part, cycle, warnings))
-    stop = _next_impact(part, start, cycle)
+        start = _find_start(part, envelope, cycle)
+        start = max(start, _skip_clipped(part, cycle, warnings))
+    stop = _find_next_impact(part, start, cycle)
     if stop - start < MODAL.fewest_cycles * cycle:
-        raise _too_short((first + start) / fs, (stop - start) / cycle, frequency)
+        raise _make_length_error((first + start) / fs, (stop - start) / cycle, frequency)
     if start_s is None:
-        frequency = _decaying_peak(part[start:stop], fs, low, high)
+        frequency = _find_decaying_peak(part[start:stop], fs, low, high)
         envelope = find_envelope(part, fs=fs, frequency_hz=frequency)
     floor = float(np.quantile(envelope[start + (stop - start) // 2 : stop], 0.2))
     quiet = np.flatnonzero(envelope[start:stop] < max(3.0 * floor, 2e-3 * envelope[start]))
     sure = start + int(quiet[0]) if quiet.size else stop
     sure = min(stop, max(sure, start + int(MODAL.fewest_cycles * fs / frequency)))
-    rate = _slope(envelope[start:sure], fs)
+    rate = _fit_slope(envelope[start:sure], fs)
     return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings))
 
 
@@ -94,13 +94,13 @@ def find_spectrum_peaks(
 
     The window is the falling half of a Hann window, so that the start counts most.
     """
-    frequency, height = _falling_spectrum(samples, fs)
+    frequency, height = _compute_spectrum(samples, fs)
     inside = (frequency >= low_hz) & (frequency <= high_hz)
     floor = float(np.median(height[inside])) if inside.any() else 0.0
-    return *_peaks_of(frequency, height, low_hz, high_hz), floor
+    return *_select_peaks(frequency, height, low_hz, high_hz), floor
 
 
-def _falling_spectrum(samples: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
+def _compute_spectrum(samples: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
     n = samples.size
     size = next_fast_len(4 * n)
     window = 0.5 * (1.0 + np.cos(np.pi * np.arange(n) / n))
@@ -108,7 +108,7 @@ def _falling_spectrum(samples: FloatArray, fs: float) -> tuple[FloatArray, Float
     return rfftfreq(size, 1.0 / fs), 2.0 * np.abs(spectrum) / window.sum()
 
 
-def _peaks_of(
+def _select_peaks(
     frequency: FloatArray, height: FloatArray, low_hz: float, high_hz: float
 ) -> tuple[FloatArray, FloatArray]:
     peaks, _ = find_peaks(height)
@@ -118,7 +118,7 @@ def _peaks_of(
     return frequency[peaks], height[peaks]
 
 
-def _limits(n: int, fs: float, start_s: float | None, stop_s: float | None) -> tuple[int, int]:
+def _find_limits(n: int, fs: float, start_s: float | None, stop_s: float | None) -> tuple[int, int]:
     first = 0 if start_s is None else round(start_s * fs)
     last = n if stop_s is None else min(n, round(stop_s * fs))
     if not 0 <= first < last <= n:
@@ -128,7 +128,7 @@ def _limits(n: int, fs: float, start_s: float | None, stop_s: float | None) -> t
     return first, last
 
 
-def _band(n: int, fs: float, near_hz: float | None, band_hz: tuple[float, float] | None) -> tuple[float, float]:
+def _choose_band(n: int, fs: float, near_hz: float | None, band_hz: tuple[float, float] | None) -> tuple[float, float]:
     low, high = 4.0 * fs / n, 0.45 * fs
     if band_hz is not None:
         low, high = band_hz
@@ -136,20 +136,20 @@ def _band(n: int, fs: float, near_hz: float | None, band_hz: tuple[float, float]
         low, high = 0.9 * near_hz, 1.1 * near_hz
     if not 0.0 < low < high <= 0.5 * fs:
         raise InputError(
-            f"the mode would be looked for between {low:.4g} and {high:.4g} Hz in {n / fs:.3g} s at {fs:g} Hz: give a "
-            f"band below half the rate, or a record of ten cycles or more"
+            f"the mode would be searched between {low:.4g} and {high:.4g} Hz in {n / fs:.3g} s at {fs:g} Hz: give a "
+            f"band below half the sampling rate, or a record of ten cycles or more"
         )
     return low, high
 
 
-def _decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> float:
+def _find_decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> float:
     half = part.size // 2
     if half < 8:
-        raise NotDeterminedError("the record is largest at its very end: there is no decay; give start_s and stop_s")
-    frequency, early = _falling_spectrum(part[:half], fs)
-    _, late = _falling_spectrum(part[half : 2 * half], fs)
+        raise NotDeterminedError("the record is largest at its very end, so no decay follows: give start_s and stop_s")
+    frequency, early = _compute_spectrum(part[:half], fs)
+    _, late = _compute_spectrum(part[half : 2 * half], fs)
     lost = np.maximum(early - late, 0.0)
-    peaks, _ = _peaks_of(frequency, early, low, high)
+    peaks, _ = _select_peaks(frequency, early, low, high)
     if not peaks.size:
         raise NotDeterminedError(
             f"the spectrum has no peak between {low:.4g} and {high:.4g} Hz after the largest sample: give near_hz or "
@@ -158,28 +158,28 @@ def _decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> floa
     return float(peaks[np.argmax(np.interp(peaks, frequency, lost))])
 
 
-def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
+def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
     """Return the first sample after an impact, or after a dwell."""
     highest, reach = int(np.argmax(envelope)), round(0.5 * MODAL.kernel_cycles * cycle) + 1
-    # the mean over a cycle follows slower motion, and the mode cancels in it
+    # The mean over a cycle follows slower motion, and the mode cancels in it.
     level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
     first = max(0, highest - 4 * reach)
     near = level[first : highest + reach]
     peak = first + int(np.argmax(near))
-    # an impact rises far above the motion before it, the end of a dwell does not
+    # An impact rises far above the motion before it; the end of a dwell does not.
     onset = first + int(np.flatnonzero(near * MODAL.impact_rise >= near.max())[0])
     rise = level[onset : onset + round(2.5 * cycle)].max() > 0.75 * near.max()
     loud = int(np.flatnonzero(envelope >= 0.97 * envelope[highest])[-1])
-    # a record that begins loud begins in a decay, or in a dwell
+    # A record that begins loud begins in a decay, or in a dwell.
     begins_loud = onset < 1.25 * cycle
     if not (loud < peak + 2 * reach if begins_loud else rise and onset > first + 1.25 * cycle):
-        # after a dwell the kernel must not reach back across its end
+        # After a dwell the kernel must not reach back across the end of the dwell.
         return loud + reach
-    # a hammer that drives the mode touches for less than half of its period: the impact is over by then
+    # A hammer that drives the mode touches for less than half of its period, so the impact is over by then.
     return (peak if peak < onset + 2.5 * cycle else onset) + round(MODAL.after_peak_cycles * cycle)
 
 
-def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
+def _skip_clipped(part: FloatArray, cycle: float, warnings: list[str]) -> int:
     last = -1
     n = MODAL.clipped_samples
     for at_limit in (part >= part.max(), part <= part.min()):
@@ -187,11 +187,11 @@ def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
         last = max(last, np.flatnonzero(run == n).max(initial=-n) + n - 1)
     if last < 0:
         return 0
-    warnings.append("samples are clipped: what was before the last of them is left out")
+    warnings.append("samples are clipped: the record up to the last clipped sample is left out; increase the range")
     return last + 1 + round(0.1 * cycle)
 
 
-def _next_impact(part: FloatArray, start: int, cycle: float) -> int:
+def _find_next_impact(part: FloatArray, start: int, cycle: float) -> int:
     """Return the sample before the next impact, where the rms of a cycle rises above the three before."""
     length = max(4, round(cycle))
     n_blocks = (part.size - start) // length
@@ -203,14 +203,14 @@ def _next_impact(part: FloatArray, start: int, cycle: float) -> int:
     return part.size
 
 
-def _slope(envelope: FloatArray, fs: float) -> float:
+def _fit_slope(envelope: FloatArray, fs: float) -> float:
     time = np.arange(envelope.size) / fs
     return -float(np.polyfit(time, np.log(np.maximum(envelope, 1e-300)), 1, w=envelope)[0])
 
 
-def _too_short(start_s: float, cycles: float, frequency: float) -> NotDeterminedError:
+def _make_length_error(start_s: float, cycles: float, frequency: float) -> NotDeterminedError:
     return NotDeterminedError(
         f"the free decay after {start_s:.4g} s is {max(cycles, 0.0):.1f} cycles of {frequency:.4g} Hz long: at least "
-        f"{MODAL.fewest_cycles} are needed to tell frequency and damping over amplitude; record longer, or name "
+        f"{MODAL.fewest_cycles} are needed to determine frequency and damping over amplitude; record longer, or name "
         "another mode with near_hz"
     )

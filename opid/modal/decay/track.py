@@ -28,8 +28,8 @@ class Track:
     rate: FloatArray  # (n,) -B'/B, 1/s
     chirp: FloatArray  # (n,) phi'' of the smooth reference, rad/s^2
     omega_std: FloatArray  # (n,) standard deviation, rad/s
-    rate_std: FloatArray  # (n,) likewise, 1/s
-    covariance: FloatArray  # (2n, 2n) of log B, then of phi; neighbouring windows overlap and are correlated
+    rate_std: FloatArray  # (n,) standard deviation, 1/s
+    covariance: FloatArray  # (2n, 2n) covariance of log B, then phi; neighbouring windows overlap and are correlated
     neighbours_hz: tuple[float, ...]  # frequencies that were fitted beside the mode, Hz
     unresolved_hz: tuple[float, ...]  # frequencies too close to the mode to be separated from it, Hz
     residual_share: float  # rms of the residual over that of the record, in the stretch used
@@ -88,18 +88,18 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
     try:
         windows, reference, neighbours, close = _follow(part, stretch, np.empty(0), fs)
     except NotDeterminedError:
-        # a strong neighbour may spoil the first rounds: those in the spectrum are now fitted from the beginning
-        strong = _strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
+        # A strong neighbour may spoil the first rounds, so those in the spectrum are now fitted from the beginning.
+        strong = _find_strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
         if not strong.size:
             raise
         try:
             windows, reference, neighbours, close = _follow(part, stretch, strong, fs)
         except NotDeterminedError:
             raise NotDeterminedError(
-                f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be told "
-                "apart: separate them with several sensors (a modal filter)"
+                f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be "
+                "separated in one signal: separate them with several sensors (a modal filter)"
             ) from None
-    return _track(part, windows, reference, neighbours, close, stretch, fs)
+    return _make_track(part, windows, reference, neighbours, close, stretch, fs)
 
 
 def _follow(
@@ -115,30 +115,30 @@ def _follow(
         np.log(amplitude) - rate * time, omega * time, np.full(time.size, omega), np.full(time.size, rate)
     )
 
-    def early(reference: _Reference, neighbours: FloatArray) -> list[_Window]:
-        return _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+    def fit_early(reference: _Reference, neighbours: FloatArray) -> list[_Window]:
+        return _fit_windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
 
-    for _ in range(2):  # three rounds before neighbours are looked for, with that of `windows`
-        reference = _renew(early(reference, neighbours), reference, fs)
-    windows = early(reference, neighbours)
+    for _ in range(2):  # with the round that makes `windows`, three rounds come before the search for neighbours
+        reference = _renew_reference(fit_early(reference, neighbours), reference, fs)
+    windows = fit_early(reference, neighbours)
     close: list[float] = []
     for _ in range(MODAL.most_neighbours):
-        found, resolved = _next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
+        found, resolved = _find_next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
         if found is None:
             break
         if resolved:
             neighbours = np.append(neighbours, found)
-            reference = _renew(early(reference, neighbours), reference, fs)
-            windows = early(reference, neighbours)
+            reference = _renew_reference(fit_early(reference, neighbours), reference, fs)
+            windows = fit_early(reference, neighbours)
         else:
             close.append(found)
-    reference = _renew(windows, reference, fs)
-    for _ in range(2):  # later rounds no longer change the reference
-        reference = _renew(_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
-    return _windows(part, reference, neighbours, fs=fs, until_noise=True), reference, neighbours, np.array(close)
+    reference = _renew_reference(windows, reference, fs)
+    for _ in range(2):  # further rounds no longer change the reference
+        reference = _renew_reference(_fit_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
+    return _fit_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, neighbours, np.array(close)
 
 
-def _strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatArray:
+def _find_strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatArray:
     own = stretch.frequency_hz
     frequency, height, _ = find_spectrum_peaks(part, fs=fs, low_hz=0.75 * own, high_hz=min(1.33 * own, 0.48 * fs))
     if not height.size:
@@ -146,7 +146,7 @@ def _strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatAr
     return frequency[(np.abs(frequency - own) > 2.0 * fs / part.size) & (height > 0.1 * height[0])][:2]
 
 
-def _windows(
+def _fit_windows(
     part: FloatArray, reference: _Reference, neighbours: FloatArray, *, fs: float, until_noise: bool
 ) -> list[_Window]:
     """Return windows that overlap by half, from the start until the decay reaches the noise."""
@@ -154,17 +154,17 @@ def _windows(
     shortest_hop = max(1, part.size // MODAL.most_windows)
     first, weak, whole = 0, 0, float(np.ptp(part))
     while first < part.size:
-        length = _length(part.size, reference, first, neighbours, fs)
+        length = _choose_length(part.size, reference, first, neighbours, fs)
         if first + length > part.size or np.ptp(part[first : first + length]) <= 1e-9 * whole:
             break
         if first == 0:
-            # the start gets half a window, highest at its first sample
+            # The start gets half a window, which is highest at its first sample.
             shortest = round(MODAL.fewest_window_cycles / 1.5 * fs * 2 * np.pi / reference.omega[0])
             short = max(length // 2, min(length, shortest))
             falling = 0.5 * (1.0 + np.cos(np.pi * (np.arange(short) + 0.5) / short))
-            windows.append(_fit(part, 0, falling, reference, neighbours, fs))
+            windows.append(_fit_window(part, 0, falling, reference, neighbours, fs))
         hann = np.hanning(length + 2)[1:-1]
-        windows.append(_fit(part, first, hann, reference, neighbours, fs))
+        windows.append(_fit_window(part, first, hann, reference, neighbours, fs))
         last = windows[-1]
         signal = abs(last.value) * np.exp(reference.log_amplitude[min(part.size - 1, round(last.centre * fs))])
         spread = last.value_std * signal / max(abs(last.value), 1e-300)
@@ -181,7 +181,7 @@ def _windows(
     return windows
 
 
-def _length(n: int, reference: _Reference, first: int, neighbours: FloatArray, fs: float) -> int:
+def _choose_length(n: int, reference: _Reference, first: int, neighbours: FloatArray, fs: float) -> int:
     cycle = 2.0 * np.pi / reference.omega[first]
     wanted = MODAL.window_decay / max(reference.rate[first], 1e-9)
     fewest = MODAL.fewest_window_cycles * cycle
@@ -193,7 +193,7 @@ def _length(n: int, reference: _Reference, first: int, neighbours: FloatArray, f
     return int(max(min(max(wanted, fewest), most), least) * fs)
 
 
-def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
+def _renew_reference(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
     """Return a smooth reference: frequency and rate as polynomials in the root of the amplitude, by all windows."""
     from scipy.integrate import cumulative_trapezoid
 
@@ -203,7 +203,7 @@ def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Referen
     log_seen = np.interp(centres, time, reference.log_amplitude) + seen
     omega = np.interp(centres, time, reference.omega) + np.imag([w.slope for w in windows])
     rate = np.interp(centres, time, reference.rate) - np.real([w.slope for w in windows])
-    # one noise level for all windows: where it seems larger at the start, the reference is wrong there
+    # All windows have one noise level: where it seems larger at the start, the reference is wrong there.
     noise = max(float(np.median([w.noise for w in windows])), 1e-300)
     if not np.median(rate) > 0.0:
         raise NotDeterminedError(
@@ -211,9 +211,9 @@ def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Referen
         )
     root = np.exp(0.5 * (log_seen - log_seen.max()))
     degree = min(4, max(0, len(windows) // 5))
-    by_omega = _smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)
-    by_rate = _smooth(root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree)
-    # the amplitude follows its own rate, sample by sample, and meets those of the windows on average
+    by_omega = _fit_smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)
+    by_rate = _fit_smooth(root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree)
+    # The amplitude follows its own rate, sample by sample, and meets those of the windows on average.
     order = np.argsort(centres)
     log_of = np.interp(time, centres[order], np.minimum.accumulate(log_seen[order]))
     ahead = max(float(np.median(rate)), 1e-6)
@@ -225,12 +225,12 @@ def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Referen
     log_amplitude = -cumulative_trapezoid(new_rate, dx=1.0 / fs, initial=0.0)
     weight = 1.0 / np.maximum([w.value_std for w in windows], 1e-9) ** 2
     log_amplitude += np.sum(weight * (log_seen - np.interp(centres, time, log_amplitude))) / weight.sum()
-    # limited far outside the amplitudes that were seen, so that nothing overflows
+    # The logarithm is limited far outside the amplitudes that were seen, so that nothing overflows.
     log_amplitude = np.clip(log_amplitude, log_seen.max() - 40.0, log_seen.max() + 10.0)
     return _Reference(log_amplitude, cumulative_trapezoid(new_omega, dx=1.0 / fs, initial=0.0), new_omega, new_rate)
 
 
-def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
+def _fit_smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
     """Return a polynomial of the degree with the least Bayesian criterion, fitted without outliers."""
     std = np.maximum(std, 1e-9 * np.median(np.abs(y)) + 1e-300)
     keep = np.ones(x.size, dtype=bool)
@@ -244,14 +244,14 @@ def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> Float
             score = n * np.log(max(misfit / n, 0.1)) + power * np.log(n)
             if score < best[0]:
                 best = (score, fit)
-        rest = np.abs(y - np.polyval(best[1], x)) / std
-        keep = rest <= max(5.0 * float(np.median(rest)), 5.0)
+        departure = np.abs(y - np.polyval(best[1], x)) / std
+        keep = departure <= max(5.0 * float(np.median(departure)), 5.0)
         if keep.sum() < degree + 3:
             break
     return best[1]
 
 
-def _next_neighbour(
+def _find_next_neighbour(
     part: FloatArray, reference: _Reference, windows: list[_Window], known: list[float], fs: float
 ) -> tuple[float | None, bool]:
     """Return the strongest frequency beside the mode that is not known yet, Hz, and whether it can be separated."""
@@ -261,14 +261,14 @@ def _next_neighbour(
     centres, values = np.array([w.centre for w in windows]), np.array([w.value for w in windows])
     logs = np.log(np.maximum(np.abs(values), 1e-6)) + 1j * np.unwrap(np.angle(values))
     trust = np.exp(reference.log_amplitude[np.minimum(size - 1, np.round(centres * fs).astype(np.int64))])
-    # a slow curve, for one that follows every window would take up the beat with a neighbour
+    # The curve is slow, for one that follows every window would take up the beat with a neighbour.
     degree = min(3, len(windows) // 4)
     shift = [np.polyval(np.polyfit(centres, each, degree, w=trust), time) for each in (logs.real, logs.imag)]
     shift[0] = np.clip(shift[0], logs.real.min(), logs.real.max())
-    rest = part - (main * np.exp(shift[0] + 1j * shift[1])).real
+    remainder = part - (main * np.exp(shift[0] + 1j * shift[1])).real
     own = float(np.median(reference.omega)) / (2.0 * np.pi)
     highest = min(MODAL.highest_neighbour * own, 0.48 * fs)
-    frequency, height, floor = find_spectrum_peaks(rest, fs=fs, low_hz=0.3 * own, high_hz=highest)
+    frequency, height, floor = find_spectrum_peaks(remainder, fs=fs, low_hz=0.3 * own, high_hz=highest)
     largest = float(find_spectrum_peaks(part, fs=fs, low_hz=0.9 * own, high_hz=1.1 * own)[1].max(initial=0.0))
     swept = reference.omega[:size] / (2.0 * np.pi)
     rate = float(np.median(reference.rate))
@@ -277,15 +277,15 @@ def _next_neighbour(
     apart &= np.min(np.abs(frequency[:, None] / own - np.array([2.0, 3.0])), axis=1, initial=np.inf) > 0.06
     apart &= np.min(np.abs(frequency[:, None] - np.array(known)), axis=1, initial=np.inf) > width
     apart &= height > max(MODAL.smallest_neighbour * largest, 6.0 * floor)
-    # a window that is longer than the decay itself separates nothing
+    # A window that is longer than the decay itself separates nothing.
     longest = min(size / fs / 2.5, MODAL.longest_decay / max(rate, 1e-9))
     resolved = np.abs(frequency - own) * longest > MODAL.resolved
-    # a close and weak peak may be a residual of the mode itself
+    # A close and weak peak may be a residual of the mode itself.
     found = np.flatnonzero(apart & (resolved | (height > MODAL.unresolved * largest)))
     return (float(frequency[found[0]]), bool(resolved[found[0]])) if found.size else (None, False)
 
 
-def _track(
+def _make_track(
     part: FloatArray,
     windows: list[_Window],
     reference: _Reference,
@@ -316,7 +316,7 @@ def _track(
         chirp=np.interp(centres, time, np.gradient(reference.omega, 1.0 / fs)),
         omega_std=noise * spreads.imag,
         rate_std=noise * spreads.real,
-        covariance=_covariance(windows, noise),
+        covariance=_find_covariance(windows, noise),
         neighbours_hz=tuple(neighbours.tolist()),
         unresolved_hz=tuple(close.tolist()),
         residual_share=_find_unexplained(part, windows),
@@ -330,7 +330,7 @@ def _pool_noise(noise: FloatArray) -> FloatArray:
     return np.array([np.sqrt(np.mean(noise[max(0, k - 3) : k + 4] ** 2)) for k in range(noise.size)])
 
 
-def _covariance(windows: list[_Window], noise: FloatArray) -> FloatArray:
+def _find_covariance(windows: list[_Window], noise: FloatArray) -> FloatArray:
     n = len(windows)
     covariance = np.zeros((2 * n, 2 * n))
     parts = [np.stack([window.by_value.real, window.by_value.imag]) for window in windows]
@@ -359,7 +359,7 @@ def _find_unexplained(part: FloatArray, windows: list[_Window]) -> float:
     return float(np.sqrt(left / whole)) if whole > 0.0 else 0.0
 
 
-def _fit(
+def _fit_window(
     part: FloatArray, first: int, weight: FloatArray, reference: _Reference, neighbours: FloatArray, fs: float
 ) -> _Window:
     """Fit one window, which begins at the sample `first`, by weighted least squares."""
@@ -367,7 +367,7 @@ def _fit(
     y = part[inside]
     time = (first + np.arange(weight.size)) / fs
     height = np.exp(reference.log_amplitude[inside])
-    # about the centre of the information alpha and beta are uncorrelated
+    # About the centre of the information alpha and beta are uncorrelated.
     centre = float(np.sum(weight * height**2 * time) / np.sum(weight * height**2))
     since = (time - centre) / (weight.size / fs)
     phase = reference.phase[inside]
@@ -389,11 +389,12 @@ def _fit(
     solve = np.linalg.pinv(x.T @ weighted, rcond=1e-10, hermitian=True) @ weighted.T
     solution = solve @ y
     fitted = x @ solution
-    rest = y - fitted
+    residual = y - fitted
     functional = solve[:4] / scale[:4, None]
     alpha_r, alpha_i, beta_r, beta_i = (solution[:4] / scale[:4]).tolist()
     value, slope = complex(alpha_r, alpha_i) or 1e-12 + 0j, complex(beta_r, beta_i)
-    # weighted by the reference and not by the value found: noise that makes it small must not also lower its weight
+    # The weight comes from the reference and not from the value found: noise that makes the value small must not also
+    # lower its weight.
     turn_back = np.exp(-1j * np.angle(value))
     by_value = (functional[0] + 1j * functional[1]) * turn_back
     by_slope = (functional[2] + 1j * functional[3]) * turn_back - (slope / value) * by_value
@@ -406,14 +407,14 @@ def _fit(
         slope=slope / value / span,
         by_value=by_value,
         slope_std=spread,
-        noise=_noise(x, solve, weight, rest, since, turning),
+        noise=_find_noise(x, solve, weight, residual, since, turning),
         fitted=fitted,
         weight=weight,
     )
 
 
-def _noise(
-    x: FloatArray, solve: FloatArray, weight: FloatArray, rest: FloatArray, since: FloatArray, turning: FloatArray
+def _find_noise(
+    x: FloatArray, solve: FloatArray, weight: FloatArray, residual: FloatArray, since: FloatArray, turning: FloatArray
 ) -> float:
     """Return the standard deviation of the samples if their noise near the mode were white.
 
@@ -429,6 +430,6 @@ def _noise(
     values, vectors = np.linalg.eigh(gram)
     keep = values > 1e-8 * values[-1]
     basis = (more @ vectors[:, keep]) / np.sqrt(values[keep])
-    taken = basis.T @ (weight * rest)
+    taken = basis.T @ (weight * residual)
     expected = float(np.sum((weight[:, None] * basis) ** 2))
     return float(np.sqrt(taken @ taken / max(expected, 1e-300)))

@@ -35,13 +35,13 @@ class ModeLines:
     damping: ComplexArray  # (m, 5) transforms of q'|q'|^(n-1)
     inertia: ComplexArray  # (m,) transform of q''
     force: ComplexArray  # (m,) transform of f_q
-    rest: ComplexArray  # (m,) the left side
-    noise_force: float  # standard deviation of a line of `force` (complex) that the sensor's noise makes
-    noise_inertia: float  # likewise of a line of `inertia`
-    indices: NDArray[np.int64]  # (m,) of the lines in the transform of the whole record
+    left_side: ComplexArray  # (m,) transform of the left side
+    noise_force: float  # standard deviation of a line of `force` (complex) by the sensor's noise
+    noise_inertia: float  # standard deviation of a line of `inertia` by the sensors' noise
+    indices: NDArray[np.int64]  # (m,) indices of the lines in the transform of the whole record
     q: FloatArray  # (n,) displacement, m kg^1/2
     v: FloatArray  # (n,) velocity, m/s kg^1/2
-    fade: FloatArray  # (n,) what every term was multiplied by
+    fade: FloatArray  # (n,) the factor by which every term was multiplied
     linear: tuple[float, float]  # k0, 1/s^2, and c0, 1/s
     kept_hz: tuple[float, float]  # the band of q and v, Hz
     fs: float  # sampling rate, Hz
@@ -58,7 +58,7 @@ class ModeLines:
 
     def only(self, kept: NDArray[np.bool_]) -> ModeLines:
         """Return the equation on some of its lines, those where `kept`, (m,), is True."""
-        names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "rest", "indices")
+        names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "left_side", "indices")
         return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
 
@@ -68,7 +68,7 @@ class Powers:
 
     Args:
         k: powers of the displacement: 2 .. N_s, and 1 where k0 is corrected.
-        c: powers of the velocity likewise.
+        c: powers of the velocity: 2 .. N_d, and 1 where c0 is corrected.
 
     >>> Powers.of(3, 2, free_linear=False)
     Powers(k=(2, 3), c=(2,))
@@ -97,7 +97,7 @@ class Powers:
 
     def misfit(self, lines: ModeLines, value: FloatArray) -> ComplexArray:
         """Return the (m,) misfit of the equation for some coefficients."""
-        return lines.rest - self.columns(lines) @ value
+        return lines.left_side - self.columns(lines) @ value
 
     def tangents(self, lines: ModeLines, value: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return tangent stiffness, 1/s^2, and damping, 1/s, at each moment, (n,) each."""
@@ -113,11 +113,11 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     """Return the equation of a mode on the lines of a band.
 
     Args:
-        test: starting from rest and decayed to rest at its end, if its ends are not tapered.
+        test: a test that starts from rest and has decayed at its end, if its ends are not tapered.
         mode: number of the mode, from 1.
         band_hz: lower and upper end, Hz.
         taper_s: time over which every term of the equation is faded in and out, s. The equation holds at each moment,
-            so it stays true when all of its terms are faded alike, and the ends spoil the integration no more.
+            so it stays true when all of its terms are faded alike, and the ends no longer spoil the integration.
 
     Raises:
         InputError: a band outside the record's frequencies or with fewer than eight lines.
@@ -132,13 +132,13 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
             f"the band {low:g} to {high:g} Hz of mode {mode} has {inside.sum()} line(s) of test {test.name!r}, which "
             f"lasts {acceleration.size / test.fs:.3g} s at {test.fs:g} Hz: give a longer record or a wider band"
         )
-    kept_hz = _kept(natural_hz, band_hz)
-    q, v = _motion(acceleration, test.fs, kept_hz)
-    fade = _fade(acceleration.size, taper_s * test.fs)
+    kept_hz = _choose_motion_band(natural_hz, band_hz)
+    q, v = _integrate_band(acceleration, test.fs, kept_hz)
+    fade = _make_fade(acceleration.size, taper_s * test.fs)
     of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * test.modal_force(mode))
     k0, c0 = float(test.modes.stiffness()[index]), float(test.modes.damping()[index])
-    finer = int(np.ceil(24 * natural_hz / test.fs))  # to 24 samples a period or more
-    stiffness, damping = (_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
+    finer = int(np.ceil(24 * natural_hz / test.fs))  # a period then has 24 samples or more
+    stiffness, damping = (_transform_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
     quiet = find_quiet_lines(test.modes, frequency)
     return ModeLines(
         test=test.name,
@@ -147,9 +147,9 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         damping=damping,
         inertia=of_acceleration[inside],
         force=of_force[inside],
-        rest=of_force[inside] - of_acceleration[inside] - (c0 * damping[:, 0] + k0 * stiffness[:, 0]),
-        noise_force=_noise_of_lines(of_force, quiet),
-        noise_inertia=_noise_of_lines(of_acceleration, quiet),
+        left_side=of_force[inside] - of_acceleration[inside] - (c0 * damping[:, 0] + k0 * stiffness[:, 0]),
+        noise_force=_find_noise_std(of_force, quiet),
+        noise_inertia=_find_noise_std(of_acceleration, quiet),
         indices=np.flatnonzero(inside),
         q=q,
         v=v,
@@ -161,9 +161,9 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
 
 
 def integrate_mode(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode by division by j omega, without what lies far off its band."""
-    kept_hz = _kept(float(test.modes.frequency_hz[test.modes.index(mode)]), band_hz)
-    return _motion(test.modal_acceleration(mode), test.fs, kept_hz)
+    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode by division by j omega, near its band only."""
+    kept_hz = _choose_motion_band(float(test.modes.frequency_hz[test.modes.index(mode)]), band_hz)
+    return _integrate_band(test.modal_acceleration(mode), test.fs, kept_hz)
 
 
 def find_quiet_lines(modes: LinearModes, frequency_hz: FloatArray) -> NDArray[np.bool_]:
@@ -192,7 +192,7 @@ def find_noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, 
     n = lines.q.size
     spectrum = np.zeros((n // 2 + 1, gradient.shape[1]), dtype=np.complex128)
     spectrum[lines.indices] = gradient
-    # Re sum conj(G_l) e^(-j omega_l t), one signal for each parameter, faded as the terms were
+    # Each parameter has one signal, Re sum conj(G_l) e^(-j omega_l t), faded as the terms were.
     of_force = 0.5 * n * fft.irfft(spectrum, n, axis=0) * lines.fade[:, None]
     frequency = fft.rfftfreq(n, 1 / lines.fs)
     kept = ((frequency >= lines.kept_hz[0]) & (frequency <= lines.kept_hz[1]))[:, None]
@@ -201,19 +201,20 @@ def find_noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, 
     integrated = np.where(kept, through[0] / backward + through[1] / backward**2, 0.0)
     of_inertia = of_force + fft.irfft(integrated, n, axis=0)
     noise = lines.noise_force**2 * of_force.T @ of_force + lines.noise_inertia**2 * of_inertia.T @ of_inertia
-    # the noise was read from lines of the faded record
+    # The noise was read from lines of the faded record.
     return noise / np.sum(lines.fade**2)
 
 
-def _kept(natural_hz: float, band_hz: tuple[float, float]) -> tuple[float, float]:
+def _choose_motion_band(natural_hz: float, band_hz: tuple[float, float]) -> tuple[float, float]:
     """Return the band of the motion, which holds the third harmonic with all of its width.
 
-    A short beat is wide: were it cut off half-way to the neighbours, q^3 would lack a part and k3 be wrong by percents.
+    A short beat is wide: if it were cut off half-way to the neighbours, q^3 would lack a part, and k3 would be wrong by
+    some percent.
     """
     return min(0.6 * natural_hz, band_hz[0]), max(3.5 * natural_hz, band_hz[1])
 
 
-def _motion(acceleration: FloatArray, fs: float, kept_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+def _integrate_band(acceleration: FloatArray, fs: float, kept_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     n = acceleration.size
     frequency = fft.rfftfreq(n, 1 / fs)
     kept = (frequency >= kept_hz[0]) & (frequency <= kept_hz[1])
@@ -222,11 +223,11 @@ def _motion(acceleration: FloatArray, fs: float, kept_hz: tuple[float, float]) -
     return fft.irfft(velocity / j_omega, n), fft.irfft(velocity, n)
 
 
-def _fade(n: int, taper: float) -> FloatArray:
+def _make_fade(n: int, taper: float) -> FloatArray:
     return tukey(n, min(1.0, 2 * taper / n))
 
 
-def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
+def _transform_powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
     """Return transforms of the powers of a motion that is resampled, so that no harmonic folds back onto the mode.
 
     At four samples a period, the third harmonic of q^3 would.
@@ -235,12 +236,12 @@ def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
     spectrum = np.zeros(finer * n // 2 + 1, dtype=np.complex128)
     spectrum[: n // 2 + 1] = fft.rfft(motion)
     fine = finer * fft.irfft(spectrum, finer * n) if finer > 1 else motion
-    size, fade = np.abs(fine), _fade(fine.size, finer * taper)
+    size, fade = np.abs(fine), _make_fade(fine.size, finer * taper)
     powers = (fft.rfft(fade * fine * size ** (n_power - 1)) for n_power in range(1, HIGHEST_ORDER + 1))
     return np.stack([each[: n // 2 + 1] / finer for each in powers], axis=1)
 
 
-def _noise_of_lines(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
-    # simulated tests without noise need finite weights, too
+def _find_noise_std(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
+    # Simulated tests without noise need finite weights, too.
     least = 1e-7 * float(np.abs(spectrum).max())
     return max(float(np.sqrt(find_noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)

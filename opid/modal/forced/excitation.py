@@ -17,7 +17,7 @@ from opid.signals.spectra import Window
 
 SweepKind = Literal["linear", "logarithmic"]
 
-FEWEST_PERIODS = 3.0  # of the sine in a beat: with fewer its spectrum has no clear peak at the centre frequency
+FEWEST_PERIODS = 3.0  # a beat with fewer periods of its sine has no clear peak at the centre frequency
 HIGHEST_RATE = 1 / 2.56  # fraction of the sampling rate that the usual filters of a data acquisition let pass
 N_FINE = 4096  # samples at which the spectrum of a window is computed
 
@@ -36,9 +36,9 @@ class SineBeat:
         centre_hz: frequency of the sine, Hz.
         duration_s: length of the window, s.
         window: any name or tuple that scipy.signal.get_window takes, except those whose width counts samples.
-        amplitude: peak of the window, V (or whatever the shaker takes).
-        lead_s: quiet time before it, s.
-        tail_s: quiet time after it, s, in which the structure decays, see `quiet_s`.
+        amplitude: peak of the window, V (or another unit that the shaker takes).
+        lead_s: quiet time before the window, s.
+        tail_s: quiet time after the window, s, in which the structure decays, see `quiet_s`.
 
     Raises:
         InputError: a frequency or duration that is not positive, fewer than three periods, a negative quiet time, or a
@@ -67,7 +67,7 @@ class SineBeat:
                 f"a beat of {self.duration_s:.3g} s holds {periods:.2g} periods of {self.centre_hz:.4g} Hz: give "
                 f"{FEWEST_PERIODS / self.centre_hz:.3g} s (three periods) or more"
             )
-        _window_samples(self.window, 8)
+        _sample_window(self.window, 8)
 
 
 @dataclass(frozen=True)
@@ -76,19 +76,12 @@ class BeatDesign:
 
     Args:
         beat: the beat.
-        below_hz: distance from the natural frequency down to the neighbour (rule 1) or the end of the band (rule 2),
-            Hz; None without a neighbour.
-        above_hz: likewise upwards.
         first_minimum_hz: distance from the centre to the first minima of its spectrum, Hz.
-        main_lobe_hz: width of the main lobe that was designed, Hz.
-        reason: the rule and the neighbours or the band that decided, one sentence.
+        reason: the rule, and the neighbours or the band that decided, in one sentence.
     """
 
     beat: SineBeat
-    below_hz: float | None
-    above_hz: float | None
     first_minimum_hz: float
-    main_lobe_hz: float
     reason: str
 
 
@@ -110,8 +103,8 @@ def sine_beat_voltage(beat: SineBeat, fs: float) -> FloatArray:
     n_samples = max(2, round((beat.lead_s + beat.duration_s + beat.tail_s) * fs))
     lead, length = round(beat.lead_s * fs), round(beat.duration_s * fs)
     time_s = np.arange(length + 1) / fs
-    # the window has its ends on the first and the last sample
-    shape = _window_samples(beat.window, length + 1) * np.sin(2 * np.pi * beat.centre_hz * time_s)
+    # The window has its ends on the first and the last sample.
+    shape = _sample_window(beat.window, length + 1) * np.sin(2 * np.pi * beat.centre_hz * time_s)
     voltage = np.zeros(max(n_samples, lead + 1))
     inside = min(shape.size, voltage.size - lead)
     voltage[lead : lead + inside] = beat.amplitude * shape[:inside]
@@ -124,7 +117,7 @@ def quiet_s(modes: LinearModes, mode: int, *, decay_to: float = 1e-4) -> float:
     Args:
         modes: the linear modes.
         mode: number of the mode, from 1.
-        decay_to: what is left of its amplitude at the end.
+        decay_to: fraction of its amplitude that is left at the end.
 
     Raises:
         InputError: a mode that does not decay, or a fraction outside 0 .. 1.
@@ -159,10 +152,10 @@ def beat_between_neighbours(
     Args:
         modes: the linear modes.
         mode: number of the mode to excite, from 1.
-        window: as in `SineBeat`.
+        window: the window of the beat, see `SineBeat`.
         amplitude: peak of the window, V.
-        lead_s: quiet time before it, s.
-        tail_s: quiet time after it, s; where left out, the time in which the mode decays to 1e-4.
+        lead_s: quiet time before the window, s.
+        tail_s: quiet time after the window, s; where left out, the time in which the mode decays to 1e-4.
 
     Raises:
         InputError: a rigid-body mode, no other elastic mode, a neighbour at the same frequency, or one so far that the
@@ -170,10 +163,10 @@ def beat_between_neighbours(
 
     >>> modes = LinearModes([90.0, 100.0, 120.0], [0.004] * 3, [[0.5, 0.3, 0.2]], ("a",))
     >>> design = beat_between_neighbours(modes, 2)
-    >>> round(design.beat.duration_s, 6), design.below_hz, design.above_hz
-    (0.4, 10.0, 20.0)
+    >>> round(design.beat.duration_s, 6), design.first_minimum_hz
+    (0.4, 10.0)
     """
-    centre = _elastic_frequency(modes, mode)
+    centre = _require_elastic(modes, mode)
     if np.count_nonzero(np.abs(modes.frequency_hz - centre) < 1e-6 * centre) > 1:
         raise InputError(
             f"mode {mode} has a neighbour at its own frequency, {centre:.5g} Hz: no beat can excite it alone"
@@ -187,8 +180,8 @@ def beat_between_neighbours(
     duration = first_minimum_hz(window, 1.0) / nearest
     neighbours = " and ".join(f"{distance:.4g} Hz {word}" for word, distance in distances.items())
     reason = f"first minima {nearest:.4g} Hz from mode {mode}: the neighbouring elastic modes lie {neighbours}"
-    beat = _design(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
-    return BeatDesign(beat, below, above, nearest, main_lobe_width_hz(window, duration), reason)
+    beat = _make_beat(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
+    return BeatDesign(beat, nearest, reason)
 
 
 def beat_over_drive_point_peak(
@@ -207,32 +200,33 @@ def beat_over_drive_point_peak(
     """Return the beat whose main lobe is as wide as the drive point's peak (Pacini section 3.1, rule 2).
 
     The peak is the band around the natural frequency in which the imaginary part of the drive-point accelerance
-    exceeds a fraction of its value at the mode; it ends half way to a neighbouring mode at the latest.
+    exceeds a fraction of its value at the mode; it ends at the middle between two modes at the latest.
 
     Args:
         modes: the linear modes.
         mode: number of the mode to excite, from 1.
         drive_point: the sensor at which the shaker acts.
-        response: measured response to a force there; that of the linear modes where left out.
-        fraction: of the imaginary part at its peak.
-        level_db: level of the main lobe that is as wide as the band, dB; between its first minima where None.
-        window: as in `SineBeat`.
+        response: measured response to a force at the drive point; that of the linear modes where left out.
+        fraction: fraction of the peak of the imaginary part at which the band ends.
+        level_db: level at which the main lobe is as wide as the band, dB; between its first minima where None.
+        window: the window of the beat, see `SineBeat`.
         amplitude: peak of the window, V.
-        lead_s: quiet time before it, s.
-        tail_s: quiet time after it, s; where left out, the time in which the mode decays to 1e-4.
+        lead_s: quiet time before the window, s.
+        tail_s: quiet time after the window, s; where left out, the time in which the mode decays to 1e-4.
 
     Raises:
         InputError: a rigid-body mode, one that does not move at the drive point, a response to another drive point or
             too coarse for the peak, or a beat shorter than three periods.
 
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
-    >>> round(beat_over_drive_point_peak(modes, 1, "a").main_lobe_hz, 2)  # 2 sqrt(19) zeta f
+    >>> beat = beat_over_drive_point_peak(modes, 1, "a").beat
+    >>> round(main_lobe_width_hz(beat.window, beat.duration_s), 2)  # 2 sqrt(19) zeta f
     3.49
     """
-    centre = _elastic_frequency(modes, mode)
+    _require_elastic(modes, mode)
     if not 0 < fraction < 1:
         raise InputError(f"fraction is {fraction}: give a number between 0 and 1, e.g. 0.05")
-    low, high = _peak_band(modes, mode, drive_point, response, fraction)
+    low, high = _find_peak_band(modes, mode, drive_point, response, fraction)
     width = high - low
     duration = main_lobe_width_hz(window, 1.0, level_db=level_db) / width
     part = "between its first minima" if level_db is None else f"at {level_db:g} dB"
@@ -240,8 +234,8 @@ def beat_over_drive_point_peak(
         f"main lobe ({part}) of {width:.4g} Hz: there the imaginary part at {drive_point!r} exceeds "
         f"{100 * fraction:g} % of its value at mode {mode}"
     )
-    beat = _design(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
-    return BeatDesign(beat, centre - low, high - centre, first_minimum_hz(window, duration), width, reason)
+    beat = _make_beat(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
+    return BeatDesign(beat, first_minimum_hz(window, duration), reason)
 
 
 def shaped_sweep(
@@ -265,7 +259,7 @@ def shaped_sweep(
         duration_s: length, s.
         fs: sampling rate, Hz.
         kind: "linear" for a constant number of hertz a second, "logarithmic" for one of octaves a second.
-        fade_s: time in which the amplitude rises at the beginning, and falls at the end, as a half cosine, s.
+        fade_s: time in which the amplitude rises at the beginning and falls at the end, as a half cosine, s.
 
     Raises:
         InputError: points that do not increase or do not match, frequencies that are not positive or too high for the
@@ -280,17 +274,20 @@ def shaped_sweep(
     points, heights = np.asarray(frequency_hz, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
     if points.ndim != 1 or points.shape != heights.shape or points.size == 0:
         raise InputError(
-            f"{points.shape} frequencies and {heights.shape} amplitudes: give one amplitude for each frequency"
+            f"frequency_hz has shape {points.shape} and amplitude {heights.shape}: give one amplitude for each "
+            "frequency"
         )
     if not (np.isfinite(points).all() and np.isfinite(heights).all() and (np.diff(points) > 0).all()):
-        raise InputError("the points of the amplitude are not finite and increasing in frequency: sort them")
+        raise InputError(
+            "the points of the amplitude must be finite and increase in frequency, and these do not: sort them"
+        )
     for name, value in (("start_hz", start_hz), ("stop_hz", stop_hz), ("duration_s", duration_s)):
         _require_positive(name, value)
     _require_rate(max(start_hz, stop_hz), fs, "the sweep")
     if kind not in get_args(SweepKind):
         raise InputError(f"there is no sweep of kind {kind!r}: give 'linear' or 'logarithmic'")
     if not 0 <= fade_s <= duration_s / 2:
-        raise InputError(f"fade_s is {fade_s} s of a sweep of {duration_s} s: give 0 to half of it")
+        raise InputError(f"fade_s is {fade_s} s in a sweep of {duration_s} s: give 0 to half of the sweep")
     n_samples = round(duration_s * fs)
     if n_samples < 2:
         raise InputError(f"{duration_s} s at {fs} Hz make {n_samples} sample(s): at least two are needed")
@@ -316,13 +313,13 @@ def first_minimum_hz(window: Window, duration_s: float) -> float:
 
     _require_positive("duration_s", duration_s)
     finer = 32  # lines within 1/T; the first 96/T are searched
-    value = np.abs(np.fft.rfft(_fine_window(window), finer * N_FINE)[: 96 * finer])
+    value = np.abs(np.fft.rfft(_sample_finely(window), finer * N_FINE)[: 96 * finer])
     falls = np.diff(value)
     turns = np.flatnonzero((falls[:-1] < 0) & (falls[1:] >= 0))
     if not turns.size:
         raise InputError(f"the spectrum of the window {window!r} has no minimum: take another window")
     bounds = turns[0] / finer, (turns[0] + 2) / finer
-    height = _spectrum(window)
+    height = _make_spectrum(window)
     found = optimize.minimize_scalar(height, bounds=bounds, method="bounded", options={"xatol": 1e-9})
     return float(found.x) / duration_s
 
@@ -340,25 +337,25 @@ def main_lobe_width_hz(window: Window, duration_s: float, *, level_db: float | N
         return 2 * minimum / duration_s
     if not (np.isfinite(level_db) and level_db < 0):
         raise InputError(f"level_db is {level_db}: give a negative number of decibels, e.g. -20")
-    level, height = 10 ** (level_db / 20), _spectrum(window)
+    level, height = 10 ** (level_db / 20), _make_spectrum(window)
     if height(minimum) >= level:
         raise InputError(f"the main lobe of {window!r} ends above {level_db:g} dB: give a level nearer to 0")
     return 2 * float(optimize.brentq(lambda distance: height(distance) - level, 0, minimum)) / duration_s
 
 
-def _fine_window(window: Window) -> FloatArray:
-    shape = _window_samples(window, N_FINE + 1)
+def _sample_finely(window: Window) -> FloatArray:
+    shape = _sample_window(window, N_FINE + 1)
     shape[[0, -1]] /= 2  # the trapezoidal rule, exact for sums of cosines
     return shape
 
 
-def _spectrum(window: Window) -> Callable[[float], float]:
+def _make_spectrum(window: Window) -> Callable[[float], float]:
     """Return the magnitude of a window's spectrum over that at its centre, as a function of the distance in 1/T."""
-    shape, position = _fine_window(window), np.arange(N_FINE + 1) / N_FINE - 0.5
+    shape, position = _sample_finely(window), np.arange(N_FINE + 1) / N_FINE - 0.5
     return lambda distance: float(abs(np.exp(-2j * np.pi * distance * position) @ shape) / abs(shape.sum()))
 
 
-def _window_samples(window: Window, n_samples: int) -> FloatArray:
+def _sample_window(window: Window, n_samples: int) -> FloatArray:
     """Return the samples of a window, both ends included."""
     from scipy import signal
 
@@ -371,12 +368,12 @@ def _window_samples(window: Window, n_samples: int) -> FloatArray:
         return np.asarray(signal.get_window(window, n_samples, fftbins=False), dtype=np.float64)
     except (ValueError, TypeError) as error:
         raise InputError(
-            f"the window {window!r} is none of scipy's ({error}): give a name like 'blackmanharris', or a tuple like "
+            f"scipy does not make the window {window!r} ({error}): give a name like 'blackmanharris', or a tuple like "
             "('kaiser', 14.0)"
         ) from None
 
 
-def _design(
+def _make_beat(
     modes: LinearModes,
     mode: int,
     duration: float,
@@ -388,12 +385,12 @@ def _design(
 ) -> SineBeat:
     tail = quiet_s(modes, mode) if tail_s is None else tail_s
     try:
-        return SineBeat(_elastic_frequency(modes, mode), duration, window, amplitude, lead_s, tail)
+        return SineBeat(_require_elastic(modes, mode), duration, window, amplitude, lead_s, tail)
     except InputError as error:
-        raise InputError(f"{error} (asked for: {reason})") from None
+        raise InputError(f"{error} (the rule that designed it: {reason})") from None
 
 
-def _peak_band(
+def _find_peak_band(
     modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, fraction: float
 ) -> tuple[float, float]:
     """Return the band around a mode where the imaginary part of the drive point's response is large, Hz."""
@@ -408,29 +405,32 @@ def _peak_band(
         width = modes.damping_ratio[index] * centre
         if width == 0:
             raise InputError(f"mode {mode} has no damping: its peak has no width, give its damping ratio")
-        # as fine as the peak, and coarser away from it
+        # The lines are as fine as the peak, and coarser away from it.
         steps = width * np.sinh(np.linspace(0, np.arcsinh(max(highest - centre, centre - lowest) / width), 2000))
         response = resynthesised(modes, np.concatenate([centre - steps[:0:-1], centre + steps]).clip(0), drive_point)
     if response.drive_point != drive_point or drive_point not in response.sensors:
         raise InputError(
-            f"the response is to a force at {response.drive_point!r} with {len(response.sensors)} sensor(s): give one "
-            f"to a force at {drive_point!r} with the acceleration there"
+            f"the response belongs to a force at {response.drive_point!r} with {len(response.sensors)} sensor(s): give "
+            f"one to a force at {drive_point!r}, with the acceleration there"
         )
     frequency = response.frequency_hz
     inside = (frequency >= lowest) & (frequency <= highest)
     line, height = frequency[inside], np.abs(response.value[inside, response.sensors.index(drive_point)].imag)
     if line.size < 5:
-        raise InputError(f"the response has {line.size} line(s) around mode {mode}: give one that is finer or longer")
+        raise InputError(f"the response has {line.size} line(s) around mode {mode}: give one with finer lines")
     peak = int(np.nanargmin(np.abs(line - centre)))
     near = slice(max(0, peak - 2), peak + 3)  # the mode may lie between two lines
     level = fraction * float(np.nanmax(height[near]))
-    low, high = _crossing(line[peak::-1], height[peak::-1], level), _crossing(line[peak:], height[peak:], level)
+    low, high = (
+        _find_crossing(line[peak::-1], height[peak::-1], level),
+        _find_crossing(line[peak:], height[peak:], level),
+    )
     if np.count_nonzero((line > low) & (line < high)) < 3:
         raise InputError(f"the peak of mode {mode} is narrower than the lines of the response: give a longer record")
     return low, high
 
 
-def _crossing(line: FloatArray, height: FloatArray, level: float) -> float:
+def _find_crossing(line: FloatArray, height: FloatArray, level: float) -> float:
     """Return where the height first falls below a level, between two lines; the last line if it never does."""
     under = np.flatnonzero(~(height[1:] >= level))
     if not under.size:
@@ -442,7 +442,7 @@ def _crossing(line: FloatArray, height: FloatArray, level: float) -> float:
     return float(line[at - 1] + part * (line[at] - line[at - 1]))
 
 
-def _elastic_frequency(modes: LinearModes, mode: int) -> float:
+def _require_elastic(modes: LinearModes, mode: int) -> float:
     frequency = float(modes.frequency_hz[modes.index(mode)])
     if frequency == 0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): a beat excites elastic modes")

@@ -38,7 +38,7 @@ UNITS = {
     "accelerations in g taken for m/s^2": 9.80665,
     "a force in N taken for kN": 1000.0,
 }
-"""Mistakes and the modal mass that they show."""
+"""Mistakes of units, and the modal mass that each of them makes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +46,11 @@ class ForceCurve:
     """The nonlinear part of a modal restoring force over displacement or velocity, with its 95 % band.
 
     Args:
-        position: (n,) q, m kg^1/2, or q', m/s kg^1/2, from 0 to the largest of the tests.
-        force: (n,) N/kg^1/2, without the linear part.
-        low: (n,) lower end of the band.
-        high: (n,) upper end.
-        linear: (n,) the linear part, k0 q or c0 q'.
+        position: (n,) q, m kg^1/2, or q', m/s kg^1/2, from 0 to the largest value of the tests.
+        force: (n,) nonlinear part of the force, N/kg^1/2.
+        low: (n,) lower end of the band, N/kg^1/2.
+        high: (n,) upper end of the band, N/kg^1/2.
+        linear: (n,) linear part of the force, k0 q or c0 q', N/kg^1/2.
     """
 
     position: FloatArray
@@ -60,7 +60,7 @@ class ForceCurve:
     linear: FloatArray
 
     def as_json(self, along: str) -> dict[str, Any]:
-        """What result.json holds of it; `along` is the name of its positions."""
+        """Return the curve as result.json holds it; `along` is the name of its positions."""
         return {along if each.name == "position" else each.name: getattr(self, each.name) for each in fields(self)}
 
 
@@ -77,19 +77,19 @@ class ModeFit:
         free_linear: whether k0 and c0 were corrected (the powers 1).
         stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
         damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
-        band_hz: lines that were fitted, Hz.
-        n_lines: number of them in all tests.
+        band_hz: band of the lines that were fitted, Hz.
+        n_lines: number of these lines in all tests.
         tests: names of the tests.
         residual_share: rms of the misfit over that of the modal force, in the band.
         condition_raw: condition number of the columns as they are.
-        condition_scaled: and scaled to unit norm, as they are solved.
+        condition_scaled: condition number of the columns scaled to unit norm, as they are solved.
         modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
         stiffness_curve: nonlinear stiffness force over displacement.
         damping_curve: nonlinear damping force over velocity.
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
-        warnings: one sentence for each reason to doubt the fit.
+        warnings: one sentence for each warning about the fit.
     """
 
     mode: int
@@ -120,7 +120,7 @@ class ModeFit:
         return make_fitted_law(self.stiffness, self.damping)
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds of it; `k` and `c` by power, as the paper calls them."""
+        """Return the fit as result.json holds it; `k` and `c` by power, as the paper calls them."""
         arranged = ("stiffness", "damping", "stiffness_curve", "damping_curve", "modal_mass", "orders")
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
@@ -148,12 +148,12 @@ def fit_mode(
     """Fit the restoring force of one mode to the tests that move it.
 
     Args:
-        tests: with forces, from rest until they have decayed.
+        tests: tests with forces, from rest until the motion has decayed.
         mode: number of the mode, from 1.
         stiffness_order: N_s, 1 to 5; chosen by cross-validation where None.
-        damping_order: N_d likewise.
+        damping_order: N_d, 1 to 5; chosen by cross-validation where None.
         free_linear: whether k0 and c0 are corrected; the data decide where None.
-        band_hz: lines to fit, Hz; where None, the band in which the tests have energy, well off the neighbours.
+        band_hz: band of the lines to fit, Hz; where None, that in which the tests have energy, away from neighbours.
         taper_s: time over which the ends of every test are faded out, s: for records that do not begin and end at rest.
 
     Raises:
@@ -161,11 +161,13 @@ def fit_mode(
             cannot have, or orders too high for the tests.
     """
     if not tests:
-        raise InputError(f'no test with use = "fit" moves mode {mode} more than the others: give one, or free decays')
-    band = _band(tests, mode, taper_s) if band_hz is None else band_hz
+        raise InputError(
+            f'no test with use = "fit" moves mode {mode} more than the other modes: give one, or free decays of it'
+        )
+    band = _choose_band(tests, mode, taper_s) if band_hz is None else band_hz
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
-    remarks = [check_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
-    refuse([fault for faults, _ in remarks for fault in faults], None)
+    checks = [check_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
+    refuse([fault for faults, _ in checks for fault in faults], None)
     of_shapes = [check_shapes(test, mode, band) for test in tests]
     refuse([fault for faults, _ in of_shapes for fault in faults], None)
     mass = fit_modal_mass(lines)
@@ -173,21 +175,21 @@ def fit_mode(
 
     given = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     free = bool(free_linear)
-    tried, chosen = _orders(lines, given, free)
+    tried, chosen = _choose_orders(lines, given, free)
     if free_linear is None and is_linear_part_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
         free = True
-        tried, chosen = _orders(lines, given, free)
+        tried, chosen = _choose_orders(lines, given, free)
     found = fit_coefficients(lines, **chosen, free_linear=free)
-    fit = _mode_fit(tests, mode, lines, band, found, mass, tried)
+    fit = _make_mode_fit(tests, mode, lines, band, found, mass, tried)
     loudest = int(np.argmax([each.largest_q for each in lines]))
-    warnings = [warning for _, of_test in remarks for warning in of_test]
+    warnings = [warning for _, of_test in checks for warning in of_test]
     warnings += warn_of_rates(tests, mode)
     warnings += of_shapes[loudest][1]
     warnings += warn_of_other_modes(tests[loudest], mode, band)
     return replace(fit, warnings=(*warnings, *_warn_of_fit(fit)))
 
 
-def _orders(
+def _choose_orders(
     lines: Sequence[ModeLines], given: Mapping[str, int | None], free: bool
 ) -> tuple[tuple[OrderRung, ...], dict[str, int]]:
     """Return the pairs of orders that were tried, none where both are given, and the pair that was chosen."""
@@ -199,7 +201,7 @@ def _orders(
     return tried, chosen
 
 
-def _mode_fit(
+def _make_mode_fit(
     tests: Sequence[ModalTest],
     mode: int,
     lines: Sequence[ModeLines],
@@ -212,9 +214,9 @@ def _mode_fit(
     (k0, c0), powers, n_k = lines[0].linear, found.powers, len(found.powers.k)
     value_k, value_c = found.value[:n_k], found.value[n_k:]
     largest_q, largest_v = max(each.largest_q for each in lines), max(each.largest_v for each in lines)
-    curve_k = _curve(powers.k, value_k, found.covariance[:n_k, :n_k], largest_q, k0)
-    curve_c = _curve(powers.c, value_c, found.covariance[n_k:, n_k:], largest_v, c0)
-    omega, damping = _at_amplitude(found, (k0, c0), curve_k.position, 0.0)
+    curve_k = _make_curve(powers.k, value_k, found.covariance[:n_k, :n_k], largest_q, k0)
+    curve_c = _make_curve(powers.c, value_c, found.covariance[n_k:, n_k:], largest_v, c0)
+    omega, damping = _linearise_at(found, (k0, c0), curve_k.position, 0.0)
     return ModeFit(
         mode=mode,
         frequency_hz=float(modes.frequency_hz[index]),
@@ -240,22 +242,22 @@ def _mode_fit(
     )
 
 
-def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
+def _choose_band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
     """Return the band in which the tests move the mode, with its frequency at their largest amplitude inside."""
     low, high = find_band(tests, mode)
     lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
-    # orders of 3 show how far the frequency of a mode moves
+    # Orders of 3 show how far the frequency of a mode moves.
     rough = fit_coefficients(lines, stiffness_order=3, damping_order=3)
     amplitude = np.array([max(each.largest_q for each in lines)])
     k0, c0 = lines[0].linear
-    omega, damping = _at_amplitude(rough, (k0, c0), amplitude, 0.25 * k0)
+    omega, damping = _linearise_at(rough, (k0, c0), amplitude, 0.25 * k0)
     width = np.abs(damping)
     begin, end = ((omega + sign * width).item() / (2 * np.pi) for sign in (-1, 1))
     natural = k0**0.5 / (2 * np.pi)
     return min(low, max(begin, MODAL.widest_band[0] * natural)), max(high, min(end, MODAL.widest_band[1] * natural))
 
 
-def _at_amplitude(
+def _linearise_at(
     found: Coefficients, linear: tuple[float, float], amplitude: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return natural frequency, rad/s, and c = 2 zeta omega at displacement amplitudes; omega^2 is `least` or more."""
@@ -264,7 +266,7 @@ def _at_amplitude(
     return omega, linear[1] + linearised(powers.c, found.value[n_k:], omega * amplitude)
 
 
-def _curve(
+def _make_curve(
     powers: tuple[int, ...], value: FloatArray, covariance: FloatArray, largest: float, linear: float
 ) -> ForceCurve:
     """Return the nonlinear force; a correction of k0 or c0 changes the linear part only."""
@@ -280,8 +282,8 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
     value, std = float(fit.modal_mass.value or 0.0), float(fit.modal_mass.std or 0.0)
     if abs(value - 1) > max(MODAL.warned_mass, 4 * std):
         yield (
-            f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it is "
-            "1: the scale of its shape or of the force is off, or the drive point, and with it the amplitudes"
+            f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it must "
+            "be 1: the amplitudes are wrong, too; check the scale of its shape and of the force, and the drive point"
         )
     for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):
         largest = np.abs(curve.force).max()
@@ -289,19 +291,20 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
         if half > MODAL.widest_force:
             yield (
                 f"mode {fit.mode}: the nonlinear {word} force is {100 * half:.0f} % uncertain at the largest "
-                f"amplitude (half of its 95 % interval): the data cannot tell "
-                f"it, lower {word}_order or test at higher levels"
+                f"amplitude (half of its 95 % interval): the data cannot determine it, lower {word}_order or test at "
+                "higher levels"
             )
     spring = fit.stiffness_curve
     if (np.gradient(spring.linear + spring.force, spring.position) <= 0).any():
         yield (
-            f"mode {fit.mode}: the fitted spring has no positive stiffness at the largest amplitude: do not go beyond "
-            "it"
+            f"mode {fit.mode}: the fitted stiffness falls to zero or below at the largest amplitude: do not use the "
+            "model beyond it"
         )
     if fit.residual_share > MODAL.most_unexplained:
         yield (
             f"mode {fit.mode}: the fit leaves {100 * fit.residual_share:.0f} % of the modal force unexplained: the "
-            "mode is not alone in its band, or its linear properties belong to another state of the structure"
+            "mode is not alone in its band, or its linear properties belong to another state of the structure; check "
+            "both"
         )
 
 
@@ -316,7 +319,7 @@ def _require_mass(mass: Estimate, mode: int, test: ModalTest) -> None:
         )
     unit = next((name for name, factor in UNITS.items() if abs(value / factor - 1) < 0.05), "")
     looks = looks_unit_normalised(test.modes)
-    guess = (f" (as {unit} would give)" if unit else "") + (f" ({looks})" if looks else "")
+    guess = (f" ({unit} would give this)" if unit else "") + (f" ({looks})" if looks else "")
     raise InputError(
         f"the tests show a modal mass of {value:.3g} where mass-normalised shapes and a force in N give 1{guess}: "
         f"check the unit and scale of the force, or multiply the shape of mode {mode} by {abs(value) ** -0.5:.4g}"

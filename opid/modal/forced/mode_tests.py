@@ -1,8 +1,8 @@
-"""Which tests can identify a mode, in which band, and the checks that a test must pass.
+"""Select the tests that can identify a mode, find its band, and check the tests.
 
 A test must have decayed, with energy and enough motion in the band. The shapes must explain the motion of the sensors,
 which reveals a swapped row, a wrong sign or a missing mode, even without a force. A nonlinear modal model cannot
-represent modes that respond at multiples of the frequency under test: they are warned of.
+represent modes that respond at multiples of the frequency under test, so a warning names them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from opid.modal.settings import MODAL
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
 
-Remarks = tuple[list[str], list[str]]
+Checks = tuple[list[str], list[str]]
 """Reasons why a test cannot be used, and warnings where it can; one clause each."""
 
 
@@ -32,15 +32,15 @@ def select_tests(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]
 
 
 def select_tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
-    """Return tests of other modes for a mode that has none: those that reach a tenth of its largest amplitude."""
-    energies = [(each.test, _energy(each.test, mode)) for each in tests if each.mode is None]
+    """Return tests of other modes for a mode without its own: those that reach a tenth of its largest amplitude."""
+    energies = [(each.test, _find_energy(each.test, mode)) for each in tests if each.mode is None]
     least = MODAL.part_of_largest**2 * max((energy for _, energy in energies), default=0.0)
     return tuple(test for test, energy in energies if energy >= least > 0)
 
 
 def find_largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
-    """Return the one of some modes that a test moves most, by kinetic energy."""
-    return modes[int(np.argmax([_energy(test, mode) for mode in modes]))]
+    """Return which of some modes a test moves most, by kinetic energy."""
+    return modes[int(np.argmax([_find_energy(test, mode) for mode in modes]))]
 
 
 def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
@@ -52,7 +52,7 @@ def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
     for test in tests:
         index, acceleration = test.modes.index(mode), test.modal_acceleration(mode)
         natural, damping = test.modes.frequency_hz[index], test.modes.damping_ratio[index]
-        least, most = _limits(test.modes, mode)
+        least, most = _find_limits(test.modes, mode)
         frequency, spectrum = fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
         inside = (frequency >= least) & (frequency <= most)
         with_energy = frequency[inside][spectrum[inside] >= MODAL.least_line * spectrum[inside].max(initial=0.0)]
@@ -62,19 +62,19 @@ def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
     return float(min(lows)), float(max(highs))
 
 
-def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float) -> Remarks:
-    """Return the remarks on a test of a mode, from its equation in a band; `taper_s` fades its ends out."""
+def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float) -> Checks:
+    """Check a test of a mode by its equation in a band, with its ends faded out over `taper_s`."""
     faults, warnings = [], []
-    if _rms(lines.force) < MODAL.least_signal * lines.noise_force:
+    if _compute_rms(lines.force) < MODAL.least_signal * lines.noise_force:
         faults.append(
             f"test {test.name!r} puts no energy into {band_hz[0]:.4g} to {band_hz[1]:.4g} Hz, the band of mode {mode}: "
-            "excite the mode, or leave the test to another one"
+            "excite the mode, or use the test for another mode"
         )
-    elif _rms(lines.inertia) < MODAL.least_signal * lines.noise_inertia:
+    elif _compute_rms(lines.inertia) < MODAL.least_signal * lines.noise_inertia:
         faults.append(
             f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave it out"
         )
-    left, word = (0.0, "") if taper_s else _left_over(test, lines, mode, band_hz)
+    left, word = (0.0, "") if taper_s else _measure_ends(test, lines, mode, band_hz)
     clause = f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record"
     if left > MODAL.most_left:
         faults.append(
@@ -85,17 +85,17 @@ def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[floa
     return faults, warnings
 
 
-def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Remarks:
-    """Return the remarks on whether the shapes can make the motion of a test in the band of a mode."""
+def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Checks:
+    """Check whether a sum of the shapes can make the motion of a test in the band of a mode."""
     outside, cause = measure_outside_shapes(test, band_hz)
     hint = cause or "check the order, signs and units of the sensors, and whether a mode is missing"
-    motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} about mode {mode}"
-    remark = [f"{motion} cannot be made of the shapes: {hint}"] if outside > MODAL.warned_outside else []
-    return (remark, []) if outside > MODAL.most_outside else ([], remark)
+    motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} around mode {mode}"
+    clause = [f"{motion} is no sum of the mode shapes: {hint}"] if outside > MODAL.warned_outside else []
+    return (clause, []) if outside > MODAL.most_outside else ([], clause)
 
 
 def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
-    """Return the fraction of the motion that no sum of the shapes can make, and a clause on its likeliest cause.
+    """Return the fraction of the motion that no sum of the shapes can make, and a clause on its most likely cause.
 
     The fraction is |x - Phi pinv(Phi) x| / |x| over the lines of a band, without the part of the sensors' noise; it is
     0 where there are no more sensors than modes. The clause names the sensor whose sign is wrong, or the two whose rows
@@ -112,8 +112,8 @@ def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tup
     noise = float(np.mean(find_noise_power(spectrum[find_quiet_lines(test.modes, frequency)])))
 
     def outside(shapes: FloatArray) -> float:
-        rest = lines - lines @ np.linalg.pinv(shapes).T @ shapes.T
-        excess = float(np.sum(np.abs(rest) ** 2)) - noise * (n_sensors - n_modes) * len(lines)
+        remainder = lines - lines @ np.linalg.pinv(shapes).T @ shapes.T
+        excess = float(np.sum(np.abs(remainder) ** 2)) - noise * (n_sensors - n_modes) * len(lines)
         return float(np.sqrt(max(excess, 0.0) / max(float(np.sum(np.abs(lines) ** 2)), 1e-300)))
 
     found = outside(shapes)
@@ -123,7 +123,7 @@ def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tup
     turned = [outside(shapes * sign[:, None]) for sign in signs]
     best = int(np.argmin(turned))
     if turned[best] < 0.3 * found:
-        return found, f"with the sign of {sensors[best]!r} turned it would be {100 * turned[best]:.0f} %"
+        return found, f"with the opposite sign of {sensors[best]!r} it would be {100 * turned[best]:.0f} %"
     swaps = {}
     for one in range(n_sensors):
         for other in range(one):
@@ -143,8 +143,8 @@ def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
     slow = [test for test in tests if test.fs < needed[test]]
     if slow:
         yield (
-            f"{len(slow)} test(s) of mode {mode} at {slow[0].fs:g} Hz do not hold its third harmonic: the powers miss "
-            f"some thousandths; record at {needed[slow[0]]:.0f} Hz or more"
+            f"{len(slow)} test(s) of mode {mode} at {slow[0].fs:g} Hz are sampled too slowly for its third harmonic: "
+            f"the powers are wrong by some thousandths; record at {needed[slow[0]]:.0f} Hz or more"
         )
 
 
@@ -158,17 +158,17 @@ def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]
     index = test.modes.index(mode)
     frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
     spectra = fft.rfft(test.acceleration, axis=0)
-    # how the force alone would move linear modes
+    # The force alone would move linear modes in this way.
     forces = [test.modal_force(number + 1) for number in range(test.modes.n_modes)]
     driven = accelerance(test.modes, frequency) * fft.rfft(np.stack(forces, axis=1), axis=0)
 
-    def rms_in(spectra: ComplexArray, multiple: int) -> FloatArray:
+    def find_rms(spectra: ComplexArray, multiple: int) -> FloatArray:
         inside = (frequency >= multiple * band_hz[0]) & (frequency <= multiple * band_hz[1])
         return np.sqrt(np.sum(np.abs(spectra[inside]) ** 2, axis=0))
 
-    target = rms_in(spectra, 1)[index]
+    target = find_rms(spectra, 1)[index]
     for multiple in (2, 3):
-        seen, own = rms_in(spectra, multiple), rms_in(driven, multiple)
+        seen, own = find_rms(spectra, multiple), find_rms(driven, multiple)
         coupled = (seen > MODAL.least_answer * target) & (own < MODAL.most_driven * seen) & test.modes.elastic
         coupled[index] = False
         if coupled.any():
@@ -176,22 +176,22 @@ def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]
             by_force = 100 * own[other] / seen[other]
             yield (
                 f"mode {other + 1} moves at {multiple} times the frequency of mode {mode} in test {test.name!r}, "
-                f"{seen[other] / target:.2f} times as much, of which the force explains {by_force:.0f} %: the modes "
-                f"interact, and where mode {other + 1} moves this model is wrong; force appropriation would show it"
+                f"{seen[other] / target:.2f} times as much, and the force explains {by_force:.0f} % of that: the modes "
+                f"interact, so this model is wrong where mode {other + 1} moves; force appropriation would show it"
             )
 
 
-def _energy(test: ModalTest, mode: int) -> float:
+def _find_energy(test: ModalTest, mode: int) -> float:
     """Return the mean square of the velocity of a mode in its band, a measure of its kinetic energy."""
-    _, velocity = integrate_mode(test, mode, _limits(test.modes, mode))
+    _, velocity = integrate_mode(test, mode, _find_limits(test.modes, mode))
     return float(np.mean(velocity**2))
 
 
-def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
+def _find_limits(modes: LinearModes, mode: int) -> tuple[float, float]:
     """Return the outermost ends of the band of a mode, Hz.
 
-    It goes 0.8 of the way to the neighbours, for the frequency of a nonlinear mode moves and the modal filter leaves
-    little of them. It always holds the mode's own resonance.
+    It covers 0.8 of the distance to the neighbours, for the frequency of a nonlinear mode moves and the modal filter
+    leaves little of the neighbours. It always holds the mode's own resonance.
     """
     index = modes.index(mode)
     natural = float(modes.frequency_hz[index])
@@ -201,17 +201,17 @@ def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
     return max(min(low, natural - own), 0.1 * natural), min(max(high, natural + own), 3 * natural)
 
 
-def _rms(lines: ComplexArray) -> float:
+def _compute_rms(lines: ComplexArray) -> float:
     return float(np.sqrt(np.mean(np.abs(lines) ** 2)))
 
 
-def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float]) -> tuple[float, str]:
+def _measure_ends(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float]) -> tuple[float, str]:
     """Return the motion at an end of a record over the largest motion, without noise, and a verb for the worse end."""
     _, velocity = integrate_mode(test, mode, band_hz)
     period = test.fs / test.modes.frequency_hz[test.modes.index(mode)]
     n = max(round(5 * period), velocity.size // 100, 8)
     first = max(round(period), 8)  # an impact may come early
-    # the variance of a sample by the noise of the band's lines
+    # This is the variance of a sample by the noise of the band's lines.
     noise = 2 * np.sum((lines.noise_inertia / (2 * np.pi * lines.frequency_hz)) ** 2) / velocity.size**2
     begin, end = (float(np.sqrt(2 * max(np.mean(part**2) - noise, 0.0))) for part in (velocity[:first], velocity[-n:]))
     largest = float(np.abs(velocity).max()) or 1.0

@@ -1,6 +1,6 @@
 """The restoring force of one mode from the tests that excite it (Pacini section 3.3): its coefficients and orders.
 
-All tests are stacked. Cross-validation over tests, or over lines where there are few tests, tells how many powers a
+All tests are stacked. Cross-validation over tests, or over lines where there are few tests, shows how many powers a
 mode needs.
 """
 
@@ -25,13 +25,13 @@ class Coefficients:
     """The coefficients of one mode.
 
     Args:
-        powers: of displacement and velocity.
-        value: (n,) k_n, then c_n.
-        covariance: (n, n).
-        condition_raw: of the columns as they are.
-        condition_scaled: of the columns scaled to unit norm.
+        powers: powers of displacement and velocity.
+        value: (n,) coefficients k_n, then c_n.
+        covariance: (n, n) covariance of the coefficients.
+        condition_raw: condition number of the columns as they are.
+        condition_scaled: condition number of the columns scaled to unit norm.
         residual_share: rms of the misfit over that of the modal force, in the band.
-        noise: for each test (m,), what each line was divided by: its noise and the misfit of the model beyond it.
+        noise: (m,) divisor of each line, for each test: its noise together with the misfit of the model beyond it.
     """
 
     powers: Powers
@@ -44,13 +44,13 @@ class Coefficients:
 
     def stiffness(self) -> dict[int, Estimate]:
         """k_n by its power."""
-        return dict(zip(self.powers.k, self._estimates(), strict=False))
+        return dict(zip(self.powers.k, self._make_estimates(), strict=False))
 
     def damping(self) -> dict[int, Estimate]:
         """c_n by its power."""
-        return dict(zip(self.powers.c, self._estimates()[len(self.powers.k) :], strict=True))
+        return dict(zip(self.powers.c, self._make_estimates()[len(self.powers.k) :], strict=True))
 
-    def _estimates(self) -> list[Estimate]:
+    def _make_estimates(self) -> list[Estimate]:
         return [Estimate.normal(v, s) for v, s in zip(self.value, np.sqrt(np.diag(self.covariance)), strict=True)]
 
 
@@ -61,7 +61,7 @@ class OrderRung:
     stiffness_order: int  # N_s
     damping_order: int  # N_d
     error: float  # misfit of the tests that were left out, over the modal force (rms)
-    error_std: float  # standard error of that, from test to test
+    error_std: float  # standard error of that misfit, from test to test
     chosen: bool  # whether this pair was chosen
 
 
@@ -74,9 +74,9 @@ def fit_coefficients(
     than that, by the two together. `fit_unweighted` is the printed least squares.
 
     Args:
-        lines: those of each test.
+        lines: the equation of the mode on the lines of each test.
         stiffness_order: N_s, 1 to 5; 1 has no nonlinear stiffness.
-        damping_order: N_d likewise.
+        damping_order: N_d, 1 to 5; 1 has no nonlinear damping.
         free_linear: whether the powers 1 are fitted, too: corrections of k0 and c0.
 
     Raises:
@@ -114,7 +114,7 @@ def fit_modal_mass(lines: Sequence[ModeLines]) -> Estimate:
     forces = [each.force for each in lines]
     noise = [find_line_noise(each, Powers((), ()), np.zeros(0)) for each in lines]
     found = _solve(columns, forces, noise)
-    # a rough standard deviation is enough: the residuals are taken as white
+    # A rough standard deviation is enough, so the residuals are taken as white.
     matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
     residual = _stack(forces, noise) - matrix @ found
@@ -126,9 +126,9 @@ def linearised(powers: Iterable[int], value: Iterable[float], amplitude: FloatAr
     """Return sum value_n a_n A^(n-1), which is added to k0 or c0 at an amplitude (harmonic linearisation).
 
     Args:
-        powers: of the coefficients.
+        powers: powers of the coefficients.
         value: (n_powers,) the coefficients.
-        amplitude: (n_points,) of displacement or velocity.
+        amplitude: (n_points,) amplitudes of displacement or velocity.
     """
     total = np.zeros_like(amplitude)
     for n, each in zip(powers, value, strict=True):
@@ -156,7 +156,7 @@ def search_orders(
         for n_d in every if damping_order is None else (damping_order,):
             try:
                 powers = Powers.of(n_s, n_d, free_linear=free_linear)
-                errors[n_s, n_d] = np.array([_left_out(kept, out, powers) for kept, out in folds])
+                errors[n_s, n_d] = np.array([_cross_validate(kept, out, powers) for kept, out in folds])
             except InputError:
                 continue  # too many coefficients for the lines that are left
     if not errors:
@@ -164,7 +164,7 @@ def search_orders(
     mean = {orders: float(np.sqrt(np.mean(each**2))) for orders, each in errors.items()}
     best = min(mean, key=lambda orders: (mean[orders], sum(orders)))
     root = len(folds) ** 0.5
-    # the differences from the best, fold by fold: errors that all folds share do not count
+    # Differences from the best are taken fold by fold, so that errors common to all pairs of orders do not count.
     near = [
         orders
         for orders, each in errors.items()
@@ -178,10 +178,10 @@ def search_orders(
 
 
 def is_linear_part_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_order: int) -> bool:
-    """Return whether the tests demand corrections of k0 and c0 (Bayesian information criterion, two parameters)."""
+    """Return whether the tests need corrections of k0 and c0 (Bayesian information criterion, two parameters)."""
     orders = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     fixed, free = (fit_coefficients(lines, **orders, free_linear=is_free) for is_free in (False, True))
-    # both fits are judged with the weights of the freer one
+    # Both fits are judged with the weights of the freer one.
     chi2 = [
         sum(
             float(np.sum(np.abs(fit.powers.misfit(each, fit.value) / noise) ** 2))
@@ -214,9 +214,10 @@ def _solve_by_noise(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
             f"{n} coefficients are to be fitted to {n_lines} lines: lower stiffness_order ({powers.orders[0]}) "
             f"and damping_order ({powers.orders[1]}), or give longer tests"
         )
-    columns, rests, value = [powers.columns(each) for each in lines], [each.rest for each in lines], np.zeros(n)
+    columns, value = [powers.columns(each) for each in lines], np.zeros(n)
+    left_sides = [each.left_side for each in lines]
     for _ in range(2):  # the weights depend on the tangents, which the fit finds
-        value = _solve(columns, rests, [find_line_noise(each, powers, value) for each in lines])
+        value = _solve(columns, left_sides, [find_line_noise(each, powers, value) for each in lines])
     return value
 
 
@@ -234,7 +235,7 @@ def _make_folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[
     ]
 
 
-def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], powers: Powers) -> float:
+def _cross_validate(kept: Sequence[ModeLines], out: Sequence[ModeLines], powers: Powers) -> float:
     """Return the misfit of the lines that were left out over their modal force, all weighted by their noise."""
     value = _solve_by_noise(kept, powers)
     noise = [find_line_noise(each, powers, value) for each in out]
@@ -248,18 +249,20 @@ def _stack(parts: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatA
     return np.concatenate([weighted.real, weighted.imag])
 
 
-def _solve(columns: Sequence[ComplexArray], rests: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
+def _solve(
+    columns: Sequence[ComplexArray], left_sides: Sequence[ComplexArray], noise: Sequence[FloatArray]
+) -> FloatArray:
     matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
     if not scale.all():
-        raise InputError("a column of the fit is zero: the tests do not move the mode in its band")
-    return np.linalg.lstsq(matrix / scale, _stack(rests, noise), rcond=None)[0] / scale if scale.size else scale
+        raise InputError("a column of the fit is zero, for the tests do not move the mode in its band: excite the mode")
+    return np.linalg.lstsq(matrix / scale, _stack(left_sides, noise), rcond=None)[0] / scale if scale.size else scale
 
 
 def _finish(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> Coefficients:
     """Return the coefficients with their covariance, by the sensors' noise and by the misfit beyond it."""
     columns = [powers.columns(each) for each in lines]
-    value = _solve(columns, [each.rest for each in lines], noise)
+    value = _solve(columns, [each.left_side for each in lines], noise)
     misfit = [powers.misfit(each, value) for each in lines]
     force = np.concatenate([each.force for each in lines])
     missed = float(np.sqrt(np.mean(np.abs(np.concatenate(misfit)) ** 2) / np.mean(np.abs(force) ** 2)))
@@ -279,8 +282,8 @@ def _finish(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArr
         gradient = c / n[:, None] ** 2 / scale
         meat += find_noise_scores(each, gradient, powers, value)
         by_noise = find_line_noise(each, powers, value)
-        # the misfit that noise does not explain is smooth over frequency: the shorter the motion lasts, the more
-        # neighbouring lines are correlated
+        # The misfit that noise does not explain is smooth over frequency: the shorter the motion lasts, the more
+        # neighbouring lines are correlated.
         part = max(0.0, 1.0 - float(np.sum(by_noise**2) / max(np.sum(np.abs(left) ** 2), 1e-300)))
         lasting = float(np.sum(each.q**2) ** 2 / max(np.sum(each.q**4), 1e-300))
         reach = int(np.ceil(2 * each.q.size / max(lasting, 1.0)))

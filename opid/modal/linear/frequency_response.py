@@ -26,7 +26,7 @@ class FrequencyResponse:
         sensors: names of the columns.
         drive_point: the sensor where and in whose direction the force acts.
         n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
-        coherence: (n, n_sensors) in 0..1; None where nothing was averaged, as it would be 1 by construction.
+        coherence: (n, n_sensors) coherence, 0 .. 1; None where nothing was averaged, as it would be 1 by construction.
     """
 
     frequency_hz: FloatArray
@@ -44,12 +44,10 @@ class ModeIndicator:
     Args:
         frequency_hz: (n,) lines, Hz.
         value: (n, n_values) singular values of the sensors x drive points matrix, largest first, m/s^2/N.
-        drive_points: in the order of the responses.
     """
 
     frequency_hz: FloatArray
     value: FloatArray
-    drive_points: tuple[str, ...]
 
 
 def measured_response(
@@ -61,9 +59,9 @@ def measured_response(
     decayed at its end. No exponential or force window is applied.
 
     Args:
-        tests: of one drive point and rate; shorter records count as followed by rest.
-        nperseg: samples a block for stationary excitation: the records are cut into blocks that overlap by half.
-        window: of these blocks, as in scipy.signal.get_window; not used without `nperseg`.
+        tests: tests of one drive point and rate; shorter records count as followed by rest.
+        nperseg: samples of a block for stationary excitation: the records are cut into blocks that overlap by half.
+        window: window of these blocks, see scipy.signal.get_window; not used without `nperseg`.
 
     Raises:
         InputError: no test, one without a force, or tests of several drive points, rates or sets of sensors.
@@ -80,13 +78,15 @@ def measured_response(
     sensors, drive_point = _require_alike(tests)
     records = [(np.asarray(test.force), test.at_sensors) for test in tests]
     frequency_hz, cross, force_power, output_power, n_averages = (
-        _whole(records, tests[0].fs) if nperseg is None else _in_blocks(records, tests[0].fs, nperseg, window)
+        _average_records(records, tests[0].fs)
+        if nperseg is None
+        else _average_blocks(records, tests[0].fs, nperseg, window)
     )
     coherence = None
     if n_averages > 1:
         both = force_power[:, None] * output_power
-        coherence = np.clip(_quotient(np.abs(cross) ** 2, both), 0, 1)
-    value = _quotient(cross, force_power[:, None])
+        coherence = np.clip(_divide(np.abs(cross) ** 2, both), 0, 1)
+    value = _divide(cross, force_power[:, None])
     return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence)
 
 
@@ -101,7 +101,7 @@ def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str)
         drive_point: the sensor where and in whose direction the force acts.
 
     Raises:
-        InputError: no such sensor, lines that are no finite numbers from 0 up, or one on the resonance of an undamped
+        InputError: no such sensor, lines that are not finite numbers from 0 up, or one on the resonance of an undamped
             mode.
 
     >>> modes = LinearModes([0.0, 10.0], [0.0, 0.01], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
@@ -141,7 +141,7 @@ def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
     frequency show as peaks of two values (Shih et al., Mechanical Systems and Signal Processing 2, 1988).
 
     Args:
-        responses: one a drive point, at the same lines and sensors.
+        responses: one response for each drive point, at the same lines and sensors.
 
     Raises:
         InputError: no response, or responses of other lines or sensors.
@@ -155,18 +155,21 @@ def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
     first = responses[0]
     for each in responses[1:]:
         if each.sensors != first.sensors:
-            raise InputError(f"the responses to {each.drive_point!r} and {first.drive_point!r} have other sensors")
+            raise InputError(
+                f"the responses to {each.drive_point!r} and {first.drive_point!r} have different sensors: give both at "
+                "the same sensors"
+            )
         same = each.frequency_hz.shape == first.frequency_hz.shape
         if not same or not np.allclose(each.frequency_hz, first.frequency_hz, rtol=1e-9, atol=0):
             raise InputError(
-                f"the responses to {each.drive_point!r} and {first.drive_point!r} have other lines: use records of one "
-                "length and rate"
+                f"the responses to {each.drive_point!r} and {first.drive_point!r} have different lines: use records of "
+                "one length and rate"
             )
     matrix = np.stack([each.value for each in responses], axis=-1)
     value = np.full((matrix.shape[0], min(matrix.shape[1:])), np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2))
     value[known] = np.linalg.svd(matrix[known], compute_uv=False)
-    return ModeIndicator(first.frequency_hz, value, tuple(each.drive_point for each in responses))
+    return ModeIndicator(first.frequency_hz, value)
 
 
 def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
@@ -176,7 +179,9 @@ def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
     first = tests[0]
     for test in tests:
         if test.force is None:
-            raise InputError(f"test {test.name!r} has no force: a frequency response needs one, name its channel")
+            raise InputError(
+                f"test {test.name!r} has no force: a frequency response needs one, so name the force channel"
+            )
         if test.drive_point != first.drive_point:
             raise InputError(
                 f"test {test.name!r} is driven at {test.drive_point!r} and {first.name!r} at {first.drive_point!r}: "
@@ -200,7 +205,7 @@ Averages = tuple[FloatArray, ComplexArray, FloatArray, FloatArray, float]
 """Lines, sum of X conj(F), of |F|^2 and of |X|^2, number of averages."""
 
 
-def _whole(records: Records, fs: float) -> Averages:
+def _average_records(records: Records, fs: float) -> Averages:
     n_samples = max(force.size for force, _ in records)
     pairs = [(fft.rfft(f, n_samples), fft.rfft(x, n_samples, axis=0)) for f, x in records]
     cross = np.sum([x * f.conj()[:, None] for f, x in pairs], axis=0)
@@ -209,12 +214,12 @@ def _whole(records: Records, fs: float) -> Averages:
     return fft.rfftfreq(n_samples, 1 / fs), cross, force_power, output_power, float(len(records))
 
 
-def _in_blocks(records: Records, fs: float, nperseg: int, window: Window) -> Averages:
+def _average_blocks(records: Records, fs: float, nperseg: int, window: Window) -> Averages:
     shape = (nperseg // 2 + 1, records[0][1].shape[1])
     cross, output_power = np.zeros(shape, dtype=np.complex128), np.zeros(shape)
     force_power, n_averages = np.zeros(shape[0]), 0.0
     for force, accelerations in records:
-        # one sensor at a time, for spectra between sensors are not needed
+        # The loop takes one sensor at a time, for spectra between sensors are not needed.
         for sensor, acceleration in enumerate(accelerations.T):
             found = cross_spectra(np.stack([force, acceleration], axis=1), fs=fs, window=window, nperseg=nperseg)
             cross[:, sensor] += found.n_blocks * found.density[:, 0, 1]
@@ -224,7 +229,7 @@ def _in_blocks(records: Records, fs: float, nperseg: int, window: Window) -> Ave
     return fft.rfftfreq(nperseg, 1 / fs), cross, force_power, output_power, n_averages
 
 
-def _quotient(numerator: np.ndarray, denominator: FloatArray) -> np.ndarray:
+def _divide(numerator: np.ndarray, denominator: FloatArray) -> np.ndarray:
     """Return a quotient that is nan where the denominator is 0."""
     found = np.full_like(numerator, np.nan)
     return np.divide(numerator, denominator, out=found, where=np.broadcast_to(denominator != 0, numerator.shape))

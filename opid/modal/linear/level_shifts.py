@@ -32,10 +32,10 @@ class LevelShift:
         frequency_hz: natural frequency in each, Hz; without a value where none was found.
         damping_ratio: damping ratio in each.
         frequency_shift: relative change from the lowest to the highest level that is sharp enough to compare.
-        damping_shift: likewise of the damping ratio.
+        damping_shift: relative change of the damping ratio, between the same levels.
         nonlinear: whether a shift exceeds its threshold by more than chance explains.
         determined: whether the mode was excited well enough to decide that.
-        reason: for both, in one sentence.
+        reason: the reason for both decisions, in one sentence.
     """
 
     mode: int
@@ -58,7 +58,7 @@ class LinearFit:
     damping_ratio: Estimate  # damping ratio
     amplitude: float  # peak |q''| in the band, m/s^2 kg^1/2
     band_hz: tuple[float, float]  # lines that were fitted, Hz
-    modal_mass: float | None = None  # m, 1 where shapes and force are in order; None where nothing was found
+    modal_mass: float | None = None  # m, 1 where shapes and force are right; None where no mode was found
     explained: bool = True  # whether noise explains the misfit of the linear mode
 
 
@@ -72,9 +72,9 @@ def level_shifts(
     the threshold; levels too weak for that are left out of the comparison.
 
     Args:
-        tests: of one structure with the same modes, each with a force, at two levels or more.
+        tests: tests of one structure with the same modes, each with a force, at two levels or more.
         frequency_threshold: relative shift of the natural frequency from which a mode counts as nonlinear.
-        damping_threshold: likewise of the damping ratio.
+        damping_threshold: relative shift of the damping ratio from which a mode counts as nonlinear.
 
     Raises:
         InputError: fewer than two tests, one without a force, different numbers of modes, or thresholds that are not
@@ -98,7 +98,7 @@ def level_shifts(
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a positive fraction, e.g. 0.002 for 0.2 %")
     if len(tests) < 2:
-        raise InputError(f"{len(tests)} test(s) show no shift: give tests at two levels or more")
+        raise InputError(f"{len(tests)} test(s) cannot show a shift: give tests at two levels or more")
     for test in tests:
         if test.modes.n_modes != tests[0].modes.n_modes:
             raise InputError(
@@ -120,12 +120,12 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
     The equation is fitted on the lines of a band around the peak, with q'' / j omega for q'; the mass m takes up the
     scale of shapes and force. In a record that has not decayed, the unknown end state has two terms of its own. The
     intervals hold the effect of noise. A clearly nonlinear mode has no single frequency: that of the linear mode with
-    the nearest force is returned. Over a narrow band m and k of such a mode cannot be told apart; `modal_mass` is then
-    the m that another test shows.
+    the nearest force is returned. Over a narrow band m and k of such a mode cannot be distinguished; `modal_mass` is
+    then the m that another test shows.
     """
     if test.force is None or test.drive_point is None:
         raise InputError(
-            f"test {test.name!r} has no force: levels are compared by response over force, name its channel"
+            f"test {test.name!r} has no force: levels are compared by response over force, so name the force channel"
         )
     index = test.modes.index(mode)
     given_hz, given_zeta = float(test.modes.frequency_hz[index]), float(test.modes.damping_ratio[index])
@@ -139,7 +139,7 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
         given_hz,
         acceleration.size,
     )
-    # the peak lies a tenth to either side, half way to a neighbour at most
+    # The peak lies within a tenth to either side, and no farther than the middle between two modes.
     below, above = test.modes.neighbours_hz(mode)
     low = max((1 - MODAL.searched) * given_hz, (given_hz + below) / 2)
     high = max(min((1 + MODAL.searched) * given_hz, 0.49 * test.fs, (given_hz + above) / 2), given_hz)
@@ -147,17 +147,17 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
     nothing = LinearFit(Estimate(), Estimate(), lines.peak(searched), (low, high))
     if test.modes.row(test.drive_point)[index] == 0 or searched.sum() < MODAL.fewest_lines:
         return nothing
-    ratio, zeta = _oscillator(lines.equation(searched).least_squares(modal_mass)) or (0.0, 0.0)
+    ratio, zeta = _find_oscillator(lines.equation(searched).least_squares(modal_mass)) or (0.0, 0.0)
     centre = ratio * given_hz
     if not low < centre < high:  # where noise hides the mode, the search finds one elsewhere or none
         centre, zeta = given_hz, max(given_zeta, 1e-3)
     near = lines.around(centre, min(MODAL.level_half_widths * zeta, MODAL.searched) * centre)
     nothing = replace(nothing, amplitude=lines.peak(near), band_hz=lines.ends(near))
-    if not lines.are_seen(near):
+    if not lines.is_seen(near):
         return nothing
-    # a strongly nonlinear mode may move out of the narrow band
+    # A strongly nonlinear mode may move out of the narrow band.
     for band in (near, searched):
-        found = _fit(lines, band, (centre / given_hz, zeta), modal_mass, nothing)
+        found = _fit_band(lines, band, (centre / given_hz, zeta), modal_mass, nothing)
         if found is not None and low < (found.frequency_hz.value or 0.0) < high:
             return found
     return replace(nothing, band_hz=lines.ends(searched), explained=False)
@@ -186,10 +186,10 @@ class _Lines:
     def peak(self, band: NDArray[np.bool_]) -> float:
         return float(np.abs(self.motion(band)).max())
 
-    def are_seen(self, band: NDArray[np.bool_]) -> bool:
+    def is_seen(self, band: NDArray[np.bool_]) -> bool:
         """Return whether the mode stands out of the noise; most lines of the record are noise or less."""
         power = np.abs(self.acceleration) ** 2
-        # for complex noise the median of |line|^2 is ln 2 times its mean
+        # For complex noise the median of |line|^2 is ln 2 times its mean.
         return bool(np.sort(power[band])[-3] > MODAL.least_peak**2 * np.median(power) / np.log(2))
 
     def has_decayed(self, band: NDArray[np.bool_]) -> bool:
@@ -218,9 +218,10 @@ class _Equation:
     def least_squares(self, mass: float | None = None) -> FloatArray:
         """Return theta by plain least squares: noise biases it; for a nonlinear mode it is the nearest linear force."""
         if mass is not None:
-            rest = replace(self, columns=self.columns[:, 1:], force=self.force - mass * self.response)
-            return np.concatenate([[mass], rest.least_squares()])
-        return _solve(_real(np.hstack([self.columns * self.response[:, None], self.ends])), _real(self.force))
+            remainder = replace(self, columns=self.columns[:, 1:], force=self.force - mass * self.response)
+            return np.concatenate([[mass], remainder.least_squares()])
+        columns = np.hstack([self.columns * self.response[:, None], self.ends])
+        return _solve(_stack_parts(columns), _stack_parts(self.force))
 
     def residual(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return r = F - D Q - ends theta_e, and D."""
@@ -234,7 +235,7 @@ class _Equation:
         jacobian = -np.hstack([self.columns * self.response[:, None], self.ends]) / np.sqrt(v)[:, None]
         of_v = 2 * noise[1] * (dynamic.conj()[:, None] * self.columns).real
         jacobian[:, :3] -= (residual / (2 * v**1.5))[:, None] * of_v
-        return _real(residual / np.sqrt(v)), _real(jacobian)
+        return _stack_parts(residual / np.sqrt(v)), _stack_parts(jacobian)
 
     def maximum_likelihood(self, ratio: float, zeta: float) -> tuple[FloatArray, FloatArray]:
         """Return theta with the least sum |r|^2 / v, and a, b; with a v that ignores theta it would be biased."""
@@ -251,17 +252,17 @@ class _Equation:
                 max_nfev=30,
                 args=(noise,),
             ).x
-            noise = self._noise_of(theta)
+            noise = self._fit_noise(theta)
         return theta, noise
 
-    def _noise_of(self, theta: FloatArray) -> FloatArray:
+    def _fit_noise(self, theta: FloatArray) -> FloatArray:
         """Return the noise a and b that fit the misfit, |r|^2 = a + b |D|^2 on average, neither below zero."""
         from scipy import optimize
 
         residual, dynamic = self.residual(theta)
         size, power = np.abs(dynamic) ** 2, np.abs(residual) ** 2
         power = power * (2 * power.size / (2 * power.size - theta.size))
-        # simulated tests without noise need finite weights, too
+        # Simulated tests without noise need finite weights, too.
         largest = np.array([np.max(np.abs(each) ** 2) for each in (self.force, self.response)])
         least = 1e-14 * largest + np.finfo(float).tiny
         noise = np.array([power.mean() / 2, power.mean() / 2 / size.mean()])
@@ -277,13 +278,13 @@ class _Equation:
         jacobian = jacobian[:, fixed:]
         norms = np.linalg.norm(jacobian, axis=0)
         scaled = jacobian / norms
-        # two noise levels were fitted, too
+        # Two noise levels were fitted, too.
         variance = residual @ residual / (residual.size - theta.size - 2)
         free = variance * np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(norms, norms)
         return np.pad(free, (fixed, 0))
 
 
-def _real(lines: ComplexArray) -> FloatArray:
+def _stack_parts(lines: ComplexArray) -> FloatArray:
     return np.concatenate([lines.real, lines.imag])
 
 
@@ -292,7 +293,7 @@ def _solve(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
     return np.linalg.lstsq(jacobian / norms, residual, rcond=1e-9)[0] / norms
 
 
-def _oscillator(mck: FloatArray) -> tuple[float, float] | None:
+def _find_oscillator(mck: FloatArray) -> tuple[float, float] | None:
     """Return natural frequency, in units of the scale, and damping ratio of m, c, k; None if they do not oscillate."""
     m, c, k = mck[:3]
     if not k * m > 0:
@@ -301,21 +302,21 @@ def _oscillator(mck: FloatArray) -> tuple[float, float] | None:
     return (float(np.sqrt(k / m)), float(zeta)) if 0 < zeta < 1 else None
 
 
-def _fit(
+def _fit_band(
     lines: _Lines, band: NDArray[np.bool_], start: tuple[float, float], mass: float | None, nothing: LinearFit
 ) -> LinearFit | None:
     """Return the oscillator that fits the lines of a band; None if the fit does not oscillate."""
     equation = lines.equation(band, open_end=not lines.has_decayed(band))
     theta, noise, fixed = equation.least_squares(), np.array([1.0, 0.0]), 0
-    quiet = _quiet_fraction(equation.residual(theta)[0], band, lines.n_samples)
+    quiet = _find_quiet_fraction(equation.residual(theta)[0], band, lines.n_samples)
     is_noise = quiet >= MODAL.quiet_fraction
     if is_noise:
         likely, its_noise = equation.maximum_likelihood(*start)
-        if _oscillator(likely) is not None:
+        if _find_oscillator(likely) is not None:
             theta, noise = likely, its_noise
     elif mass is not None:
         theta, fixed = equation.least_squares(mass), 1
-    oscillator = _oscillator(theta)
+    oscillator = _find_oscillator(theta)
     if oscillator is None:
         return None
     covariance = (1.0 if is_noise else quiet) * equation.covariance(theta, noise, fixed=fixed)
@@ -335,7 +336,7 @@ def _fit(
     )
 
 
-def _quiet_fraction(residual: ComplexArray, band: NDArray[np.bool_], n_samples: int) -> float:
+def _find_quiet_fraction(residual: ComplexArray, band: NDArray[np.bool_], n_samples: int) -> float:
     """Return the power of the misfit in the quietest quarter of the record over its mean.
 
     Noise is stationary; the misfit of a linear mode to a nonlinear one is largest where the motion is.
@@ -347,11 +348,11 @@ def _quiet_fraction(residual: ComplexArray, band: NDArray[np.bool_], n_samples: 
 
 
 def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[float, float]) -> LevelShift:
-    names, fits = _by_amplitude(tests, mode)
+    names, fits = _sort_by_amplitude(tests, mode)
     known = [index for index, fit in enumerate(fits) if fit.frequency_hz.value is not None]
     sharp = [index for index in known if _is_sharp(fits[index], thresholds)]
     pairs = [(each[0], each[-1]) for each in (sharp, known) if len(each) > 1] or [(0, len(fits) - 1)]
-    # levels that are not sharp may still show a strong shift
+    # Levels that are not sharp may still show a strong shift.
     found = [_judge(mode, fits[low], fits[high], thresholds) for low, high in pairs]
     best = max((index for index, (_, nonlinear, _, _) in enumerate(found) if nonlinear), default=0)
     (low, high), (shifts, nonlinear, determined, reason) = pairs[best], found[best]
@@ -360,8 +361,8 @@ def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[flo
     if determined and not nonlinear and ratio < MODAL.least_level_ratio:
         determined = False
         reason = (
-            f"the data cannot tell: the amplitudes of mode {mode} in {between} differ by a factor of {ratio:.2g} only, "
-            "drive it harder in one"
+            f"the data cannot decide: the amplitudes of mode {mode} in {between} differ only by a factor of "
+            f"{ratio:.2g}, drive it harder in one of the tests"
         )
     elif determined:
         reason = f"{reason} between {between}, whose amplitudes differ by a factor of {ratio:.3g}"
@@ -379,12 +380,12 @@ def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[flo
     )
 
 
-def _by_amplitude(tests: Sequence[ModalTest], mode: int) -> tuple[list[str], list[LinearFit]]:
+def _sort_by_amplitude(tests: Sequence[ModalTest], mode: int) -> tuple[list[str], list[LinearFit]]:
     """Return names and fits from the smallest amplitude up; nonlinear fits take the mass that a linear one shows."""
     found = [(fit_linear_mode(test, mode), test) for test in tests]
     found.sort(key=lambda pair: pair[0].amplitude)
     weighed = [fit for fit, _ in found if fit.modal_mass is not None]
-    # the strongest linear test shows the mass best; if none is linear, the weakest is nearest to linear
+    # The strongest linear test shows the mass best; if none is linear, the weakest is nearest to linear.
     known = next((fit for fit in reversed(weighed) if fit.explained), weighed[0] if weighed else None)
     mass = known.modal_mass if known else None
     fits = [
@@ -401,13 +402,13 @@ def _is_sharp(fit: LinearFit, thresholds: tuple[float, float]) -> bool:
     )
 
 
-def _relative(high: Estimate, low: Estimate) -> Estimate:
+def _compare(high: Estimate, low: Estimate) -> Estimate:
     if high.value is None or low.value is None:
         return Estimate()
     ratio = high.value / low.value
     if high.std is None or low.std is None:
         return Estimate(ratio - 1)
-    # a ratio near 0 would hide the uncertainty of the lower value
+    # A ratio near 0 would hide the uncertainty of the lower value.
     return Estimate.normal(ratio - 1, max(1.0, ratio) * float(np.hypot(high.std / high.value, low.std / low.value)))
 
 
@@ -415,11 +416,11 @@ def _judge(
     mode: int, low: LinearFit, high: LinearFit, thresholds: tuple[float, float]
 ) -> tuple[tuple[Estimate, Estimate], bool, bool, str]:
     """Return shifts of frequency and damping, whether the mode is nonlinear, whether the data decide it, and why."""
-    shifts = _relative(high.frequency_hz, low.frequency_hz), _relative(high.damping_ratio, low.damping_ratio)
+    shifts = _compare(high.frequency_hz, low.frequency_hz), _compare(high.damping_ratio, low.damping_ratio)
     shifted, wide, percents = [], [], []
     for word, shift, threshold in zip(("frequency", "damping"), shifts, thresholds, strict=True):
         if shift.value is None or shift.std is None:
-            hardly = f"the data cannot tell: mode {mode} hardly moves at one of the levels, drive it harder"
+            hardly = f"the data cannot decide: mode {mode} hardly moves at one of the levels, drive it harder"
             return shifts, False, False, hardly
         percents.append(f"{100 * shift.value:+.3g} %")
         if abs(shift.value) - MODAL.shift_sigma * shift.std > threshold:
@@ -430,6 +431,6 @@ def _judge(
     if shifted:
         return shifts, True, True, f"mode {mode} shifts in {' and in '.join(shifted)}"
     if wide:
-        return shifts, False, False, f"the data cannot tell: the {' and the '.join(wide)}, drive mode {mode} harder"
+        return shifts, False, False, f"the data cannot decide: the {' and the '.join(wide)}, drive mode {mode} harder"
     both = f"{percents[0]} in frequency, {percents[1]} in damping"
     return shifts, False, True, f"mode {mode} shifts no further than its thresholds and chance allow ({both})"

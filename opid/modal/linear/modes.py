@@ -40,7 +40,7 @@ class LinearModes:
 
     def __post_init__(self) -> None:
         for name, n_axes in (("frequency_hz", 1), ("damping_ratio", 1), ("shapes", 2)):
-            array = _real(name, getattr(self, name))
+            array = _to_real(name, getattr(self, name))
             if array.ndim != n_axes or array.size == 0:
                 needed = "one number a mode" if n_axes == 1 else "one row a sensor and one column a mode"
                 raise InputError(f"{name} has shape {array.shape}: give {needed}")
@@ -95,7 +95,7 @@ class LinearModes:
         return int(mode) - 1
 
     def neighbours_hz(self, mode: int) -> tuple[float, float]:
-        """Frequencies of the next elastic modes below and above a mode, Hz; 0 and infinity where there is none."""
+        """Return the frequencies of the next elastic modes below and above a mode, Hz; 0 or infinity without one."""
         own = self.frequency_hz[self.index(mode)]
         below, above = (self.frequency_hz[side] for side in (self.frequency_hz < own, self.frequency_hz > own))
         return float(below.max(initial=0.0)), float(above.min(initial=np.inf))
@@ -105,7 +105,7 @@ def modal_filter(modes: LinearModes) -> FloatArray:
     """Return pinv(Phi), (n_modes, n_sensors): accelerations at the sensors -> modal accelerations (Pacini eq. 2).
 
     Args:
-        modes: with at least as many sensors as modes.
+        modes: linear modes with at least as many sensors as modes.
 
     Raises:
         InputError: fewer sensors than modes, or shapes that depend on each other.
@@ -117,7 +117,7 @@ def modal_filter(modes: LinearModes) -> FloatArray:
     n_sensors, n_modes = modes.shapes.shape
     if n_sensors < n_modes:
         raise InputError(
-            f"{n_sensors} sensor(s) cannot tell {n_modes} modes apart: add sensors, or leave out modes that do not move"
+            f"{n_sensors} sensor(s) cannot separate {n_modes} modes: add sensors, or leave out modes that do not move"
         )
     if np.linalg.matrix_rank(modes.shapes) < n_modes:
         raise InputError(
@@ -131,14 +131,14 @@ def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:
     """Return Phi^T e, (n_modes,) kg^-1/2: one force at a sensor -> modal forces (Pacini eq. 3).
 
     Args:
-        modes: of the structure.
+        modes: linear modes of the structure.
         drive_point: name of the sensor where and in whose direction the force acts; InputError for another name.
     """
     return modes.row(drive_point).copy()
 
 
 def condition_number(modes: LinearModes) -> float:
-    """Return the condition number of the shapes of `modes`: how much noise and wrong shapes grow in the modal filter.
+    """Return the condition number of the shapes of `modes`: the modal filter amplifies noise and wrong shapes by it.
 
     >>> round(condition_number(LinearModes([1, 2], [0, 0], [[1, 0], [0, 0.5]], ("a", "b"))), 6)
     2.0
@@ -166,7 +166,7 @@ def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> Float
             f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
         )
     norms = np.outer(np.sum(np.abs(first) ** 2, axis=0), np.sum(np.abs(second) ** 2, axis=0))
-    # a shape that is zero has a MAC of 0 with every other
+    # A shape that is zero has a MAC of 0 with every other.
     return np.abs(first.conj().T @ second) ** 2 / np.where(norms > 0, norms, 1.0)
 
 
@@ -174,12 +174,12 @@ def modes_of_structure(structure: Structure, sensors: ArrayLike, names: Sequence
     """Return the linear modes of a structure as sensors on it see them.
 
     Args:
-        structure: its nonlinear laws are left out.
+        structure: the structure; its nonlinear laws are left out.
         sensors: (n_sensors, n_dof), each row the reading of a sensor for unit motion of each degree of freedom.
-        names: of the sensors.
+        names: names of the sensors.
 
     Raises:
-        InputError: as `LinearModes` or `natural_frequencies`.
+        InputError: what `LinearModes` or `natural_frequencies` refuses.
     """
     found = natural_frequencies(structure)
     return LinearModes(found.frequency_hz, np.nan_to_num(found.zeta), np.asarray(sensors) @ found.shapes, tuple(names))
@@ -203,8 +203,8 @@ class ModalTest:
     """One test in modal coordinates, and as it was measured.
 
     Args:
-        name: of the test.
-        recording: the sensors and, where there is one, the force.
+        name: the name of the test.
+        recording: the recording of the sensors and, where there is one, of the force.
         acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
         force: (n,) force at the drive point, N; None for a free decay.
         modes: linear modes that belong to this test.
@@ -250,16 +250,16 @@ def modal_test(
     """Return a recording in modal coordinates.
 
     Args:
-        recording: with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are ignored. Sensors
-            that it lacks are left out of the shapes, too, if the others can still tell the modes apart.
+        recording: a recording with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are
+            ignored. Sensors that it lacks are left out of the shapes, too, if the others can still separate the modes.
         modes: linear modes that describe the structure during this test.
-        name: of the test.
+        name: the name of the test.
         force: channel of the force, in N; None for a free decay.
-        drive_point: the sensor where and in whose direction it acts; needed with a force.
+        drive_point: the sensor where and in whose direction the force acts; needed with a force.
 
     Raises:
-        InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force that is no
-            force, no drive point, or fewer sensors than modes.
+        InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force channel with
+            another unit or without any force, no drive point, or fewer sensors than modes.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
@@ -271,7 +271,7 @@ def modal_test(
     if not sensors:
         raise InputError(
             f"test {name!r} has none of the sensors {_list_names(modes.sensors)}: its channels are "
-            f"{_list_names(recording.names)}; call the channels as the shapes call their sensors"
+            f"{_list_names(recording.names)}; give the channels the names that the sensors have in the shapes"
         )
     for sensor in sensors:
         if recording.unit(sensor) not in ("m/s^2", "m/s"):
@@ -293,14 +293,16 @@ def modal_test(
     )
 
 
-def _real(name: str, given: ArrayLike) -> FloatArray:
+def _to_real(name: str, given: ArrayLike) -> FloatArray:
     try:
         array = np.array(given)
         real = np.real(array).astype(np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name} is no array of numbers: give rows of one length") from None
+        raise InputError(f"{name} is not an array of numbers: give rows of one length") from None
     if np.iscomplexobj(array):
-        raise InputError(f"{name} is complex: give real normal modes (turn each shape to real and take that part)")
+        raise InputError(
+            f"{name} is complex: give real normal modes (rotate the phase of each shape, take its real part)"
+        )
     return real
 
 
@@ -315,7 +317,7 @@ def _require_counts(modes: LinearModes) -> None:
         raise InputError(f"{n_sensors} rows in shapes and {len(modes.sensors)} names of sensors: give one for each row")
     for name in modes.sensors:
         if modes.sensors.count(name) > 1:
-            raise InputError(f"the sensor {name!r} stands {modes.sensors.count(name)} times: rename one")
+            raise InputError(f"the sensor {name!r} is named {modes.sensors.count(name)} times: rename one")
 
 
 def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
@@ -335,7 +337,7 @@ def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recordi
 
 def _require_force(recording: Recording, modes: LinearModes, name: str, force: str, drive_point: str | None) -> None:
     if drive_point is None:
-        raise InputError(f"test {name!r} has a force and no drive point: say at which sensor the force acts")
+        raise InputError(f"test {name!r} has a force and no drive point: name the sensor at which the force acts")
     modes.row(drive_point)
     if recording.unit(force) != "N":
         raise InputError(

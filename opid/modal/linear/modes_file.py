@@ -26,21 +26,21 @@ VARIANTS = {
 }
 """Names that a file may use for each quantity, without regard to case and blanks; frequencies with or without Hz."""
 
-ROWS = ("frequency_hz", "damping_ratio")  # the rows of a CSV file that are no sensors
+ROWS = ("frequency_hz", "damping_ratio")  # the rows of a CSV file that are not sensors
 
 
 def read_modes(path: str | os.PathLike[str]) -> LinearModes:
     """Return the linear modes that a file holds.
 
     Args:
-        path: .npz with the arrays `frequency_hz`, `damping_ratio`, `shapes` (sensors x modes) and `sensors`; or .csv
-            with a header and the rows `frequency_hz`, `damping_ratio` and one a sensor, the name first, then one value
-            a mode (comma, semicolon or tab between; a decimal comma with the latter two). The damping of a mode of
-            0 Hz may be left empty.
+        path: an .npz file with the arrays `frequency_hz`, `damping_ratio`, `shapes` (sensors x modes) and `sensors`; or
+            a .csv file with a header and the rows `frequency_hz`, `damping_ratio` and one for each sensor. A row has
+            its name first, then one value for each mode, separated by comma, semicolon or tab (a decimal comma needs
+            one of the latter two). The damping of a mode of 0 Hz may be left empty.
 
     Raises:
         InputError: no such file, another kind of file, an array or row that is missing or given twice, a cell that is
-            no number, complex or transposed shapes, or what `LinearModes` refuses.
+            not a number, complex or transposed shapes, or what `LinearModes` refuses.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -52,7 +52,7 @@ def read_modes(path: str | os.PathLike[str]) -> LinearModes:
     source = Path(path)
     kind = source.suffix.lower()
     if kind not in _READERS:
-        raise InputError(f"{path} is no file of modes: give one that ends in .npz or .csv")
+        raise InputError(f"{path} is not a file of modes: give one that ends in .npz or .csv")
     if not source.is_file():
         raise InputError(f"there is no file of modes {path}: check the name")
     try:
@@ -68,7 +68,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
 
     Args:
         modes: the modes.
-        path: ends in .npz or .csv.
+        path: a path that ends in .npz or .csv.
 
     Raises:
         InputError: another ending, a directory that is not there, or names of sensors that a CSV file cannot hold.
@@ -85,7 +85,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
             )
     elif kind == ".csv":
         for sensor in modes.sensors:
-            if _meant(sensor, ROWS) or not sensor or sensor != sensor.strip() or "\r" in sensor or "\n" in sensor:
+            if _recognise(sensor, ROWS) or not sensor or sensor != sensor.strip() or "\r" in sensor or "\n" in sensor:
                 raise InputError(
                     f"the sensor {sensor!r} cannot be the name of a row of {path}: rename it, or write an .npz file"
                 )
@@ -100,14 +100,14 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
 
 
 def looks_unit_normalised(modes: LinearModes) -> str:
-    """Return a clause on how the shapes are scaled if that is to 1 and not to unit modal mass; else "".
+    """Return a clause on how the shapes are scaled if they are scaled to 1 and not to unit modal mass; else "".
 
     >>> looks_unit_normalised(LinearModes([1, 2], [0, 0], [[1, 1], [0.5, -1]], ("a", "b")))
     'the largest value of every shape is 1'
     """
     if modes.n_modes < 2:  # the value 1 of a single shape may be chance
         return ""
-    # files carry four digits or more, and rigid-body modes often come from another source
+    # Files carry four digits or more, and rigid-body modes often come from another source.
     shapes = modes.shapes[:, modes.elastic] if modes.elastic.sum() > 1 else modes.shapes
     if np.allclose(np.abs(shapes).max(axis=0), 1, rtol=0, atol=1e-4):
         return "the largest value of every shape is 1"
@@ -133,7 +133,7 @@ def _from_npz(source: Path) -> LinearModes:
         with source.open("rb") as opened:
             file = np.load(opened, allow_pickle=False)
             if not isinstance(file, np.lib.npyio.NpzFile):
-                raise InputError("it holds one array and no names: write it with numpy.savez")
+                raise InputError("it holds one array and no names: write the file with numpy.savez")
             names = _assign_rows(list(file.files), tuple(VARIANTS), "array")
             arrays = {name: file[own] for name, own in names.items()}
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
@@ -143,9 +143,9 @@ def _from_npz(source: Path) -> LinearModes:
             raise InputError(
                 "it holds Python objects, which are not read: give arrays of numbers, and of text for sensors"
             ) from None
-        raise InputError(f"it is no sound .npz file ({error}): write it again") from None
-    frequency_hz, damping_ratio, shapes = (_numbers(arrays[name], name) for name in (*ROWS, "shapes"))
-    return _modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _names(arrays["sensors"]))
+        raise InputError(f"it is not a valid .npz file ({error}): write it again") from None
+    frequency_hz, damping_ratio, shapes = (_read_numbers(arrays[name], name) for name in (*ROWS, "shapes"))
+    return _make_modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _read_names(arrays["sensors"]))
 
 
 def _from_csv(source: Path) -> LinearModes:
@@ -160,51 +160,52 @@ def _from_csv(source: Path) -> LinearModes:
     try:
         table = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
     except csv.Error as error:
-        raise InputError(f"it is no table ({error}): save it as CSV") from None
+        raise InputError(f"it is not a table ({error}): save it as CSV") from None
     cells = [[cell.strip() for cell in row] for row in table]
-    # an empty cell after a last delimiter goes; the others stay, for each stands for a mode
+    # An empty cell after a last delimiter is left out; the others stay, for each stands for a mode.
     rows = [(n, row[:-1] if row[1:] and not row[-1] else row) for n, row in enumerate(cells, start=1) if any(row)]
     header = rows[0][1]
-    if len({_meant(cell, ROWS) for cell in header} - {""}) == len(ROWS):
+    if len({_recognise(cell, ROWS) for cell in header} - {""}) == len(ROWS):
         raise InputError(
             "each of its rows is a mode: transpose it, so that each column is a mode and each row a sensor"
         )
-    if not _meant(header[0], ROWS):
-        rows = rows[1:]  # else there is no header
+    if not _recognise(header[0], ROWS):
+        rows = rows[1:]  # otherwise there is no header
     names = _assign_rows([row[0] for _, row in rows], ROWS, "row", others=True)
     n_modes = next(len(row) for _, row in rows if row[0] == names["frequency_hz"]) - 1
-    values = {row[0]: _cells(row, number, n_modes, delimiter) for number, row in rows}
+    values = {row[0]: _read_cells(row, number, n_modes, delimiter) for number, row in rows}
     sensors = [row[0] for _, row in rows if row[0] not in names.values()]
     for sensor in sensors:
         if sensors.count(sensor) > 1:
-            raise InputError(f"the row {sensor!r} stands {sensors.count(sensor)} times: rename one")
+            raise InputError(f"{sensors.count(sensor)} rows are called {sensor!r}: rename them")
     if not sensors:
         raise InputError("it has no row of a sensor: give one row of shape values for each sensor")
     if n_modes < 1:
-        raise InputError(f"the row {names['frequency_hz']!r} has no values: give one a mode")
+        raise InputError(f"the row {names['frequency_hz']!r} has no values: give one for each mode")
     shapes = np.array([values[sensor] for sensor in sensors])
     frequency_hz, damping_ratio = (np.array(values[names[name]]) for name in ROWS)
-    return _modes(frequency_hz, damping_ratio, shapes, tuple(sensors))
+    return _make_modes(frequency_hz, damping_ratio, shapes, tuple(sensors))
 
 
 _READERS = {".npz": _from_npz, ".csv": _from_csv}
 
 
-def _modes(
+def _make_modes(
     frequency_hz: FloatArray, damping_ratio: FloatArray, shapes: FloatArray, sensors: tuple[str, ...]
 ) -> LinearModes:
     turned = (frequency_hz.size, len(sensors))
     if shapes.shape == turned and turned[0] != turned[1]:
         raise InputError(
-            f"shapes is {turned[0]} modes x {turned[1]} sensors: transpose it, to a row a sensor and a column a mode"
+            f"shapes is {turned[0]} modes x {turned[1]} sensors: transpose it, so that each row is a sensor and each "
+            "column a mode"
         )
     if damping_ratio.shape == frequency_hz.shape:
-        # the damping of a rigid-body mode has no effect, and is often left empty
+        # The damping of a rigid-body mode has no effect, and is often left empty.
         damping_ratio = np.where(np.isnan(damping_ratio) & (frequency_hz == 0), 0.0, damping_ratio)
     return LinearModes(frequency_hz, damping_ratio, shapes, sensors)
 
 
-def _meant(name: str, wanted: Sequence[str]) -> str:
+def _recognise(name: str, wanted: Sequence[str]) -> str:
     """Return which of the wanted quantities a name stands for, "" for none."""
     plain = name.strip().lower().replace("[hz]", "hz").replace("(hz)", "hz")
     plain = "_".join(plain.replace("-", " ").replace("_", " ").split()).removesuffix("_hz")
@@ -215,7 +216,7 @@ def _assign_rows(found: list[str], wanted: Sequence[str], what: str, *, others: 
     """Return the name of each wanted quantity in the file; with `others` the remaining names are sensors."""
     names: dict[str, str] = {}
     for name in found:
-        quantity = _meant(name, wanted)
+        quantity = _recognise(name, wanted)
         if quantity in names:
             raise InputError(f"the {what}s {names[quantity]!r} and {name!r} both stand for {quantity}: leave one out")
         if quantity:
@@ -227,22 +228,22 @@ def _assign_rows(found: list[str], wanted: Sequence[str], what: str, *, others: 
             is_near = bool(meant_by(quantity, left))
             hint = f"the nearest {what}: {clause}" if is_near else f"its {what}s: {clause}"
             if others and not is_near:
-                hint = "name its first cell so"
+                hint = "give its first cell this name"
             raise InputError(f"there is no {what} {quantity!r} ({hint})")
     return names
 
 
-def _numbers(array: np.ndarray, name: str) -> np.ndarray:
+def _read_numbers(array: np.ndarray, name: str) -> np.ndarray:
     if np.iscomplexobj(array):
         if np.any(array.imag):
             raise InputError(f"{name} is complex: give real normal modes, mass-normalised")
         array = array.real
     if array.dtype.kind not in "fiu":
-        raise InputError(f"{name} holds {array.dtype} where numbers are needed")
+        raise InputError(f"{name} holds {array.dtype} where numbers are needed: give an array of numbers")
     return array.astype(np.float64)
 
 
-def _names(array: np.ndarray) -> tuple[str, ...]:
+def _read_names(array: np.ndarray) -> tuple[str, ...]:
     if array.dtype.kind == "S":
         array = np.char.decode(array, "utf-8")
     if array.dtype.kind != "U":
@@ -250,16 +251,17 @@ def _names(array: np.ndarray) -> tuple[str, ...]:
     return tuple(str(name) for name in array.ravel())
 
 
-def _cells(row: list[str], number: int, n_modes: int, delimiter: str) -> list[float]:
+def _read_cells(row: list[str], number: int, n_modes: int, delimiter: str) -> list[float]:
     if len(row) - 1 != n_modes:
         raise InputError(
-            f"line {number} ({row[0]!r}) has {len(row) - 1} values and frequency_hz has {n_modes}: give one a mode"
+            f"line {number} ({row[0]!r}) has {len(row) - 1} values and frequency_hz has {n_modes}: give one for each "
+            "mode"
         )
-    return [_cell(cell, row[0], number, delimiter) for cell in row[1:]]
+    return [_read_cell(cell, row[0], number, delimiter) for cell in row[1:]]
 
 
-def _cell(cell: str, name: str, number: int, delimiter: str) -> float:
-    if not cell and _meant(name, ("damping_ratio",)):
+def _read_cell(cell: str, name: str, number: int, delimiter: str) -> float:
+    if not cell and _recognise(name, ("damping_ratio",)):
         return math.nan
     text = cell.replace(",", ".") if delimiter != "," else cell
     try:
@@ -269,7 +271,7 @@ def _cell(cell: str, name: str, number: int, delimiter: str) -> float:
     try:
         complex(text.replace("i", "j").replace(" ", ""))
     except ValueError:
-        raise InputError(f"line {number} ({name!r}) has {cell!r} where a number is needed") from None
+        raise InputError(f"line {number} ({name!r}) has {cell!r} where a number is needed: correct it") from None
     raise InputError(
         f"line {number} ({name!r}) has the complex value {cell!r}: give real normal modes, mass-normalised"
     )

@@ -1,7 +1,7 @@
 """Nonlinear force appropriation: a phase-locked loop holds one mode of a rig at phase resonance, level after level.
 
 The drive-point acceleration is kept 90 degrees ahead of the force, at the fundamental (Pacini, section 3.2 and Fig. 3).
-Whether the mode under test works on another one is seen in its harmonics in the other modes (section 4.2.2).
+The harmonics in the other modes show whether the mode under test drives another one (section 4.2.2).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.rig import Rig
+from opid.mechanics.rig import Rig, find_harmonics
 from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.frequency_response import accelerance
 from opid.modal.linear.modes import LinearModes, modal_assurance, modal_filter
@@ -23,9 +23,8 @@ from opid.modal.resonance.phase_lock import (
     Locking,
     Loop,
     PhaseLock,
-    harmonics,
+    find_resonance_error,
     make_controller,
-    phase_error,
 )
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -42,7 +41,7 @@ class AppropriationLevel:
         voltage_v: amplitude of the voltage, V.
         frequency_hz: frequency at which it was recorded, Hz.
         locked: whether phase and amplitude settled within the time allowed.
-        lock_time_s: time until then, or the time allowed, s.
+        lock_time_s: time until they settled, or the time allowed, s.
         phase_error_deg: phase of the drive-point acceleration over the force, less 90 degrees, in the record.
         unsteadiness: standard deviation of the fundamental at the drive point from period to period, over its mean.
         force: (5,) harmonics of the force, N.
@@ -71,10 +70,10 @@ class Appropriation:
         mode: number of the mode that was held at resonance, from 1.
         modes: the linear modes through which the sensors were filtered.
         drive_point: the sensor where the force acts.
-        levels: one a voltage.
+        levels: one level for each voltage.
         range_hz: lowest and highest frequency that the loop could take, Hz.
-        settings: of the loop.
-        noise_share: of the readings.
+        settings: settings of the loop.
+        noise_share: standard deviation of the noise of the readings over the rms of their clean signal.
     """
 
     mode: int
@@ -106,11 +105,6 @@ class Appropriation:
         return np.array([level.lock_time_s for level in self.levels])
 
     @property
-    def phase_error_deg(self) -> FloatArray:
-        """(n,) phase error in the record, degrees."""
-        return np.array([level.phase_error_deg for level in self.levels])
-
-    @property
     def force(self) -> ComplexArray:
         """(n, 5) harmonics of the force, N."""
         return np.stack([level.force for level in self.levels])
@@ -126,18 +120,13 @@ class Appropriation:
         return np.stack([level.modal for level in self.levels])
 
     @property
-    def drive_point_acceleration(self) -> FloatArray:
-        """(n,) amplitude of the fundamental at the drive point, m/s^2."""
-        return np.abs(self.sensors[:, self.modes.sensors.index(self.drive_point), 0])
-
-    @property
     def amplitude(self) -> FloatArray:
         """(n,) amplitude of the modal displacement of the mode, m kg^1/2: with `frequency_hz` its backbone."""
         return np.abs(self.modal[:, self.modes.index(self.mode), 0]) / (2.0 * np.pi * self.frequency_hz) ** 2
 
     @property
     def damping_ratio(self) -> FloatArray:
-        """(n,) zeta of the mode: what the force feeds into it at the fundamental, over 2 omega |q'|^2."""
+        """(n,) zeta of the mode: the power that the force feeds into it at the fundamental, over 2 omega |q'|^2."""
         index = self.modes.index(self.mode)
         omega = 2.0 * np.pi * self.frequency_hz
         velocity = self.modal[:, index, 0] / (1j * omega)
@@ -166,20 +155,20 @@ class Interaction:
     Args:
         target: mode that was held at resonance, from 1.
         mode: the other mode, from 1.
-        harmonic: of the drive frequency, 2 to 5.
-        voltage_v: (n,) of the levels, V.
+        harmonic: harmonic of the drive frequency, 2 to 5.
+        voltage_v: (n,) voltages of the levels, V.
         fractions: (n, n_modes, 5) amplitude of each harmonic of each modal acceleration over the fundamental of the
             target's.
-        fraction: (n,) that of this harmonic of this mode.
+        fraction: (n,) fraction of this harmonic of this mode.
         assurance: (n, n_modes) MAC of each mode's shape with the deflection shape of this harmonic at the sensors.
         driven_fraction: (n,) motion of the mode at this harmonic by the measured force alone, over the observed one.
         holds: (n,) levels that locked and at which all conditions hold.
         flagged: whether they hold at enough levels.
         first_level: the first of these levels, counted from 1; None where there is none.
-        least_fraction: `fraction` that was asked for.
-        least_assurance: MAC that was asked for.
-        most_driven: largest `driven_fraction` allowed.
-        statement: the finding, or what was examined, in plain words.
+        least_fraction: least `fraction` that counts.
+        least_assurance: least MAC that counts.
+        most_driven: largest `driven_fraction` that counts.
+        statement: the interaction, or what was examined, in plain words.
     """
 
     target: int
@@ -239,13 +228,13 @@ def appropriate_force(
     Args:
         rig: the structure with its sensors and its shaker, at rest at the beginning.
         modes: linear modes at sensors of the rig.
-        mode: the one to hold, counted from 1; the loop starts at its linear natural frequency.
+        mode: number of the mode to hold, from 1; the loop starts at its linear natural frequency.
         levels_v: (n,) amplitudes of the voltage, V (N without a shaker), see `levels_for`.
         rng: source of the noise.
         drive_point: the sensor at the drive point; where left out, the one that reads the same motion.
         noise_share: standard deviation of the white noise over the rms of the clean signal of each channel.
-        settings: of the loop; the usual ones where left out.
-        progress: called with the number of levels done and of all.
+        settings: settings of the loop; the usual ones where left out.
+        progress: a function that is called with the number of levels done and the number of all.
 
     Raises:
         InputError: no such mode, a rigid-body mode or one without damping, voltages that are not positive, sensors that
@@ -257,9 +246,9 @@ def appropriate_force(
     control = make_controller(
         rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng
     )
-    loop, levels = control.at_rest(), []
+    loop, levels = control.start(), []
     for voltage in voltages:
-        level, loop = _level(control, loop, float(voltage))
+        level, loop = _drive_level(control, loop, float(voltage))
         levels.append(level)
         if progress:
             progress(len(levels), voltages.size)
@@ -285,14 +274,15 @@ def levels_for(
     The structure is driven from a low voltage up until the amplitude is right to 1 %.
 
     Args:
-        rig: as for `appropriate_force`, like `modes`, `mode`, `drive_point`, `noise_share` and `settings`.
+        rig: the structure with its sensors and its shaker; it and `modes`, `mode`, `drive_point`, `noise_share` and
+            `settings` are those of `appropriate_force`.
         top_m_per_s2: amplitude of the fundamental at the drive point, m/s^2.
         rng: source of the noise.
         n_levels: number of voltages, two or more.
         lowest_fraction: the first voltage over the last.
 
     Raises:
-        InputError: a value out of range, or as `appropriate_force`.
+        InputError: a value out of range, or what `appropriate_force` refuses.
         NotDeterminedError: the amplitude is not reached: the loop does not lock below it.
     """
     if not 0.0 < top_m_per_s2 < np.inf or n_levels < 2 or not 0.0 < lowest_fraction < 1.0:
@@ -303,12 +293,12 @@ def levels_for(
     control = make_controller(
         rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng
     )
-    loop, index, point = control.at_rest(), modes.index(mode), modes.sensors.index(control.drive_point)
-    # a force that is surely too low: at the linear damping, and with nothing lost in the shaker
+    loop, index, point = control.start(), modes.index(mode), modes.sensors.index(control.drive_point)
+    # This force is surely too low: it assumes linear damping, and nothing lost in the shaker.
     lowest_n = 2.0 * modes.damping_ratio[index] * top_m_per_s2 / modes.shapes[point, index] ** 2
     voltage = lowest_fraction * lowest_n / (rig.shaker.force_per_volt_n if rig.shaker else 1.0)
     for _ in range(25):
-        level, loop = _level(control, loop, voltage)
+        level, loop = _drive_level(control, loop, voltage)
         reached = float(np.abs(level.sensors[point, 0]))
         if level.locked and abs(reached / top_m_per_s2 - 1.0) < 0.01:
             return np.geomspace(lowest_fraction * voltage, voltage, n_levels)
@@ -340,11 +330,11 @@ def modal_interaction(
 
     Args:
         appropriation: see `opid.modal.appropriate_force`.
-        modes: for shapes, frequencies and damping; those of the appropriation where left out.
-        least_fraction: of the target's fundamental; in the paper 0.5.
+        modes: linear modes with shapes, frequencies and damping; those of the appropriation where left out.
+        least_fraction: least fraction of the target's fundamental; in the paper 0.5.
         least_assurance: least MAC of the deflection shape with the mode's shape; in the paper 0.9.
-        most_driven: most that the force may have driven, as a fraction of what is observed.
-        least_levels: number of levels at which all this must hold.
+        most_driven: largest fraction of the observed motion that the force may have driven.
+        least_levels: number of levels at which all conditions must hold.
 
     Raises:
         InputError: a threshold out of range, or modes that do not match those of the appropriation.
@@ -367,12 +357,12 @@ def modal_interaction(
     assurance = np.stack([modal_assurance(known.shapes, of_level) for of_level in appropriation.sensors])
     holds = (fractions > least_fraction) & (assurance >= least_assurance) & (driven <= most_driven)
     holds &= locked[:, np.newaxis, np.newaxis]
-    # harmonics begin at 2, and rigid-body modes have no resonance that one could meet
+    # Harmonics begin at 2, and a rigid-body mode has no resonance that a harmonic could meet.
     others = np.ones(fractions.shape[1:], dtype=bool) & known.elastic[:, np.newaxis]
     others[target], others[:, 0] = False, False
     if not others.any():
-        raise InputError("there is no other elastic mode: an interaction takes two")
-    # the conditions hold at most levels, and among equals the fraction is largest
+        raise InputError("there is no other elastic mode: an interaction needs two, give more modes")
+    # The chosen harmonic fulfils the conditions at the most levels, and has the largest fraction among equals.
     times = np.where(others, holds.sum(axis=0), -1)
     largest = np.where(times == times.max(), (fractions[locked] if locked.any() else fractions).max(axis=0), -1.0)
     index, line = (int(each) for each in np.unravel_index(np.argmax(np.where(others, largest, -1.0)), largest.shape))
@@ -394,7 +384,7 @@ def modal_interaction(
         most_driven=most_driven,
         statement="",
     )
-    return replace(found, statement=_statement(found, locked, least_levels))
+    return replace(found, statement=_describe_interaction(found, locked, least_levels))
 
 
 def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray:
@@ -405,15 +395,15 @@ def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray
     return by_force.swapaxes(1, 2)
 
 
-def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int) -> str:
+def _describe_interaction(found: Interaction, locked: NDArray[np.bool_], least_levels: int) -> str:
     held, n, name = found.holds, locked.size, f"harmonic {found.harmonic} of mode {found.mode}"
     if not locked.any():
         return f"No level of mode {found.target} locked: nothing can be said of interactions."
     if found.flagged:
-        # rounded down, for 0.998 is not 1
+        # The MAC is rounded down, for 0.998 is not 1.
         least_mac = np.floor(100.0 * found.mac[held].min()) / 100.0
         return (
-            f"Mode {found.target} works on mode {found.mode}: from level {found.first_level} on, at "
+            f"Mode {found.target} drives mode {found.mode}: from level {found.first_level} on, at "
             f"{int(held.sum())} of {n} levels, {name} exceeds {found.least_fraction:.0%} of the fundamental of mode "
             f"{found.target} (up to {found.fraction[held].max():.0%}), the deflection has its shape (MAC of "
             f"{least_mac:.2f} or more, with other modes {found.mac_of_others[held].max():.2f} at most), and the force "
@@ -429,12 +419,12 @@ def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int)
     )
 
 
-def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[AppropriationLevel, Loop]:
+def _drive_level(control: Controller, loop: Loop, voltage_v: float) -> tuple[AppropriationLevel, Loop]:
     settings, locking = control.settings, control.lock(loop, voltage_v)
     loop = locking.loop
-    readings, state = control.measured(loop, voltage_v, settings.record_periods, control.columns)
+    readings, state = control.measure(loop, voltage_v, settings.record_periods, control.columns)
     at_point = 1 + control.columns.index(control.drive_column)
-    found = harmonics(readings, settings.record_periods)
+    found = find_harmonics(readings, N_HARMONICS, n_periods=settings.record_periods)[1:].T
     by_period = np.fft.rfft(readings[:, at_point].reshape(-1, settings.samples_per_period), axis=1)[:, 1]
     unsteadiness = float(np.std(by_period) / np.abs(by_period.mean()))
     level = AppropriationLevel(
@@ -442,28 +432,28 @@ def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[Appropria
         frequency_hz=loop.frequency_hz,
         locked=locking.locked,
         lock_time_s=locking.time_s,
-        phase_error_deg=float(np.degrees(phase_error(found[at_point, 0], found[0, 0]))),
+        phase_error_deg=float(np.degrees(find_resonance_error(found[at_point, 0], found[0, 0]))),
         unsteadiness=unsteadiness,
         force=found[0],
         sensors=found[1:],
         modal=modal_filter(control.modes) @ found[1:],
-        text=_text(control, locking, unsteadiness),
+        text=_describe_level(control, locking, unsteadiness),
     )
     return level, replace(loop, state=state)
 
 
-def _text(control: Controller, locking: Locking, unsteadiness: float) -> str:
+def _describe_level(control: Controller, locking: Locking, unsteadiness: float) -> str:
     if locking.locked:
-        wanders = f"the fundamental wanders by {unsteadiness:.1%} from period to period: the motion is not periodic"
+        wanders = f"the fundamental varies by {unsteadiness:.1%} from period to period: the motion is not periodic"
         return wanders if unsteadiness > MODAL.unsteady else ""
     reached, errors = locking.loop.frequency_hz, locking.errors_deg
     text = (
         f"not locked within {control.settings.longest_s:g} s at {reached:.2f} Hz: the phase error still lies "
-        f"between {errors.min():.1f} and {errors.max():.1f} degrees, the amplitude moves by {locking.drift:.1%}"
+        f"between {errors.min():.1f} and {errors.max():.1f} degrees, and the amplitude changes by {locking.drift:.1%}"
     )
     if reached in control.range_hz:
         text += (
-            "; the loop has come to the end of its range, as where other modes move the drive point so much that its "
-            "phase does not pass 90 degrees"
+            "; the loop has come to the end of its range: other modes may move the drive point so much that its phase "
+            "does not pass 90 degrees"
         )
     return text

@@ -8,13 +8,12 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.mechanics.response import State
-from opid.mechanics.rig import OpenRig, Readings, Rig, drive, open_rig
-from opid.mechanics.structure import ComplexArray
+from opid.mechanics.rig import OpenRig, Readings, Rig, drive, find_harmonics, open_rig
 from opid.modal.linear.modes import LinearModes
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
-N_HARMONICS = 5  # of the drive frequency, the fundamental included
+N_HARMONICS = 5  # harmonics of the drive frequency that are recorded, the fundamental included
 
 
 @dataclass(frozen=True)
@@ -28,10 +27,10 @@ class PhaseLock:
             phase may settle long before the amplitude does.
         longest_s: time in which a level must lock, s.
         record_periods: whole periods that are recorded after that, at a constant frequency.
-        samples_per_period: the rig is sampled in step with its drive; 16 or more.
-        proportional: gain, in zeta omega per radian of phase error.
-        integral: gain, in (zeta omega)^2 per radian and second.
-        range_hz: lowest and highest frequency; where left out, half-way to the neighbouring modes, for there the phase
+        samples_per_period: samples in a period, as the rig is sampled in step with its drive; 16 or more.
+        proportional: proportional gain, in zeta omega per radian of phase error.
+        integral: integral gain, in (zeta omega)^2 per radian and second.
+        range_hz: lowest and highest frequency, Hz; where left out, half-way to the neighbouring modes, where the phase
             passes 90 degrees, too, and at most 15 % away.
 
     Raises:
@@ -64,34 +63,34 @@ class PhaseLock:
 class Loop:
     """The state of the structure and of the controller between two periods."""
 
-    state: State  # of the structure, at phase zero of the drive
-    frequency_hz: float  # of the next period, Hz
+    state: State  # state of the structure at phase zero of the drive
+    frequency_hz: float  # frequency of the next period, Hz
     integral_hz: float  # part of the frequency that the integral of the phase error has added, Hz
     started: bool  # whether the transient of the sudden start has decayed
 
 
 @dataclass(frozen=True, eq=False)
 class Locking:
-    """How the loop settled at one voltage."""
+    """The end of the search for resonance at one voltage."""
 
-    loop: Loop  # its state at the end
+    loop: Loop  # the loop at the end
     locked: bool  # whether phase and amplitude settled within the time allowed
-    time_s: float  # time until then, or the time allowed, s
+    time_s: float  # time until they settled, or the time allowed, s
     errors_deg: FloatArray  # phase errors of the last periods, degrees
     drift: float  # relative change of the amplitude at the drive point over these periods
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A phase-locked loop on a rig; all of it stays the same from level to level."""
+    """A phase-locked loop on a rig; nothing in it changes from level to level."""
 
     rig: OpenRig  # the rig, opened for the lowest frequency of the range
     modes: LinearModes  # linear modes at sensors of the rig
-    mode: int  # the one that is held, from 1
+    mode: int  # number of the mode that is held, from 1
     drive_point: str  # the sensor at the drive point
-    columns: tuple[int, ...]  # of the readings, one for each sensor of the modes
+    columns: tuple[int, ...]  # columns of the readings, one for each sensor of the modes
     range_hz: tuple[float, float]  # lowest and highest frequency, Hz
-    settings: PhaseLock  # of the loop
+    settings: PhaseLock  # settings of the loop
     noise_share: float  # standard deviation of the noise over the rms of the clean signal of each channel
     rng: np.random.Generator  # source of the noise
 
@@ -110,49 +109,49 @@ class Controller:
         """Column of the sensor at the drive point in the readings."""
         return self.columns[self.modes.sensors.index(self.drive_point)]
 
-    def at_rest(self) -> Loop:
-        """The loop before the first level."""
+    def start(self) -> Loop:
+        """Return the loop before the first level, with the structure at rest."""
         return Loop(self.rig.start, self.natural_hz, 0.0, False)
 
     def lock(self, loop: Loop, voltage_v: float) -> Locking:
         """Run the loop at a voltage, one step for each period of the drive, until phase and amplitude settle."""
         settings, time_s, errors, amplitudes = self.settings, 0.0, [0.0], [0.0]
-        # in fewer periods than the time constant of the mode the phase would only pass through its tolerance
+        # In fewer periods than the time constant of the mode the phase would only pass through its tolerance.
         time_constant = self.natural_hz / self.rate_rad_s
         hold = max(settings.hold_periods, int(np.ceil(time_constant)))
         if not loop.started:
             n_periods = max(1, int(min(MODAL.settling * time_constant, 0.5 * settings.longest_s * self.natural_hz)))
-            loop = replace(loop, state=self._periods(loop, voltage_v, n_periods)[1], started=True)
+            loop = replace(loop, state=self._drive_periods(loop, voltage_v, n_periods)[1], started=True)
             time_s = n_periods / loop.frequency_hz
         within, locked = 0, False
         while not locked and time_s < settings.longest_s:
-            readings, state = self.measured(loop, voltage_v, 1, (self.drive_column,))
-            force, acceleration = harmonics(readings, 1)[:, 0]
-            errors.append(phase_error(acceleration, force))
+            readings, state = self.measure(loop, voltage_v, 1, (self.drive_column,))
+            force, acceleration = find_harmonics(readings, N_HARMONICS)[1]
+            errors.append(find_resonance_error(acceleration, force))
             amplitudes.append(abs(acceleration))
             within = within + 1 if abs(errors[-1]) <= np.radians(settings.tolerance_deg) else 0
-            locked = within >= hold and _drift(amplitudes[-hold:]) <= settings.steady_fraction
+            locked = within >= hold and _find_drift(amplitudes[-hold:]) <= settings.steady_fraction
             time_s += 1.0 / loop.frequency_hz
-            loop = self._controlled(replace(loop, state=state), errors[-1])
-        return Locking(loop, locked, time_s, np.degrees(errors[-hold:]), _drift(amplitudes[-hold:]))
+            loop = self._set_next_frequency(replace(loop, state=state), errors[-1])
+        return Locking(loop, locked, time_s, np.degrees(errors[-hold:]), _find_drift(amplitudes[-hold:]))
 
-    def measured(
+    def measure(
         self, loop: Loop, voltage_v: float, n_periods: int, columns: tuple[int, ...]
     ) -> tuple[FloatArray, State]:
-        """Noisy force and accelerations (n, 1 + n_columns) over whole periods, and the state after them."""
-        readings, state = self._periods(loop, voltage_v, n_periods)
+        """Return noisy force and accelerations (n, 1 + n_columns) over whole periods, and the state after them."""
+        readings, state = self._drive_periods(loop, voltage_v, n_periods)
         clean = np.column_stack([readings.force, readings.acceleration[:, list(columns)]])[:-1]
         rms = np.sqrt(np.mean(clean**2, axis=0))
         return clean + self.rng.standard_normal(clean.shape) * (self.noise_share * rms), state
 
-    def _periods(self, loop: Loop, voltage_v: float, n_periods: int) -> tuple[Readings, State]:
+    def _drive_periods(self, loop: Loop, voltage_v: float, n_periods: int) -> tuple[Readings, State]:
         """Return clean readings of whole periods from phase zero; the last sample is the first of the next call."""
         n = self.settings.samples_per_period
         half_steps = np.arange(2 * n * n_periods * self.rig.steps_per_sample + 1)
         voltage = voltage_v * np.sin(np.pi / (n * self.rig.steps_per_sample) * half_steps)
         return drive(self.rig, loop.state, voltage, fs=n * loop.frequency_hz)
 
-    def _controlled(self, loop: Loop, error: float) -> Loop:
+    def _set_next_frequency(self, loop: Loop, error: float) -> Loop:
         """Return the loop with the frequency of its next period; the limited integral does not wind up."""
         settings, rate, (lowest, highest) = self.settings, self.rate_rad_s, self.range_hz
         gain = settings.integral * rate**2 / (2.0 * np.pi)
@@ -179,17 +178,18 @@ def make_controller(
             sensors that the rig lacks, no sensor at the drive point, a negative noise, or a range without the natural
             frequency.
     """
-    chosen, point, index = settings or PhaseLock(), drive_point or _sensor_at_drive_point(rig), modes.index(mode)
+    chosen, point, index = settings or PhaseLock(), drive_point or _find_sensor_at_drive_point(rig), modes.index(mode)
     natural_hz, zeta = float(modes.frequency_hz[index]), float(modes.damping_ratio[index])
     if natural_hz == 0.0 or zeta == 0.0:
         raise InputError(
-            f"mode {mode} has {natural_hz:g} Hz and a damping ratio of {zeta:g}: only a damped elastic mode resonates"
+            f"mode {mode} has {natural_hz:g} Hz and a damping ratio of {zeta:g}: give the number of a damped elastic "
+            "mode"
         )
     for name in modes.sensors:
         if name not in rig.sensor_names:
             raise InputError(f"the rig has no sensor {name!r} of the modes: {nearest(name, rig.sensor_names)}")
     if modes.row(point)[index] == 0.0:
-        raise InputError(f"the drive point {point!r} does not move in mode {mode}: nothing drives it there")
+        raise InputError(f"the drive point {point!r} does not move in mode {mode}: choose a drive point that moves")
     if not 0.0 <= noise_share < np.inf:
         raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
     below, above = modes.neighbours_hz(mode)
@@ -201,8 +201,8 @@ def make_controller(
         raise InputError(
             f"the loop may move from {range_hz[0]:g} to {range_hz[1]:g} Hz: give a range with {natural_hz:g} Hz in it"
         )
-    # at the lowest rate the time steps are longest. They may be twice the usual ones, 0.4 rad of the highest natural
-    # frequency, for that is often the stinger's, which nothing excites here
+    # The time steps are longest at the lowest rate. They may be twice the usual ones, 0.4 rad of the highest natural
+    # frequency, for that is often the stinger's, which nothing excites here.
     fs = chosen.samples_per_period * range_hz[0]
     steps = -(-open_rig(rig, fs).steps_per_sample // 2)
     columns = tuple(rig.sensor_names.index(name) for name in modes.sensors)
@@ -210,34 +210,23 @@ def make_controller(
     return Controller(opened, modes, mode, point, columns, range_hz, chosen, noise_share, rng)
 
 
-def harmonics(samples: FloatArray, n_periods: int) -> ComplexArray:
-    """Return the complex amplitudes (n_channels, 5) of the harmonics 1 to 5, by Fourier sums over whole periods.
-
-    >>> phase = 2 * np.pi * np.arange(64) / 32
-    >>> harmonics((3.0 + 2.0 * np.cos(phase) - np.sin(2 * phase))[:, None], 2).round(9)[0, :2]
-    array([2.-0.j, 0.+1.j])
-    """
-    lines = np.fft.rfft(samples, axis=0)[n_periods * np.arange(1, N_HARMONICS + 1)]
-    return (2.0 / samples.shape[0]) * lines.T
-
-
-def phase_error(acceleration: complex, force: complex) -> float:
+def find_resonance_error(acceleration: complex, force: complex) -> float:
     """Return the phase of the acceleration over the force less 90 degrees, rad, from -pi to pi.
 
-    >>> phase_error(-1.0, 1.0) > 0
+    >>> find_resonance_error(-1.0, 1.0) > 0
     True
     """
     return float(np.angle(acceleration * np.conj(force) * -1j))
 
 
-def _sensor_at_drive_point(rig: Rig) -> str:
+def _find_sensor_at_drive_point(rig: Rig) -> str:
     same = np.flatnonzero(np.abs(rig.sensors - rig.drive_point).max(axis=1) <= 1e-9 * np.abs(rig.drive_point).max())
     if not same.size:
         raise InputError("no sensor of the rig reads the motion of the drive point: add one, or name it in drive_point")
     return rig.sensor_names[same[0]]
 
 
-def _drift(amplitudes: list[float]) -> float:
+def _find_drift(amplitudes: list[float]) -> float:
     """Return the change of the amplitude from the first quarter to the last, over that of the last."""
     quarter = -(-len(amplitudes) // 4)
     last = float(np.mean(amplitudes[-quarter:]))

@@ -454,7 +454,7 @@ def _limits_of_gear(result: Identification) -> str:
     unlike = " and for suspensions that differ from run to run" * (evidence.repeatability.estimated is not None)
     left_out = (
         f"The other runs predict {result.runs[each.run].name!r} to {100 * each.unexplained:.2g} % of its rms "
-        f"acceleration, with {100 * each.inside:.0f} % of its lines inside the band that is to hold 95 %."
+        f"acceleration; {100 * each.inside:.0f} % of its spectral lines lie in the predicted 95 % band."
         for each in result.left_out
     )
     sentences = (
@@ -507,8 +507,8 @@ def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
         return ""
     named = ", ".join(sorted(kinds)) if len(kinds) <= MOST_NAMED else f"the {len(kinds)} kinds of the library"
     return (
-        f" Stiffness and damping are the linear part of the force and the law is the rest of it, chosen among {named} "
-        "and their sums; beside another law they would be others."
+        f" Stiffness and damping are the linear part of the force. The law is its nonlinear part, chosen among {named} "
+        "and their sums; with another law both would have other values."
     )
 
 

@@ -86,7 +86,10 @@ def _compute_coherence(spectra: PairSpectra) -> FloatArray:
 
 
 def _find_coherent_band(frequency_hz: FloatArray, coherence: FloatArray) -> tuple[int, int] | None:
-    """First line, and the line after the last, of the longest band of coherence; single lines do not interrupt it."""
+    """Return the first line of the longest band of coherence, and the line after its last.
+
+    Single lines do not interrupt the band.
+    """
     from scipy.ndimage import median_filter
 
     above = np.concatenate([[False], median_filter(coherence, size=5, mode="nearest") > HEALTH.coherence, [False]])
@@ -102,7 +105,7 @@ def _find_coherent_band(frequency_hz: FloatArray, coherence: FloatArray) -> tupl
 def _fit_lag(
     frequency_hz: FloatArray, cross: ComplexArray, coherence: FloatArray, inside: slice, averages: float
 ) -> tuple[float, float]:
-    """The delay tau of exp(-i 2 pi f tau) in the band and its standard deviation; NaN where no delay fits the phase.
+    """Return the delay tau of exp(-i 2 pi f tau) in the band and its standard deviation; NaN if no delay fits.
 
     The lines are weighted by the inverse variance of their phase, (1 - c)/(2 n c) (Bendat & Piersol, 9.3).
     """
@@ -130,7 +133,7 @@ def _fit_lag(
 
 
 def _moves_alike(pair: PairHealth, frequency_hz: FloatArray, spectra: PairSpectra) -> bool:
-    """Whether the gain is flat where a delay fits the phase: a suspension turns the phase and changes the gain."""
+    """Return whether the gain is flat where a delay fits the phase: a suspension changes both phase and gain."""
     if not np.isfinite(pair.lag_s) or pair.coherent_band_hz is None:
         return False
     low, high = pair.coherent_band_hz
@@ -205,7 +208,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
 
 
 def _lags_behind(frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray) -> bool:
-    """Whether the upper side lags behind the lower one, as a body on a damper does at every frequency.
+    """Return whether the upper side lags behind the lower one, as a body on a damper does at every frequency.
 
     With H = (k + i w c)/(k - m w^2 + i w c) from below to above, Im H = -m w^3 c/|k - m w^2 + i w c|^2 < 0.
     """
@@ -219,7 +222,7 @@ def find_unit_ratio(ratios: Iterable[float]) -> tuple[str, str, float] | None:
     """Return a larger unit, a smaller one and their ratio if all ratios of accelerations lie near it; else None.
 
     Args:
-        ratios: of one acceleration to another, either all above 1 or all below.
+        ratios: the ratios of one acceleration to another, either all above 1 or all below.
 
     >>> find_unit_ratio([10.2, 11.9]), find_unit_ratio([0.001]), find_unit_ratio([1.2])
     (('g', 'm/s^2', 9.80665), ('m/s^2', 'mm/s^2', 1000.0), None)
@@ -238,7 +241,7 @@ def find_unit_ratio(ratios: Iterable[float]) -> tuple[str, str, float] | None:
 def _find_unit_mistake(
     frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray, names: tuple[str, str]
 ) -> str | None:
-    """Why one of two channels seems to be in another unit: slow motion is equal above and below a suspension."""
+    """Return why one of two channels seems to be in another unit: slow motion is equal above and below a suspension."""
     gains, n_lines = [], 0
     for low_hz, high_hz in HEALTH.carried_hz:
         inside = (frequency_hz >= low_hz) & (frequency_hz < high_hz)
@@ -293,7 +296,7 @@ def check_magnitudes(recording: Recording, names: Sequence[str]) -> Iterator[Fin
 
 
 def _compute_rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:
-    """The rms above a frequency, by Parseval under a Hann window (the whole rms if fs is too low)."""
+    """Return the rms above a frequency, by Parseval under a Hann window (the whole rms if fs is too low)."""
     window = hann(samples.size)
     spectrum = np.fft.rfft((samples - samples.mean()) * window)
     first = int(np.ceil(frequency_hz * samples.size / fs)) if frequency_hz < 0.5 * fs else 1

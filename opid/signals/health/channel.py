@@ -32,7 +32,7 @@ _RESOLUTION_ROWS = 1 << 17  # rows that show the resolution
 class Bins:
     """Moments of all channels in bins of rows."""
 
-    rows: int  # of a bin
+    rows: int  # number of rows of a bin
     n: FloatArray  # (n_bins, n_channels) number of values
     mean: FloatArray  # (n_bins, n_channels), NaN where there is no value
     rms: FloatArray  # (n_bins, n_channels) about the mean, NaN where there is no value
@@ -181,7 +181,7 @@ class RunCheck:
     def step(self) -> float | None:
         """Return the resolution: the values are multiples of this step; None where no step is visible."""
         values = np.unique(np.concatenate(self._values)) if self._values else np.empty(0)
-        return None if self.is_mute or values.size < 2 else _quantisation_step(values)
+        return None if self.is_mute or values.size < 2 else _find_quantisation_step(values)
 
     def find_clipping(self, step: float | None) -> tuple[int, list[float], np.ndarray]:
         """Return the number of samples that are held at an extreme value, these values, and the rows, (n, 2)."""
@@ -304,7 +304,7 @@ class _Extreme:
         return None
 
     def _is_certain(self, held: _Held, value: float, step: float | None) -> bool:
-        """Whether a value occurs more often than rounding explains, compared with the next levels."""
+        """Return whether a value occurs more often than rounding explains, compared with the next levels."""
         if step is None:
             return True
         below = value - self.values
@@ -313,7 +313,7 @@ class _Extreme:
         return bool(held.samples > HEALTH.clip_crowding * (next_levels + 1))
 
 
-def _quantisation_step(values: FloatArray) -> float | None:
+def _find_quantisation_step(values: FloatArray) -> float | None:
     """Return the smallest distance between values, if most neighbours are 1 to 10 times this distance apart."""
     distances = np.diff(values)
     # values that differ only by the rounding of the conversion to SI are one level
@@ -328,7 +328,7 @@ def _quantisation_step(values: FloatArray) -> float | None:
 # ---- sentences -------------------------------------------------------------------------------------
 
 
-def channel_sentences(
+def describe_channel(
     channel: ChannelHealth, *, clipped_at: Sequence[float], held_s: float, held_from_s: float, drift_part_s: float
 ) -> Sentences:
     """Yield what is wrong with a channel; its longest dropout lasts `held_s`, the means of parts show its drift."""
@@ -343,7 +343,7 @@ def channel_sentences(
             "stretch without them (start_s, stop_s); `identify` leaves them out by itself",
         )
     if channel.mute:
-        yield from _mute_sentences(channel)
+        yield from _describe_mute(channel)
         return
     if channel.clipped_fraction > 0:
         ends = " or ".join(f"{value:.5g}" for value in sorted(clipped_at))
@@ -375,14 +375,14 @@ def channel_sentences(
             f"the rms is only {channel.rms / step:.1f} steps of the resolution "
             f"({_with_unit(f'{step:.3g}', channel.unit)}): measure with a smaller range or more bits",
         )
-    yield from _supply_sentences(channel)
+    yield from _describe_supply(channel)
     if channel.unit == "m/s^2":
-        yield from _offset_sentences(channel, drift_part_s)
+        yield from _describe_offset(channel, drift_part_s)
 
 
-def _mute_sentences(channel: ChannelHealth) -> Sentences:
+def _describe_mute(channel: ChannelHealth) -> Sentences:
     mean = _with_unit(f"{channel.mean:.4g}", channel.unit)
-    # A thermometer may well rest and a switch has two states, but an accelerometer in operation moves.
+    # A thermometer may be constant and a switch has two states, but an accelerometer in operation moves.
     if channel.unit not in ("m/s^2", "?"):
         if channel.rms == 0:
             yield "note", "constant", f"all samples lie at {mean}"
@@ -396,7 +396,7 @@ def _mute_sentences(channel: ChannelHealth) -> Sentences:
         )
 
 
-def _offset_sentences(channel: ChannelHealth, drift_part_s: float) -> Sentences:
+def _describe_offset(channel: ChannelHealth, drift_part_s: float) -> Sentences:
     mean = channel.mean
     if abs(abs(mean) / STANDARD_GRAVITY - 1) < HEALTH.gravity_tolerance:
         yield "note", "gravity", f"the mean, {mean:.3f} m/s^2, is gravity: nothing to do, `identify` takes it off"
@@ -425,7 +425,7 @@ def _offset_sentences(channel: ChannelHealth, drift_part_s: float) -> Sentences:
         )
 
 
-def _supply_sentences(channel: ChannelHealth) -> Sentences:
+def _describe_supply(channel: ChannelHealth) -> Sentences:
     named = [line for line in channel.lines if line.name]
     hum = float(np.sqrt(sum(line.rms**2 for line in named)))
     if hum < 0.2 * HEALTH.hum_rms * channel.rms:

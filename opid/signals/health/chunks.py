@@ -42,12 +42,12 @@ class Chunk:
 
     @property
     def new(self) -> FloatArray:
-        """(n_channels, whole bins) the values without the bin before the chunk."""
+        """The values without the bin before the chunk, (n_channels, whole bins)."""
         return self.values[:, self.lead :]
 
     @property
     def new_bins(self) -> FloatArray:
-        """(n_channels, bins, rows) the values without the bin before the chunk."""
+        """The values without the bin before the chunk, (n_channels, bins, rows)."""
         return self.new.reshape(self.values.shape[0], -1, self.bin)
 
 
@@ -60,7 +60,7 @@ def rows_of_a_bin(fs: float, n_channels: int = 1) -> int:
     from scipy import fft
 
     most = min(MOST_BIN_ROWS, max(4096, MOST_BIN_VALUES // n_channels)) // UNITS
-    # a number with the factors 2, 3 and 5 alone
+    # the number has the factors 2, 3 and 5 only
     return UNITS * fft.next_fast_len(max(1, int(np.ceil(min(fs / UNITS, most) - 1e-9))), real=True)
 
 
@@ -151,7 +151,7 @@ class Thinning:
 
     @property
     def n_halvings(self) -> int:
-        """How often neighbours were joined: an item stands for two to this power of the added ones."""
+        """The number of times that neighbours were joined: an item stands for two to this power of the added ones."""
         return len(self._waiting)
 
     def add(self, items: Items, *, n_halvings: int = 0) -> None:

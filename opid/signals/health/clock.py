@@ -130,7 +130,7 @@ class ClockCheck:
 
     @property
     def resolution_s(self) -> float:
-        """Step to which the last stamps are rounded, s."""
+        """The step to which the last stamps are rounded, s."""
         return 0.0 if self.is_stated or self._last.size < 2 else float(resolution_of(self._last))
 
     @property
@@ -175,7 +175,7 @@ class ClockCheck:
         )
 
     def _find_usual(self, stamps: FloatArray) -> tuple[float, float, float]:
-        """Period, the longest step that is no gap, and the rounding of floating point, s."""
+        """Return the period, the longest step that is no gap, and the rounding of floating point, s."""
         time_s = stamps[np.abs(stamps) < LARGEST]
         steps = np.diff(time_s)
         if not (steps > 0).any():
@@ -230,7 +230,7 @@ class ClockCheck:
         self._knots.append(np.stack([rows[near], time_s[near]]))
 
     def _fit(self) -> tuple[float, float, np.ndarray]:
-        """Period, distance of the line at row 0 from the first stamp, and the bins of rows on that line."""
+        """Return the period, distance of the line at row 0 from the first stamp, and the bins of rows on that line."""
         if self._line[0] != self.n and self._bins:
             self._line = self.n, *line_without_stalls(np.concatenate(self._bins), self._period, self._longest)
         return self._line[1:]
@@ -244,7 +244,7 @@ class ClockCheck:
 # ---- sentences -------------------------------------------------------------------------------------
 
 
-def clock_sentences(check: ClockCheck, health: ClockHealth) -> Sentences:
+def describe_clock(check: ClockCheck, health: ClockHealth) -> Sentences:
     """Yield what is wrong with a clock."""
     of_track = f" of {health.track!r}" if health.track else ""
     if not HEALTH.least_fs_hz <= health.fs <= HEALTH.most_fs_hz:
@@ -268,7 +268,7 @@ def clock_sentences(check: ClockCheck, health: ClockHealth) -> Sentences:
             f"the time{of_track} goes back {check.backward} time(s), the first to {check.first_backward_s:.9g} s: "
             "put the samples in order, or split the log there if two were joined",
         )
-    yield from _spacing_sentences(check, health, of_track)
+    yield from _describe_spacing(check, health, of_track)
     if stalls := check.stalls():
         _, begin, end = max(stalls, key=lambda each: each[2] - each[1])
         yield (
@@ -296,7 +296,7 @@ def clock_sentences(check: ClockCheck, health: ClockHealth) -> Sentences:
         )
 
 
-def _spacing_sentences(check: ClockCheck, health: ClockHealth, of_track: str) -> Sentences:
+def _describe_spacing(check: ClockCheck, health: ClockHealth, of_track: str) -> Sentences:
     if check.is_reconstructed and not health.stated:
         yield (
             "note",

@@ -12,9 +12,9 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.conversion import choose_channels
 from opid.signals.health.across_channels import check_magnitudes, check_pair, compare_pairs
-from opid.signals.health.channel import Bins, MomentCheck, RunCheck, channel_sentences
+from opid.signals.health.channel import Bins, MomentCheck, RunCheck, describe_channel
 from opid.signals.health.chunks import Chunk, chunk_rows, make_chunks, regroup
-from opid.signals.health.clock import MOST_SHOWN, USUAL_STAMPS, ClockCheck, clock_sentences
+from opid.signals.health.clock import MOST_SHOWN, USUAL_STAMPS, ClockCheck, describe_clock
 from opid.signals.health.result import (
     ChannelHealth,
     ClockHealth,
@@ -53,14 +53,14 @@ def inspect(
 
     Args:
         what: a log as its file holds it, or a recording.
-        settings: what the file does not say.
-        channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
-        thorough: whether channels are compared with each other, and what a picture shows is kept.
-        progress: called with the fraction of the rows that has been read, where their number is known.
+        settings: the user's settings for what the file does not state.
+        channels: names of the inspected channels, or {name in the recording: settings}; by default all channels.
+        thorough: whether channels are compared with each other, and the data of pictures are kept.
+        progress: function that is called with the fraction of the rows that has been read, if their number is known.
 
     Raises:
-        InputError: neither a log nor a recording, a channel that is not there, neither a rate nor time stamps, or what
-            reading the file raises.
+        InputError: neither a log nor a recording, a channel that is not there, neither a rate nor time stamps, or an
+            error of reading the file.
 
     >>> rng = np.random.default_rng(0)
     >>> samples = np.clip(rng.standard_normal((2000, 1)).cumsum(axis=0), -20, 20)
@@ -97,7 +97,7 @@ class _Wanted:
 
     track: Track
     column: int
-    number: int  # in the log, as `Log.find` takes it
+    number: int  # its number in the log, as `Log.find` takes it
     to_si: Callable[[FloatArray], tuple[FloatArray, str]]  # what is written -> SI, and its unit
     unit: str  # SI, "?" where none is known
     states_unit: bool
@@ -159,7 +159,7 @@ def _inspect_track(
 
 
 def _read_first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block], FloatArray]:
-    """The first blocks, and as many of their stamps as show what is usual."""
+    """Return the first blocks, and as many of their stamps as show what is usual."""
     first: list[Block] = []
     n = 0
     for block in blocks:
@@ -193,7 +193,7 @@ def _merge(results: Sequence[_TrackFigures], wanted: Mapping[str, _Wanted]) -> H
 
 
 def _find_unsprung(channels: Sequence[ChannelHealth], pairs: Sequence[PairHealth]) -> str | None:
-    """Of two accelerations that have motion in common, the one with more of it at high frequencies."""
+    """Return that one of two coherent accelerations that has more motion at high frequencies."""
     accelerations = [channel for channel in channels if channel.unit == "m/s^2"]
     names = {channel.name for channel in accelerations}
     is_coherent = any({pair.first, pair.second} == names and pair.coherent_band_hz for pair in pairs)
@@ -226,9 +226,9 @@ def check_channels(
     no model will follow them.
 
     Args:
-        recording: of the run.
-        pairs: channels below and above each suspension.
-        used: all channels that count.
+        recording: recording of the run.
+        pairs: names of the channels below and above each suspension.
+        used: names of all channels that are used.
         run: name of the run.
 
     Raises:
@@ -318,14 +318,14 @@ class _TrackCheck:
         ]
         pairs, between = self._compare_pairs(clock.fs)
         findings = [
-            Finding(severity, code, "", message) for severity, code, message in clock_sentences(self._clock, clock)
+            Finding(severity, code, "", message) for severity, code, message in describe_clock(self._clock, clock)
         ]
         findings += [*between, *(finding for each in channels for finding in each.findings)]
         healths = tuple(each.health for each in channels)
         return _TrackFigures(clock, healths, pairs, tuple(findings), self._make_rms_history(clock.fs, bins, channels))
 
     def _find_lines(self, fs: float) -> list[tuple[SpectralLine, ...]]:
-        """The spectral lines of each channel, by the long blocks where there are enough of them."""
+        """Return the spectral lines of each channel, by the long blocks where there are enough of them."""
         short, long = ((blocks, *blocks.psd(fs)) for blocks in (self._spectra.mean, self._long_blocks.mean))
         every = []
         for i, run in enumerate(self._runs):
@@ -372,7 +372,7 @@ class _TrackCheck:
             overview=overview,
         )
         longest = flat[np.argmax(flat[:, 1] - flat[:, 0])] if flat.size else None
-        sentences = channel_sentences(
+        sentences = describe_channel(
             health,
             clipped_at=clipped_at,
             held_s=0.0 if longest is None else (longest[1] - longest[0] - 1) / fs,
@@ -387,7 +387,7 @@ class _TrackCheck:
         return _ChannelFigures(health, findings, is_sound & (not run.is_mute), is_complete)
 
     def _find_held_and_spikes(self, i: int, bins: Bins, step: float | None) -> tuple[np.ndarray, np.ndarray]:
-        """The stretches of a held value beside motion, (n, 2) rows, and the rows of the spikes."""
+        """Return the stretches of a held value beside motion, (n, 2) rows, and the rows of the spikes."""
         if self._runs[i].is_mute:
             return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64)
         flat = self._runs[i].flat.rows()
@@ -455,6 +455,6 @@ def _is_beside_held(spikes: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def _find_middles(n: int, rows: int, n_samples: int) -> FloatArray:
-    """Row in the middle of each of n stretches of so many rows; the last one ends with the samples."""
+    """Return the row in the middle of each of n stretches of so many rows; the last one ends with the samples."""
     starts = np.arange(n) * rows
     return np.asarray(0.5 * (starts + np.minimum(starts + rows, n_samples)), dtype=np.float64)

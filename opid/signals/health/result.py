@@ -41,8 +41,8 @@ class Finding:
 
     Args:
         severity: "fault" (unusable), "warning" (may spoil the result) or "note" (good to know).
-        code: which kind of thing it is; those with one code differ in their numbers and names only, but for "remark".
-        channel: the channel it concerns, empty for the whole recording.
+        code: code of its kind; findings with one code differ in their numbers and names only, except for "remark".
+        channel: name of the channel that it concerns, empty for the whole recording.
         message: what was found and what to do.
     """
 
@@ -57,9 +57,9 @@ class Stretch:
     """A stretch of time in which something is wrong.
 
     Args:
-        kind: of the fault.
-        start_s: where it begins, s.
-        stop_s: where it ends, s.
+        kind: kind of the fault.
+        start_s: time of its beginning, s.
+        stop_s: time of its end, s.
     """
 
     kind: Kind
@@ -109,10 +109,10 @@ class SpectralLine:
     """A line that stands out of the spectrum, or a peak that may be one.
 
     Args:
-        frequency_hz: of the line, Hz.
-        rms: of the line, in the unit of the channel.
+        frequency_hz: frequency of the line, Hz.
+        rms: rms of the line, in the unit of the channel.
         name: "mains, 50 Hz", "harmonic 3 of the mains (50 Hz)", or empty.
-        harmonic: which harmonic of an electric supply it is, 1 for the supply itself; None for another line.
+        harmonic: number of the harmonic of an electric supply, 1 for the supply itself; None for another line.
         resolved: whether the record is long enough to show that the peak is narrower than a resonance of 1 % damping.
     """
 
@@ -125,16 +125,17 @@ class SpectralLine:
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """What a picture of a channel shows of a log of any length.
+    """The data of a channel's picture, of one size for a log of any length.
 
     Args:
         time_s: (n,) middles of the stretches, s.
         lowest: (n,) least value in each stretch, NaN where there is none.
         highest: (n,) largest value in each stretch.
-        frequency_hz: (n_lines,) of the spectra, Hz.
+        frequency_hz: (n_lines,) frequencies of the spectra, Hz.
         psd: (n_lines,) power spectral density, unit^2/Hz.
         spectrogram_s: (m,) middles of the times of the spectrogram, s.
-        spectrogram_hz: (n_bands,) of the spectrogram, Hz: single lines up to about 20 Hz, then wider and wider bands.
+        spectrogram_hz: (n_bands,) frequencies of the spectrogram, Hz: single lines up to about 20 Hz, then bands of
+            growing width.
         spectrogram: (m, n_bands) power spectral density at these times, unit^2/Hz, NaN where there is none.
     """
 
@@ -153,7 +154,7 @@ class ChannelHealth:
     """Figures of one channel, in its SI unit (as written where no unit is known).
 
     Args:
-        name: of the channel.
+        name: name of the channel.
         unit: its SI unit, "?" where none is known.
         mean: the offset.
         rms: root mean square about the mean.
@@ -165,13 +166,13 @@ class ChannelHealth:
         longest_flat_s: longest time for which the value does not change, s.
         spikes: number of single samples that depart from their neighbours by 10 robust standard deviations.
         mute: whether the channel has no more than three different values.
-        number: of the channel among all channels of its log, counted from 1; 0 where unknown.
+        number: number of the channel among all channels of its log, counted from 1; 0 where unknown.
         missing: number of missing values (NaN).
         drift: range of the slow offset (means of long parts of the record), in the unit.
         noise_floor: rms of white noise as quiet as the quietest part of the spectrum: an upper bound for the sensor's.
-        lines: that stand out of the spectrum, the strongest first.
-        stretches: in which something is wrong, the first hundred of each kind.
-        overview: what a picture shows.
+        lines: lines that stand out of the spectrum, the strongest first.
+        stretches: stretches in which something is wrong, the first hundred of each kind.
+        overview: the data of its picture.
     """
 
     name: str
@@ -203,7 +204,7 @@ class PairHealth:
         first: name of a channel.
         second: name of another.
         lag_s: time by which the second comes later, s; NaN where they are not coherent enough.
-        lag_std_s: its standard deviation, s.
+        lag_std_s: standard deviation of the lag, s.
         coherent_band_hz: longest band in which the squared coherence exceeds a half, Hz; None where there is none.
     """
 
@@ -221,7 +222,8 @@ class RmsHistory:
     Args:
         start_s: (n,) start of each stretch, s.
         length_s: length of each stretch, s.
-        rms: (n, n_channels) about the mean of each stretch, in the unit of the channel; NaN where values are missing.
+        rms: (n, n_channels) rms about the mean of each stretch, in the unit of the channel; NaN where values are
+            missing.
         sound: (n, n_channels) whether nothing is wrong with the channel in the stretch.
         complete: (n, n_channels) whether no value is missing and the clock does not jump.
     """
@@ -239,17 +241,17 @@ class Health(Result):
 
     Args:
         fs: sampling rate, Hz, of the clock with most samples.
-        duration_s: its length, s.
-        n_samples: samples of each of its channels.
+        duration_s: duration of that clock, s.
+        n_samples: number of samples of each of its channels.
         channels: figures of each channel.
         looks_unsprung: of two coherent accelerations the one that looks like the wheel's side; None where there are no
             such two.
         findings: what is wrong, faults first.
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.
-        rms_history: of each clock, in the order of `clocks`.
+        rms_history: rms history of each clock, in the order of `clocks`.
         log: name of the log; empty for a recording.
-        files: that it was read from.
+        files: files that it was read from.
     """
 
     fs: float
@@ -286,8 +288,8 @@ class Inspection(Result):
     """What `opid inspect` found in some logs.
 
     Args:
-        logs: what it found in each.
-        names: by which their figures are called, one for each log and no two alike.
+        logs: the health of each log.
+        names: names that stand before the figures, one for each log and no two alike.
     """
 
     logs: tuple[Health, ...]

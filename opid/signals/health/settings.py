@@ -38,7 +38,7 @@ class HealthSettings:
         usual_groups: the median of so many groups is the usual power.
         near_groups: a line also exceeds the median of so many groups, which is the larger one beside a resonance.
         line_ratio: least ratio of a line's power to the median of its neighbours.
-        line_chance: probability that noise makes one such line anywhere in a spectrum, shared by all its groups. It
+        line_chance: probability that noise makes one such line anywhere in a spectrum, divided among its groups. It
             needs 20 times the median in a single periodogram, and less in a mean of many.
         line_width: factor by which the spectrum has fallen at a distance of three to five groups. The window allows it;
             a damped resonance with a half-width of 3/4 of a group is wider.

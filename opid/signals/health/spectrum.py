@@ -198,7 +198,7 @@ class SpectrumCheck:
         """Return frequencies, Hz, densities E[conj(X_i) X_j] for i <= j (n, n, n_lines), unit^2/Hz, and averages."""
         total, squares = self.cross_weight
         density = self._cross / max(total, 1e-300) * self.mean.scale(fs)
-        # blocks that overlap by a half under a Hann window share a correlation of 1/6 (Welch 1967)
+        # blocks that overlap by a half under a Hann window have a correlation of 1/6 (Welch 1967)
         shared = 1 + 2 * (1 / 6) ** 2 if total == squares else 1.0
         return self.mean.frequencies(fs), density, float(total**2 / max(squares, 1e-300) / shared)
 
@@ -342,7 +342,7 @@ def growing_edges(n_lines: int, *, fraction: float) -> np.ndarray:
 
 
 def _find_narrow_peaks(power: FloatArray, usual: FloatArray, near: FloatArray, averages: FloatArray) -> np.ndarray:
-    """Indices of the groups that stand out of a spectrum and are as narrow as a line under the window."""
+    """Return the indices of the groups that stand out of a spectrum and are as narrow as a line under the window."""
     from scipy import special
     from scipy.ndimage import maximum_filter
 

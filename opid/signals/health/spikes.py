@@ -45,7 +45,7 @@ SPIKES = SpikeSettings()
 
 _ROBUST = 1.4826  # median of |x| -> standard deviation, Gaussian
 _PICKED = 512  # departures of a bin that give its median: to 4 %, ten times better than needed
-_MOST_CANDIDATES = 50000  # that are kept
+_MOST_CANDIDATES = 50000  # number of candidates that are kept
 
 
 def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
@@ -80,7 +80,7 @@ def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndar
 
 
 def _find_usual(size: FloatArray, least_moving: int) -> FloatArray:
-    """Median of the positive values of each row, NaN where there are few: held values have no departures."""
+    """Return the median of the positive values of each row, NaN where there are few: held values have no departures."""
     moving = size > 0
     if moving.all():
         return np.asarray(np.median(size, axis=1))
@@ -92,13 +92,13 @@ def _find_usual(size: FloatArray, least_moving: int) -> FloatArray:
 
 
 def _spread_to_neighbours(usual: FloatArray) -> FloatArray:
-    """The largest usual departure of each bin and its neighbours, for motion may begin or end in a quiet bin."""
+    """Return the largest usual departure of each bin and its neighbours, for motion may begin or end in a quiet bin."""
     around = np.concatenate([[np.nan], usual, [np.nan]])
     return np.asarray(np.fmax(np.fmax(around[:-2], around[2:]), usual))
 
 
 def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np.ndarray:
-    """Whether the departures around each index are 0, -s/2, s, -s/2, 0, up to a fraction of the height s.
+    """Return whether the departures around each index are 0, -s/2, s, -s/2, 0, up to a fraction of the height s.
 
     The cubic through its four neighbours is lower than the sample by s = (2 d_k - d_{k-1} - d_{k+1}) / 3.
     """
@@ -162,7 +162,7 @@ class SpikeSearch:
         return float(np.nanmedian(np.concatenate(self._usual)))
 
     def _find_usual_of_bins(self, size: FloatArray, offset: int, n: int) -> FloatArray:
-        """The usual departure of the bin before and of each bin of the chunk; an unfilled bin has that before it."""
+        """Return the usual departures of the bin before the chunk and of its bins; an unfilled bin takes the last."""
         full = n // self._bin
         own = np.empty(0)
         if full:

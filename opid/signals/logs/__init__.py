@@ -49,10 +49,10 @@ _FOREIGN = {
 class Format:
     """A format that can be read."""
 
-    name: str  # its usual name
+    name: str  # usual name of the format
     open: Opener
     needs: str | None = None  # distribution that must be installed, None for none
-    extra: str | None = None  # of opid that installs it
+    extra: str | None = None  # extra of opid that installs it
     magic: tuple[bytes, ...] = ()  # such files begin with one of these; empty where their beginning shows nothing
     text: bool = False  # whether it is a text, which may be compressed (.gz)
 
@@ -92,7 +92,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
 
     Args:
         path: the file; its ending (`.csv`, ...) decides the format, or its beginning where the ending is not known.
-        settings: what the file does not say.
+        settings: the user's settings for what the file does not state.
 
     Raises:
         InputError: there is no such file, it is empty, damaged, or of an unknown format, its reader is not installed,
@@ -141,11 +141,11 @@ def read_log(
 
     Args:
         path: the log file.
-        settings: what the file does not say.
-        channels: those to read, by their names in the log, or {name in the recording: settings}; all where left out.
-        start_s: first time, s; from the beginning where left out.
-        stop_s: end, s; to the end where left out.
-        fs_hz: rate to which the channels are resampled, Hz; where left out the lowest of theirs, if they differ.
+        settings: the user's settings for what the file does not state.
+        channels: names of the channels to read, or {name in the recording: settings}; by default all channels.
+        start_s: time of the first sample, s; by default the beginning of the log.
+        stop_s: time at which the recording ends, s; by default the end of the log.
+        fs_hz: rate to which the channels are resampled, Hz; by default the lowest of their rates, if these differ.
 
     Raises:
         InputError: there is no such file, it is empty, of an unknown format, or its content is faulty.
@@ -166,11 +166,11 @@ def write_log(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording so that `read_log` gives back the same samples, rate, names and units.
 
     Args:
-        recording: what to write, in SI units.
+        recording: the recording, in SI units.
         path: the file to write; its ending (`.csv`, ...) decides the format.
 
     Raises:
-        InputError: an unknown ending, a place that cannot be written to, or names the format cannot hold.
+        InputError: an unknown ending, a path that cannot be written to, or names that the format cannot hold.
     """
     _load_formats()
     ending = Path(path).suffix.lower()
@@ -193,7 +193,7 @@ def _load_formats() -> None:
 
 
 def _find_format(file: Path) -> Format:
-    """The format by the ending, or by the beginning where the ending is not known; the two must agree."""
+    """Return the format by the ending, or by the beginning where the ending is not known; the two must agree."""
     with file.open("rb") as opened:
         head = opened.read(4096)
     ending = file.suffix.lower()
@@ -232,7 +232,7 @@ def _describe_beginning(head: bytes) -> str:
 def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
     """Open a log whose header agrees with the size of the file; reading it raises errors on damage and on change."""
     before = file.stat()
-    with _in_one_sentence(file, form):
+    with _raise_one_sentence(file, form):
         log = form.open(file, settings)
     if not log.tracks or not any(track.channels for track in log.tracks):
         raise InputError(f"{file} holds no channel with numbers: export the log again")
@@ -245,7 +245,7 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
 
     def watch(track: Track) -> Track:
         def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-            with _in_one_sentence(file, form):
+            with _raise_one_sentence(file, form):
                 yield from track.rows(columns, start, stop)
             after = file.stat() if file.exists() else None  # it may have been deleted
             if after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
@@ -257,7 +257,7 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
 
 
 @contextmanager
-def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
+def _raise_one_sentence(file: Path, form: Format) -> Iterator[None]:
     """Turn whatever goes wrong with a file or in its library into an InputError of one sentence."""
     try:
         yield

@@ -96,7 +96,7 @@ class _Process:
                 _send(requests, (what, given))
                 answer = pickle.load(replies)
             except (EOFError, OSError, pickle.UnpicklingError):
-                raise ReadingEndedError(self._why_ended()) from None
+                raise ReadingEndedError(self._describe_end()) from None
             except BaseException:  # the answer that is still to come would be mistaken for the next one
                 self.end()
                 raise
@@ -112,7 +112,7 @@ class _Process:
             with suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
 
-    def _why_ended(self) -> str:
+    def _describe_end(self) -> str:
         with suppress(subprocess.TimeoutExpired):
             self._python.wait(10)
         timed_out = self._python.returncode == -getattr(signal, "SIGXCPU", 0)

@@ -79,20 +79,20 @@ def _make_log(
     lines: tuple[str, ...] | None,
     remarks: tuple[str, ...],
 ) -> Log:
-    """The log whose first lines are `head`: of all lines in memory, or of the file where `lines` is None."""
+    """Return the log whose first lines are `head`: of all lines in memory, or of the file where `lines` is None."""
     header = header_of(path, head, settings)
     columns = header.columns
     first = _read_first_cells(head, header)
     time = _find_time_column(path, header, settings)
     if time is None and settings.fs_hz is None:
-        raise _no_time_column(path, header, settings)
+        raise _describe_missing_time(path, header, settings)
     # a column that has a name may be empty so far
     empty = [each.kind == EMPTY and not each.name.startswith("column ") for each in columns]
     own = [i for i, each in enumerate(columns) if i != time and (each.kind == NUMBER or empty[i])]
     if columns[0].kind == INDEX and time != 0:
         remarks = (*remarks, "the first column has no name and counts the rows: it is left out")
     if not own:
-        raise _no_channels(path, header, first)
+        raise _describe_missing_channels(path, header, first)
     names = tuple(column.name for column in columns)
     layout = (header.delimiter, header.decimal, header.first_line)
     table = TextTable(path, settings.encoding, *layout, names, time=time, content=lines)
@@ -132,7 +132,7 @@ def write_csv(recording: Recording, path: Path) -> None:
 
 
 def _read_head(path: Path, settings: LogSettings) -> list[str]:
-    """The lines to be skipped, and about 100 KiB of the lines after them."""
+    """Return the lines to be skipped, and about 100 KiB of the lines after them."""
     head: list[str] = []
     characters = 0
     for lines in lines_of(path, settings.encoding, bytes_at_once=HEAD_BYTES):
@@ -144,7 +144,7 @@ def _read_head(path: Path, settings: LogSettings) -> list[str]:
 
 
 def _read_first_cells(head: Sequence[str], header: TextHeader) -> list[str]:
-    """The cells of the first row, at most one for each column; none where there is no row."""
+    """Return the cells of the first row, at most one for each column; none where there is no row."""
     rows = rows_of(head[header.first_line - 1 :], header.delimiter)
     cells = cells_or_text(rows[0], header.delimiter) if rows else []
     return cells[: len(header.columns)]
@@ -166,7 +166,7 @@ def _find_time_column(path: Path, header: TextHeader, settings: LogSettings) -> 
     if likely is not None:
         found = [i for i in sure if names[i].casefold() == likely.casefold()]
         if len(found) > 1:
-            raise InputError(f"{_where(path, header)} names {len(found)} columns {likely!r}: rename all but one")
+            raise InputError(f"{_locate(path, header)} names {len(found)} columns {likely!r}: rename all but one")
         return found[0]
     stamps = [i for i in sure if columns[i].kind == STAMP]
     unsure = time_name([each.name for each in columns if si_unit(each.unit or "") is None])
@@ -178,15 +178,15 @@ def _find_time_column(path: Path, header: TextHeader, settings: LogSettings) -> 
 def _find_time_unit(
     path: Path, header: TextHeader, time: int, first: Sequence[str], settings: LogSettings
 ) -> float | None:
-    """The unit of the time stamps, s; None where they are dates or times of day."""
+    """Return the unit of the time stamps, s; None where they are dates or times of day."""
     column = header.columns[time]
     if column.kind == STAMP:
         return None
-    where = f"{_where(path, header)}: column {column.name!r}"
+    where = f"{_locate(path, header)}: column {column.name!r}"
     if column.kind == DATE:
         raise InputError(f"{where} holds dates without a time of day: give another as `time`, or `fs_hz`, in [log]")
     if column.kind in (TEXT, UNREAD):
-        raise _no_time(where, first[time] if time < len(first) else "")
+        raise _describe_texts_as_time(where, first[time] if time < len(first) else "")
     unit = settings.time_unit or column.unit
     if unit is None:
         raise InputError(
@@ -196,8 +196,8 @@ def _find_time_unit(
     return seconds_per_unit(unit, where=where)
 
 
-def _no_time_column(path: Path, header: TextHeader, settings: LogSettings) -> InputError:
-    where = _where(path, header)
+def _describe_missing_time(path: Path, header: TextHeader, settings: LogSettings) -> InputError:
+    where = _locate(path, header)
     if not header.line and not settings.names:
         return InputError(
             f"{where} is numbers, there is no header: begin with {EXAMPLE}, "
@@ -211,32 +211,32 @@ def _no_time_column(path: Path, header: TextHeader, settings: LogSettings) -> In
     )
 
 
-def _no_channels(path: Path, header: TextHeader, first: Sequence[str]) -> InputError:
+def _describe_missing_channels(path: Path, header: TextHeader, first: Sequence[str]) -> InputError:
     grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, allow_ambiguous=True)]
     if grouped:
-        return InputError(f"{path}: {_thousands(grouped[0])}")
+        return InputError(f"{path}: {_describe_thousands(grouped[0])}")
     if len(header.columns) == 1:
-        return InputError(f"{_where(path, header)} has one column, not time and one or more channels: write {EXAMPLE}")
+        return InputError(f"{_locate(path, header)} has one column, not time and one or more channels: write {EXAMPLE}")
     return InputError(f"{path} has no column of numbers beside the time: export the log again")
 
 
-def _no_time(where: str, cell: str) -> InputError:
-    """The error of a time column that holds texts, such as `cell`."""
+def _describe_texts_as_time(where: str, cell: str) -> InputError:
+    """Return the error of a time column that holds texts, such as `cell`."""
     if looks_dated(cell):
         return InputError(
             f"{where} holds {cell[:40]!r}, a date or time in a form that is not read: "
             "write it as ISO 8601 does (2024-05-01T23:59:59.5), or give `fs_hz` in [log]"
         )
     if has_thousands_mark(cell, ".", allow_ambiguous=True) or has_thousands_mark(cell, ",", allow_ambiguous=True):
-        return InputError(f"{where}: {_thousands(cell)}")
+        return InputError(f"{where}: {_describe_thousands(cell)}")
     return InputError(f"{where} holds {cell[:40]!r}, which is no time: give another as `time`, or `fs_hz`, in [log]")
 
 
-def _thousands(cell: str) -> str:
+def _describe_thousands(cell: str) -> str:
     return f"{cell[:40]!r} has a mark between the thousands, or a decimal unlike the others: export the log without it"
 
 
-def _where(path: Path, header: TextHeader) -> str:
+def _locate(path: Path, header: TextHeader) -> str:
     return f"{path} line {header.line or header.first_line}"
 
 
@@ -248,13 +248,13 @@ def _read_timed_blocks(table: TextTable, wanted: Sequence[int], time: int, facto
         values = numbers_of(table, number, lines, [*wanted, time])
         written = values[:, -1]
         if np.isnan(written).any():
-            raise _no_stamp(table, number, lines, time, int(np.argmax(np.isnan(written))))
+            raise _describe_missing_stamp(table, number, lines, time, int(np.argmax(np.isnan(written))))
         if written.size:
             yield Block(values[:, :-1], written * factor)
 
 
 def _read_dated_blocks(table: TextTable, wanted: Sequence[int], time: int) -> Iterator[Block]:
-    """Blocks of a table whose time column holds dates or times of day: seconds from the first."""
+    """Return the blocks of a table whose time column holds dates or times of day: seconds from the first."""
     origin: int | None = None
     before: int | None = None
     for number, lines in table_lines(table):
@@ -264,7 +264,7 @@ def _read_dated_blocks(table: TextTable, wanted: Sequence[int], time: int) -> It
         try:
             stamps = nanoseconds(cells)
         except ValueError as error:
-            raise _no_stamp(table, number, lines, time, error.args[0]) from None
+            raise _describe_missing_stamp(table, number, lines, time, error.args[0]) from None
         if not has_date(cells[0]):
             stamps = past_midnight(stamps, before)
         before = int(stamps[-1])
@@ -272,7 +272,7 @@ def _read_dated_blocks(table: TextTable, wanted: Sequence[int], time: int) -> It
         yield Block(numbers_of(table, number, lines, wanted), 1e-9 * (stamps - origin).astype(np.float64))
 
 
-def _no_stamp(table: TextTable, number: int, lines: Sequence[str], time: int, row: int) -> InputError:
+def _describe_missing_stamp(table: TextTable, number: int, lines: Sequence[str], time: int, row: int) -> InputError:
     at = [at for at, line in enumerate(lines, start=number) if is_row(line, table.delimiter)][row]
     cell = column_of(table, number, lines, time)[row].strip()
     fault = f"{cell[:40]!r} is not a finite number or a time" if cell else "the cell is empty"

@@ -34,12 +34,12 @@ def _read_lines(sheet: object) -> tuple[list[str], bool]:
     lines, has_numbers = [], False
     for row in sheet.iter_rows():  # type: ignore[attr-defined]
         has_numbers = has_numbers or any(type(cell) in (int, float) for cell in row)
-        line = "\t".join(map(_as_text, row))
+        line = "\t".join(map(_to_text, row))
         lines.append(line if line.strip() else "")
     return lines, has_numbers
 
 
-def _as_text(cell: object) -> str:
+def _to_text(cell: object) -> str:
     if type(cell) is float:
         return str(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
     if isinstance(cell, timedelta):

@@ -3,7 +3,7 @@
 opid's own layout: one group for each recording, with the attributes `opid_layout` = 1, `fs` (Hz), `start_s` (s),
 `names`, `units` (SI) and `history`, and one dataset `samples` (n_samples, n_channels), float64.
 
-Others: the datasets of a group that share a length are channels, and a dataset n x m is m channels. The rate is an
+Others: the datasets of a group with the same length are channels, and a dataset n x m is m channels. The rate is an
 attribute `fs`, `sampling_rate`, `dt`, ... of the dataset, its group or a group above, or a scalar dataset of such a
 name; or a dataset `time` holds the stamps. Units are attributes `unit` or `units`. Links to other files, data in other
 files and virtual datasets are not followed: only the named file is opened.
@@ -116,7 +116,7 @@ def texts_of(value: object) -> tuple[str, ...]:
 def _find_groups(
     path: Path, group: h5py.Group, above: Mapping[str, float], elsewhere: list[str], seen: set[Any] | None = None
 ) -> Iterator[NamedGroup]:
-    """The group and the groups in it; `above` are the numbers that the groups above it state."""
+    """Return the group and the groups in it; `above` are the numbers that the groups above it state."""
     import h5py
 
     seen = set() if seen is None else seen
@@ -145,7 +145,7 @@ def _find_groups(
 
 
 def _read_attributes(member: h5py.Group | h5py.Dataset) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
-    """The attributes that are one number each, and those that are names, units or a history."""
+    """Return the attributes that are one number each, and those that are names, units or a history."""
     numbers, texts = {}, {}
     for name in member.attrs:
         header = member.attrs.get_id(name)

@@ -70,7 +70,7 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
 
 
 def _read_zero(dataset: Any) -> datetime | None:
-    """When the recorder's clock began; None where it was not set."""
+    """Return the moment when the recorder's clock began; None where it was not set."""
     since_1970_s = dataset.sessions[0].utcStartTime if dataset.sessions else None
     if not isinstance(since_1970_s, int | float) or not 0 < since_1970_s < 1 << 33:
         return None
@@ -79,7 +79,7 @@ def _read_zero(dataset: Any) -> datetime | None:
 
 
 def _find_blocks(path: Path, dataset: Any) -> dict[int, list[_StampedBlock]]:
-    """The blocks of each channel; the library gets those that correct others, like those of a thermometer."""
+    """Return the blocks of each channel; the library gets those that correct others, like those of a thermometer."""
     parser = dataset._parsers[_BLOCK]
     correcting = {
         each.channelId for each in dataset.transforms.values() if getattr(each, "channelId", None) is not None
@@ -121,7 +121,7 @@ def _add_block(element: Any, modulus: dict[int, int], found: dict[int, list[_Sta
 
 
 def _unwrap(stamp: Any, before: int, wrap: int) -> int:
-    """The ticks of a stamp that is not before another; those of old recorders begin again at 0 now and then."""
+    """Return the ticks of a stamp that is not before another; those of old recorders begin again at 0 now and then."""
     ticks = stamp.value
     if not stamp.name.endswith("Mod") or ticks >= wrap or wrap <= 0:
         return ticks
@@ -186,7 +186,7 @@ def _make_track(name: str, sensor: _Sensor, channel: Any) -> Track:
 
 
 def _fit_uniform_clock(sensor: _Sensor) -> tuple[float, float] | None:
-    """Rate and start of equally spaced rows; None where there is a gap between blocks, or their rates differ."""
+    """Return the rate and start of equally spaced rows; None if blocks have gaps between them or different rates."""
     counts = np.diff(sensor.rows)
     several = counts > 1
     if not several.any():
@@ -209,7 +209,7 @@ def _fit_uniform_clock(sensor: _Sensor) -> tuple[float, float] | None:
 
 
 def _read_raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:
-    """Some rows as they are written, from all blocks that hold them."""
+    """Return some rows as they are written, from all blocks that hold them."""
     low = int(np.searchsorted(sensor.rows, first, side="right")) - 1
     parts = []
     for block in range(low, len(sensor.offsets)):
@@ -223,7 +223,7 @@ def _read_raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray
 
 
 def _interpolate_stamps(sensor: _Sensor, first: int, last: int) -> FloatArray:
-    """Times of some rows: those of a block are equally spaced from its first stamp to its last."""
+    """Return the times of some rows: those of a block are equally spaced from its first stamp to its last."""
     rows = np.arange(first, last)
     block = np.searchsorted(sensor.rows, rows, side="right") - 1
     counts = np.diff(sensor.rows)

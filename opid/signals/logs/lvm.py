@@ -54,26 +54,26 @@ class _File:
 class _Segment:
     """The header of a segment."""
 
-    line: int  # of its column names
-    names: tuple[str, ...]  # of all columns before the comments
+    line: int  # number of the line with its column names
+    names: tuple[str, ...]  # names of all columns before the comments
     n_channels: int
     entries: dict[str, list[str]]
 
     def entry(self, key: str, channel: int) -> str:
-        """The entry of a channel, counted from 0; empty where there is none."""
+        """Return the entry of a channel, counted from 0; empty where there is none."""
         cells = self.entries.get(key, [])
         return cells[channel].strip() if channel < len(cells) else ""
 
 
 @dataclass(frozen=True)
 class _Clock:
-    """Channels of a segment that share a clock."""
+    """The channels of a segment that have the same clock."""
 
     x: int | None  # column of their times, None where only a period is stated
-    columns: tuple[int, ...]  # of their values
+    columns: tuple[int, ...]  # columns of their values
     channels: tuple[int, ...]  # their numbers among the channels of the file, from 0
-    later_s: float = 0.0  # than the clock that began first
-    shares_rows: bool = False  # with channels of another period
+    later_s: float = 0.0  # time by which the clock began later than the first clock
+    shares_rows: bool = False  # whether its rows also hold channels of another period
 
 
 @reader(".lvm", name="LabVIEW LVM", magic=(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"), text=True)
@@ -108,7 +108,7 @@ def _number_lines(path: Path, encoding: str | None, bytes_at_once: int) -> Itera
 
 
 def _read_header(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """The lines of a header up to its end, without those that other programs put between special marks."""
+    """Return the lines of a header up to its end, without those that other programs put between special marks."""
     special = False
     for at, (number, line) in enumerate(numbered):
         if at > _MOST_HEADER_LINES:
@@ -137,7 +137,7 @@ def _read_file_header(path: Path, numbered: Iterator[tuple[int, str]], settings:
 
 
 def _read_segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segment | None:
-    """The next header of a segment, its column names included; None at the end of the file."""
+    """Return the next header of a segment, its column names included; None at the end of the file."""
     entries: dict[str, list[str]] = {}
     for _, line in _read_header(file.path, numbered):
         if line.strip(file.separator + " "):
@@ -164,7 +164,7 @@ def _read_segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _S
 
 
 def _find_clocks(file: _File, segment: _Segment) -> list[_Clock]:
-    """The clocks of a segment: channels with equal time columns, or equal stated periods, share one."""
+    """Return the clocks of a segment: channels with equal time columns, or equal stated periods, have the same one."""
     n = segment.n_channels
     if file.x_columns != "multi":
         # one column of X is that of the first channel
@@ -190,7 +190,7 @@ def _find_clocks(file: _File, segment: _Segment) -> list[_Clock]:
 def _put_on_one_axis(
     file: _File, segment: _Segment, clocks: Sequence[_Clock], first: Sequence[str], settings: LogSettings
 ) -> tuple[list[_Clock], datetime | None]:
-    """The clocks with times from the earliest of their zeros, and that zero; None where a zero is not known."""
+    """Return the clocks with times from the earliest of their zeros, and that zero; None where a zero is not known."""
     zeros = [_find_zero(file, segment, clock, first, settings) for clock in clocks]
     known = [zero for zero in zeros if zero is not None]
     if len(known) < len(clocks) or len({zero.tzinfo for zero in known}) > 1:
@@ -203,7 +203,10 @@ def _put_on_one_axis(
 def _find_zero(
     file: _File, segment: _Segment, clock: _Clock, first: Sequence[str], settings: LogSettings
 ) -> datetime | None:
-    """The moment at which X is zero, by the first row and the headers; where a rate is given, that of the first row."""
+    """Return the moment at which X is zero, by the first row and the headers.
+
+    Where a rate is given, it is the moment of the first row.
+    """
     channel = clock.channels[0]
     cell = segment.entry("X0", channel) if clock.x is None else "".join(first[clock.x : clock.x + 1])
     x = number_of(cell, file.decimal)
@@ -297,7 +300,7 @@ def _read_blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: 
 
 
 def _make_stamps(file: _File, segment: _Segment, clock: _Clock, row: int, n: int) -> FloatArray:
-    """X values of the n rows from `row` on, where the file only states the first one and their distance."""
+    """Return the X values of the n rows from `row` on, where the file states only the first one and their distance."""
     stated = [segment.entry(key, clock.channels[0]) for key in ("X0", "Delta_X")]
     first, period = (number_of(cell, file.decimal) for cell in stated)
     if first is None or period is None or not (np.isfinite(first) and np.isfinite(period) and period > 0):
@@ -309,7 +312,7 @@ def _make_stamps(file: _File, segment: _Segment, clock: _Clock, row: int, n: int
 
 
 def _cut_at_end(file: _File, number: int, values: FloatArray, *, ended: bool) -> tuple[FloatArray, bool]:
-    """The rows before the first one that is empty for all channels of a clock, and whether there is such a row."""
+    """Return the rows before the first row that is empty for all channels of a clock, and whether there is one."""
     full = np.asarray(~np.isnan(values).all(axis=1)) if values.shape[1] else np.ones(len(values), dtype=bool)
     n = 0 if ended else len(full) if full.all() else int(np.argmin(full))
     if full[n:].any():

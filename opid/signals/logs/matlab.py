@@ -78,7 +78,7 @@ def _read_variables(path: Path) -> dict[str, Any]:
 def _find_groups(
     file: h5py.File, group: h5py.Group, name: str, above: Mapping[str, float], seen: set[int], depth: int = 0
 ) -> Iterator[NamedGroup]:
-    """The group of some variables or fields, and those of the structs in it; matrices are stored transposed."""
+    """Return the group of some variables or fields, and those of the structs in it; matrices are stored transposed."""
     import h5py
 
     arrays, numbers, within = [], {}, {}
@@ -116,14 +116,14 @@ def _read(name: str, shape: tuple[int, ...], file: Any, key: tuple[slice, ...]) 
 
 
 def _read_class(member: h5py.Dataset) -> object:
-    """Its class in MATLAB, where that is stored as a text of fixed length."""
+    """Return its class in MATLAB, where that is stored as a text of fixed length."""
     name = "MATLAB_class"
     fixed = name in member.attrs and member.attrs.get_id(name).dtype.kind == "S" and not member.attrs.get_id(name).shape
     return member.attrs[name] if fixed else None
 
 
 def _read_text(member: h5py.Dataset) -> str:
-    """A text, whose characters are stored as 16-bit numbers."""
+    """Return a text, whose characters are stored as 16-bit numbers."""
     if member.dtype.kind not in "ui":
         return ""
     codes = np.asarray(member[()]).astype(np.uint16).reshape(-1)

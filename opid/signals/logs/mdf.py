@@ -47,7 +47,7 @@ def open_mdf(path: Path, settings: LogSettings) -> Log:
 
 
 def _read_zero(header: Any) -> datetime | None:
-    """When the measurement began; None where that is not set.
+    """Return the moment when the measurement began; None where that is not set.
 
     Version 3 writes the recorder's time of day, and nanoseconds that programs read as local time or as UTC: only their
     fraction of a second is reliable. Where the library cannot read these it would return the present moment.
@@ -85,7 +85,7 @@ def _open(path: Path) -> Iterator[Any]:
 
 
 def _find_channels(file: Any, group: int) -> dict[int, LoggedChannel]:
-    """The channels of a group that hold one number for each record, by their indices in the group."""
+    """Return the channels of a group that hold one number for each record, by their indices in the group."""
     held = file.groups[group]
     if not held.channel_group.cycles_nr:
         return {}

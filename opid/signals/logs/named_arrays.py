@@ -94,7 +94,7 @@ def groups_of_values(
     for key, value in values.items():
         if isinstance(value, dict):
             within[key] = value
-        elif (found := _as_texts(value)) is not None:
+        elif (found := _to_texts(value)) is not None:
             texts[key] = found
         elif (isinstance(value, np.ndarray) and value.dtype == object) or isinstance(value, list):
             structs = [each for each in value if isinstance(each, dict)] if np.ndim(value) <= 1 else []
@@ -146,7 +146,7 @@ def tracks_of(
 
 
 def _apply_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
-    """The groups with the names of `Channel_1_Header` for `Channel_1_Data`, and with the rate of `File_Header`.
+    """Return the groups with the names of `Channel_1_Header` for `Channel_1_Data`, and with the rate of `File_Header`.
 
     Catman and other programs of recorders write MATLAB files in this way, with numbers as texts.
     """
@@ -177,7 +177,7 @@ def _apply_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
 
 
 def _read_numbers(header: NamedGroup) -> dict[str, float]:
-    """The rate, interval and start of a header; they may stand there as texts."""
+    """Return the rate, interval and start of a header; they may stand there as texts."""
     numbers: dict[str, float] = {}
     for key, texts in header.texts.items():
         if len(texts) == 1:
@@ -234,7 +234,7 @@ def _find_time(group: NamedGroup, settings: LogSettings) -> NamedArray | None:
 
 
 def _find_time_axis(array: NamedArray, group: NamedGroup, n: int | None) -> int | None:
-    """The dimension along which the time runs, with n stamps where there are any; None where none fits."""
+    """Return the dimension along which the time runs, with n stamps where there are any; None where none fits."""
     if array.time_axis is not None:
         return array.time_axis
     if n is not None:
@@ -286,7 +286,7 @@ def _find_texts(texts: Mapping[str, tuple[str, ...]], keys: Sequence[str]) -> tu
 
 
 def _join_sensors(bundles: Sequence[_Bundle]) -> list[_Bundle]:
-    """The bundles, with sensors that have a group each joined where they share rate, length and start."""
+    """Return the bundles, with sensors that have a group each joined where rate, length and start are the same."""
     result: list[_Bundle] = []
     for bundle in bundles:
         if bundle.time or bundle.group.alone or len(bundle.columns) != 1 or not bundle.group.name:
@@ -339,7 +339,7 @@ def _make_rows(bundle: _Bundle, open_file: Callable[[], AbstractContextManager[A
 
 
 def _read_stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray:
-    """All columns of an array from one row to another, (last - first, m)."""
+    """Return all columns of an array from one row to another, (last - first, m)."""
     rows = slice(first, last)
     if len(column.array.shape) == 1:
         return column.array.read(file, (rows,))[:, np.newaxis]
@@ -355,7 +355,7 @@ def _read_from(values: np.ndarray, _: object, key: tuple[slice, ...]) -> np.ndar
     return values[key]
 
 
-def _as_texts(value: object) -> tuple[str, ...] | None:
+def _to_texts(value: object) -> tuple[str, ...] | None:
     if isinstance(value, str):
         return (value.strip(),)
     if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype.kind in "OU" and value.ndim == 1):

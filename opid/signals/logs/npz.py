@@ -28,7 +28,7 @@ def open_npz(path: Path, settings: LogSettings) -> Log:
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             try:
-                values[name] = _plain(archive[name])
+                values[name] = _simplify(archive[name])
             except ValueError:
                 if not _is_pickled(archive, name):
                     raise
@@ -52,7 +52,7 @@ def _is_pickled(archive: Any, name: str) -> bool:
         return bool(read_header(file)[2].hasobject)
 
 
-def _plain(values: np.ndarray) -> Any:
+def _simplify(values: np.ndarray) -> Any:
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if values.dtype.names:

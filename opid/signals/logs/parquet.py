@@ -94,11 +94,11 @@ def _is_number(kind: pyarrow.DataType) -> bool:
     from pyarrow import types
 
     plain = types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
-    return plain or types.is_decimal(kind) or _ticks(kind) is not None
+    return plain or types.is_decimal(kind) or _find_tick(kind) is not None
 
 
-def _ticks(kind: pyarrow.DataType) -> float | None:
-    """The length of one tick of a type of time, s; None for any other type."""
+def _find_tick(kind: pyarrow.DataType) -> float | None:
+    """Return the length of one tick of a type of time, s; None for any other type."""
     from pyarrow import types
 
     if types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind):
@@ -116,7 +116,7 @@ def _find_time(
     if number is None:
         return None
     kind = schema.field(number).type
-    ticks = _ticks(kind)
+    ticks = _find_tick(kind)
     if ticks is not None:
         first = 0
         if types.is_timestamp(kind):
@@ -149,7 +149,7 @@ def _find_time_column(
     index = [name for name in (stored if isinstance(stored, list) else ()) if name in schema.names]
     if len(index) == 1 and schema.names.index(index[0]) in columns:
         return schema.names.index(index[0])
-    stamps = [number for number in columns if _ticks(schema.field(number).type) is not None]
+    stamps = [number for number in columns if _find_tick(schema.field(number).type) is not None]
     return stamps[0] if len(stamps) == 1 else None
 
 
@@ -166,7 +166,7 @@ def _find_numbers(metadata: Mapping[str, str]) -> dict[str, float]:
 
 
 def _read_frame_entry(metadata: Mapping[str, str], key: str) -> object:
-    """What pandas stored of its frame under a key, None where there is nothing."""
+    """Return what pandas stored of its frame under a key, None where there is nothing."""
     with suppress(ValueError, RecursionError):
         found = json.loads(metadata.get("pandas", "{}"))
         return found.get(key) if isinstance(found, dict) else None
@@ -196,12 +196,12 @@ def _read_blocks(path: Path, wanted: Sequence[int], time: _Time | None) -> Itera
 
 
 def _read_values(column: pyarrow.Array, first: int = 0) -> FloatArray:
-    """The numbers of a column minus `first`; NaN where one is missing."""
+    """Return the numbers of a column minus `first`; NaN where one is missing."""
     import pyarrow
     from pyarrow import types
 
     kind = column.type
-    if _ticks(kind) is not None:
+    if _find_tick(kind) is not None:
         column = column.cast(pyarrow.int64() if kind.bit_width == 64 else pyarrow.int32())
     if types.is_boolean(kind):
         column = column.cast(pyarrow.int8())

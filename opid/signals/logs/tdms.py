@@ -23,7 +23,7 @@ _UNSET_YEAR = 1904  # LabVIEW's zero of time
 
 @dataclass(frozen=True)
 class _Clock:
-    """What the channels of one track share."""
+    """What the channels of one track have in common."""
 
     group: str
     n: int
@@ -34,7 +34,7 @@ class _Clock:
 
 @reader(".tdms", name="TDMS", needs="npTDMS", extra="tdms", magic=(b"TDSm",))
 def open_tdms(path: Path, settings: LogSettings) -> Log:
-    """Open a TDMS file: channels of a group that share length, increment and start form a track, named as the group.
+    """Open a TDMS file: channels of a group with one length, increment and start form a track, named as the group.
 
     The rate is the inverse of `wf_increment`; without it, the stamps are a channel of dates or one that is called time.
     Times count from the earliest `wf_start_time` in the file, or from the first date where there is none. Texts, empty
@@ -71,30 +71,30 @@ def _open(path: Path) -> Iterator[Any]:
 
 
 def _find_channels(group: Any) -> dict[str, Any]:
-    """The channels with values; none if the group is a decimated copy of another."""
-    if _as_number(group.properties.get("DecimationLevel")):
+    """Return the channels with values; none if the group is a decimated copy of another."""
+    if _to_number(group.properties.get("DecimationLevel")):
         return {}
-    return {channel.name: channel for channel in group.channels() if len(channel) and _kind(channel) in "biufM"}
+    return {channel.name: channel for channel in group.channels() if len(channel) and _find_kind(channel) in "biufM"}
 
 
-def _kind(channel: Any) -> str:
+def _find_kind(channel: Any) -> str:
     return np.dtype(channel.dtype).kind
 
 
 def _find_origin(groups: Mapping[str, Mapping[str, Any]]) -> np.datetime64 | None:
-    """The zero of the times: the earliest stated start of a channel, or else the first date."""
+    """Return the zero of the times: the earliest stated start of a channel, or else the first date."""
     every = [channel for channels in groups.values() for channel in channels.values()]
     starts = [start for channel in every if (start := _read_start(channel)) is not None]
-    dates = [channel[0] for channel in every if not starts and _kind(channel) == "M"]
+    dates = [channel[0] for channel in every if not starts and _find_kind(channel) == "M"]
     return min([*starts, *dates], default=None)
 
 
 def _make_zero(
     groups: Mapping[str, Mapping[str, Any]], members: Mapping[_Clock, Sequence[str]], origin: np.datetime64 | None
 ) -> datetime | None:
-    """The origin as a moment (in UTC, as TDMS stamps are) where the times of a channel count from it."""
+    """Return the origin as a moment (in UTC, as TDMS stamps are) where the times of a channel count from it."""
     counting = any(
-        _kind(groups[clock.group][clock.time]) == "M"
+        _find_kind(groups[clock.group][clock.time]) == "M"
         if clock.time is not None
         else any(_read_start(groups[clock.group][name]) is not None for name in names)
         for clock, names in members.items()
@@ -110,24 +110,24 @@ def _read_start(channel: Any) -> np.datetime64 | None:
     return None if start.astype("datetime64[Y]").astype(int) + 1970 <= _UNSET_YEAR else start
 
 
-def _as_number(value: object) -> float:
+def _to_number(value: object) -> float:
     return float(value) if isinstance(value, int | float | np.number) and np.isfinite(value) else 0.0
 
 
 def _find_clocks(
     group: str, channels: Mapping[str, Any], origin: np.datetime64 | None, settings: LogSettings
 ) -> dict[str, _Clock]:
-    """The clock of each channel of a group, without channels of time stamps."""
+    """Return the clock of each channel of a group, without channels of time stamps."""
     stamps = _find_time_channels(channels, settings)
     found = {}
     for name, channel in channels.items():
-        if name in stamps.values() or _kind(channel) == "M":
+        if name in stamps.values() or _find_kind(channel) == "M":
             continue
-        increment_s = _as_number(channel.properties.get("wf_increment")) or None
-        start_s = _as_number(channel.properties.get("wf_start_offset"))
+        increment_s = _to_number(channel.properties.get("wf_increment")) or None
+        start_s = _to_number(channel.properties.get("wf_start_offset"))
         begun = _read_start(channel)
         if begun is not None and origin is not None:
-            start_s += _as_seconds(np.asarray(begun), origin).item()
+            start_s += _to_seconds(np.asarray(begun), origin).item()
         time = stamps.get(len(channel)) if increment_s is None or settings.time is not None else None
         found[name] = _Clock(group, len(channel), *((None, 0.0) if time else (increment_s, start_s)), time)
     return found
@@ -140,22 +140,22 @@ def _find_wanted_time(channels: Mapping[str, Any], settings: LogSettings) -> str
 
 
 def _find_time_channels(channels: Mapping[str, Any], settings: LogSettings) -> dict[int, str]:
-    """The channel with the time stamps for each length: the one the user names, one of dates, or one called time."""
+    """Return the channel with the time stamps for each length: the user's choice, one of dates, or one called time."""
     if settings.time is not None:
         wanted = _find_wanted_time(channels, settings)
         return {} if wanted is None else {len(channels[wanted]): wanted}
     found: dict[int, str] = {}
     for n in {len(channel) for channel in channels.values()}:
         alike = {name: channel for name, channel in channels.items() if len(channel) == n}
-        plain = [name for name in alike if not _as_number(alike[name].properties.get("wf_increment"))]
-        dates = [name for name in plain if _kind(alike[name]) == "M"]
+        plain = [name for name in alike if not _to_number(alike[name].properties.get("wf_increment"))]
+        dates = [name for name in plain if _find_kind(alike[name]) == "M"]
         time = dates[0] if dates else time_name(plain)
         if time is not None and len(alike) > 1:
             found[n] = time
     return found
 
 
-def _as_seconds(times: np.ndarray, origin: np.datetime64) -> np.ndarray:
+def _to_seconds(times: np.ndarray, origin: np.datetime64) -> np.ndarray:
     return (times - origin) / np.timedelta64(1, "us") * 1e-6
 
 
@@ -195,6 +195,6 @@ def _read_stamps(
 ) -> FloatArray:
     times = channel.read_data(first, count)
     if times.dtype.kind == "M" and origin is not None:
-        return _as_seconds(times, origin)
+        return _to_seconds(times, origin)
     factor = seconds_per_unit(settings.time_unit or _read_unit(channel), where=f"{path} channel {channel.name!r}")
     return times.astype(np.float64) * factor

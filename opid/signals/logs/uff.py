@@ -1,6 +1,6 @@
 """Universal files (UFF, UNV): the time histories of data sets 58, in ASCII or binary (58b).
 
-Each data set is a channel; those of one spacing, start and length share a track. The name of a channel is ID line 1
+Each data set is a channel; those of one spacing, start and length form a track. The name of a channel is ID line 1
 where that distinguishes the sets, else its node and direction; its unit is the label of the ordinate. The increment of
 the time has six digits in such files: the rate is the number of fewest decimals that rounds to it. Files are written as
 58b in double precision, with the exact rate and start in ID line 2, which other programs show as a remark.
@@ -82,7 +82,9 @@ def write_uff(recording: Recording, path: Path) -> None:
     """Write a recording as data sets 58b in double precision, one a channel, to the last bit, without its history."""
     for channel in recording.channels:
         if not (
-            _fits(channel.name, 80) and _fits(channel.unit, 20) and split_unit(channel.name) == (channel.name, None)
+            _is_fitting(channel.name, 80)
+            and _is_fitting(channel.unit, 20)
+            and split_unit(channel.name) == (channel.name, None)
         ):
             raise InputError(
                 f"cannot write {path}: a universal file does not hold the name {channel.name!r} or the unit "
@@ -111,7 +113,7 @@ def write_uff(recording: Recording, path: Path) -> None:
             file.write(f"{-1:6d}\n".encode())
 
 
-def _fits(text: str, most: int) -> bool:
+def _is_fitting(text: str, most: int) -> bool:
     return 0 < len(text) <= most and text == text.strip() and text.isprintable() and text.upper() != "NONE"
 
 
@@ -135,7 +137,7 @@ def _read_header(path: Path, file: Any, number: int) -> dict[str, Any]:
 
 
 def _is_history(header: Mapping[str, Any]) -> bool:
-    """Whether a data set holds real numbers over the time."""
+    """Return whether a data set holds real numbers over the time."""
     is_general = header["func_type"] == 0 and header["abscissa_spec_data_type"] == _TIME
     return header["ord_data_type"] in (2, 4) and (header["func_type"] == 1 or is_general)
 
@@ -178,7 +180,7 @@ def _describe_position(header: Mapping[str, Any]) -> str:
 def _read_clock(
     path: Path, number: int, header: Mapping[str, Any], settings: LogSettings
 ) -> tuple[float | None, float, int, int | None]:
-    """Rate (None for stamps), start and length; for stamps also the number of the set, whose clock is its own."""
+    """Return the rate (None for stamps), start and length; for stamps also the number of the set, for its own clock."""
     n = header["num_pts"]
     where = f"{path}, data set {number + 1},"
     if n < 1:

@@ -71,7 +71,7 @@ def open_wav(path: Path, settings: LogSettings) -> Log:
 
 
 def _read_header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
-    """Form of the samples, the position of the first one, and their size, both in bytes."""
+    """Return the form of the samples, the position of the first one, and their size, both in bytes."""
     file_size = path.stat().st_size
     order = ">" if file.read(12)[:4] == b"RIFX" else "<"
     file.seek(8)
@@ -131,7 +131,7 @@ def _read_exactly(path: Path, file: BinaryIO, size: int) -> bytes:
 
 
 def _decode_samples(raw: bytes, form: _Form) -> FloatArray:
-    """The numbers of some rows as they are written, (n, n_channels); those of 8 bits, without a sign, are centred."""
+    """Return the numbers of some rows as they are written, (n, n_channels); unsigned numbers of 8 bits are centred."""
     if form.code == _PCM and form.width == 3:
         # put into the upper three bytes of 32-bit numbers
         wide = np.zeros((len(raw) // 3, 4), dtype=np.uint8)

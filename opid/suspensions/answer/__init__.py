@@ -1,1 +1,1 @@
-"""What may be told: the numbers, their intervals and what limits them, what is refused and why, and what to doubt."""
+"""The reported answer: numbers with intervals, what limits them, what is refused and why, and warnings."""

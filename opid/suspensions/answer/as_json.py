@@ -1,7 +1,7 @@
-"""Results as values of JSON: plain dicts and lists, SI, and null where there is no finite number.
+"""Results as values of JSON: plain dicts and lists, SI units, and null instead of numbers that are not finite.
 
-`result.json` has one schema for one gear and for bodies. What belongs to one of them alone is null or empty for the
-other, so that who reads it finds nothing and not a fault.
+`result.json` has one schema for one gear and for bodies. Values that only one of them has are null or empty for the
+other, so that the keys are always there.
 """
 
 from __future__ import annotations
@@ -45,14 +45,16 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         result: the identification.
 
     Returns:
-        What `docs/schemas/identification-1.schema.json` describes.
+        The content that `docs/schemas/identification-1.schema.json` describes.
     """
     if isinstance(result, PaperIdentification):
-        return plain(_head(result) | _of_gear(result) | {"diagnostics": _paper_diagnostics(result)} | _tail(result))
+        return plain(
+            _head(result) | _describe_gear(result) | {"diagnostics": _paper_diagnostics(result)} | _tail(result)
+        )
     if result.study.is_one_gear:
         return plain(
             _head(result)
-            | _of_gear(result)
+            | _describe_gear(result)
             | _structures(result)
             | {"natural_frequency_of": result.frequency_of}
             | {"diagnostics": _gear_diagnostics(result)}
@@ -60,7 +62,7 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         )
     return plain(
         _head(result)
-        | _of_body(result)
+        | _describe_body(result)
         | _structures(result)
         | {"diagnostics": _body_diagnostics(result)}
         | _tail(result)
@@ -71,12 +73,12 @@ def structure_json(result: StructureIdentification) -> Json:
     """Return the identification of a user's own structure as the content of result.json.
 
     Args:
-        result: from `identify_structure`.
+        result: the result of `identify_structure`.
 
     Returns:
-        What `docs/schemas/structure-1.schema.json` describes.
+        The content that `docs/schemas/structure-1.schema.json` describes.
     """
-    told = ("noise_m_per_s2", "residual_over_noise", "residual_of", "left_out_over_noise")
+    reported = ("noise_m_per_s2", "residual_over_noise", "residual_of", "left_out_over_noise")
     return plain(
         {
             "schema": STRUCTURE_SCHEMA,
@@ -84,7 +86,7 @@ def structure_json(result: StructureIdentification) -> Json:
             "masses": _estimates(result.masses),
             "interfaces": {name: _spring(each, result.per_mass) for name, each in result.interfaces.items()},
             "joints": {name: _spring(each, result.per_mass) for name, each in result.joints.items()},
-            **{name: getattr(result, name) for name in told},
+            **{name: getattr(result, name) for name in reported},
             "repeatability": asdict(result.repeatability),
             "limits": result.limits,
             "warnings": result.warnings,
@@ -95,7 +97,7 @@ def structure_json(result: StructureIdentification) -> Json:
 
 
 def chain_of(result: AnyIdentification) -> PaperChain | None:
-    """Return the steps of the paper on the runs of one gear; None where they cannot be taken.
+    """Return the steps of the paper on the runs of one gear; None if they cannot be computed.
 
     Args:
         result: the identification.
@@ -122,7 +124,7 @@ def _tail(result: Identification | PaperIdentification) -> Json:
     return {"warnings": result.warnings, "not_determined": result.not_determined}
 
 
-def _of_gear(result: AnyIdentification) -> Json:
+def _describe_gear(result: AnyIdentification) -> Json:
     return {
         "parameters": asdict(result.parameters),
         "ratios": asdict(result.ratios),
@@ -136,8 +138,8 @@ def _of_gear(result: AnyIdentification) -> Json:
     }
 
 
-def _of_body(result: Identification) -> Json:
-    """The names of one gear stand there, too, without values; the laws have them where all suspensions are alike."""
+def _describe_body(result: Identification) -> Json:
+    """Return the values of a body, with empty keys of one gear; a common law is given if all suspensions are alike."""
     nothing, parameters = np.empty(0), asdict(result.parameters)
     laws = {interface.law.name: interface.law.latex for interface in result.interfaces}
     name, latex = next(iter(laws.items())) if len(laws) == 1 else (None, None)
@@ -175,7 +177,7 @@ def _structures(result: Identification) -> Json:
 
 
 def _run_of_body(result: Identification, index: int) -> Json:
-    """A run, and what its free motion leaves in a fit of all and, where that is more than noise, of the others."""
+    """Return a run, and the residual of its free motion in the fit of all runs and in that of the others."""
     run = result.runs[index]
     left_out = next((each for each in result.left_out if each.run == index), None)
     return {
@@ -247,7 +249,7 @@ def _gear_diagnostics(result: Identification) -> Json:
     evidence, chain = result.evidence[0], chain_of(result)
     return {
         "settings": _channels(result.study)
-        | _asked(result)
+        | _list_options(result)
         | {
             "high_pass_hz": None if chain is None else chain.high_pass_hz,
         },
@@ -291,7 +293,7 @@ def _paper_diagnostics(result: PaperIdentification) -> Json:
 
 def _body_diagnostics(result: Identification) -> Json:
     study, parts = result.study, result.evidence
-    asked = _asked(result)
+    asked = _list_options(result)
     return {
         "study": _source(study),
         "law": asked["law"],
@@ -331,8 +333,8 @@ def _channels(study: Study) -> Json:
     return {"study": _source(study), "sprung": study.sprung, "unsprung": study.unsprung}
 
 
-def _asked(result: Identification) -> Json:
-    """What was asked for, and every tuned number."""
+def _list_options(result: Identification) -> Json:
+    """Return the options of the call, and every tuned number."""
     options = result.options
     return {
         "law": options.law or "searched",
@@ -361,7 +363,7 @@ def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
 
 
 def _model(evidence: Evidence) -> Json:
-    """What the fit of the driven model rests on."""
+    """Return the evidence of a fit of the driven model."""
     fit = evidence.fit
     faults = {fault.name: fault for fault in fit.model.faults}
     surfaces = {
@@ -442,7 +444,7 @@ def _pair(pair: PeakPair) -> Json:
 
 
 def _runs_of_gear(runs: Sequence[Run], chain: PaperChain | None) -> list[Json]:
-    """The runs of one gear; without the paper's chain only what the study says of them."""
+    """Return the runs of one gear; without the paper's chain only what the study states of them."""
     steps: Sequence[RunEvidence | None] = [None] * len(runs) if chain is None else chain.runs
     return [_run_of_gear(run, step) for run, step in zip(runs, steps, strict=True)]
 

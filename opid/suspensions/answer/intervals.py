@@ -1,4 +1,4 @@
-"""How well parameters are known: intervals that hold for a coloured residual, absolute values, and what limits them."""
+"""Intervals of the parameters, which hold for a coloured residual, absolute values, and what limits them."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": 
 
 
 def honest_covariance(fit: Fit) -> FloatArray:
-    """Return the covariance of the vector, widened where the residual is coloured.
+    """Return the covariance of the vector, widened if the residual is coloured.
 
-    The sandwich over cells of neighbouring lines; no parameter becomes better known than for a white residual.
+    It is the sandwich over cells of neighbouring lines; no interval becomes narrower than for a white residual.
 
     Returns:
         (n_unknowns, n_unknowns).
@@ -39,20 +39,20 @@ def honest_covariance(fit: Fit) -> FloatArray:
 
 
 def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 0.0) -> Parameters:
-    """Return the parameters of a fit and how well they are known.
+    """Return the parameters of a fit with their covariance.
 
-    The repeatability is the stated one; `more` is the covariance of what else is not known, (n_unknowns, n_unknowns).
+    The repeatability is the stated one; `more` is the covariance of further errors, (n_unknowns, n_unknowns).
     """
-    more = more + _of_few_elements(fit)
+    more = more + _add_few_elements(fit)
     if not fit.model.repeatability:
         return Parameters(fit, honest_covariance(fit) + more)
-    found = levels(fit, repeatability).widened(std_over_white(fit))
+    found = levels(fit, repeatability).widen(std_over_white(fit))
     found = found.with_more(np.broadcast_to(more, found.covariance.shape[1:]))
     return Parameters(fit, found.second_moments(), found)
 
 
-def _of_few_elements(fit: Fit) -> FloatArray:
-    """Covariance of dampers beside joints of sliders: the twenty of the model dissipate a little less than many."""
+def _add_few_elements(fit: Fit) -> FloatArray:
+    """Return the covariance of dampers beside joints of sliders: twenty sliders dissipate slightly less than many."""
     variance, fraction = np.zeros(fit.theta.size), fit.model.settings.intervals.few_elements_fraction
     for index, prediction in enumerate(fit.errors.predictions):
         interfaces = fit.model.resting_interfaces(fit.theta, index)
@@ -69,12 +69,12 @@ def _of_few_elements(fit: Fit) -> FloatArray:
 
 def std_over_white(fit: Fit) -> FloatArray:
     """Return the factor by which a coloured residual widens the interval of each unknown, at least 1."""
-    posterior, jacobian, _ = _scaled(fit)
+    posterior, jacobian, _ = _scale_to_std(fit)
     n, known = fit.n_data, fit.model.settings.intervals
     cells, n_cells = [], 0
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
         n_lines = run.omega.size
-        # real and imaginary part of all sensors
+        # The cells hold the real and imaginary parts of all sensors.
         own = np.tile(np.arange(n_lines) // known.lines_per_cell, 2 * line.size // n_lines)
         cells.append(n_cells + own)
         n_cells += int(own.max()) + 1
@@ -87,10 +87,10 @@ def std_over_white(fit: Fit) -> FloatArray:
 def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
     """Return the ratio of block-bootstrap to white-noise standard deviation of each unknown.
 
-    Each resample draws blocks of half a second of the innovations with replacement (Kuensch 1989), so that what is
-    correlated within a block stays so, and moves the parameters by -C J^T e/s^2, to first order.
+    Each resample draws blocks of half a second of the innovations with replacement (Kuensch 1989), so that correlation
+    within a block is kept, and moves the parameters by -C J^T e/s^2, to first order.
     """
-    posterior, jacobian, scale = _scaled(fit)
+    posterior, jacobian, scale = _scale_to_std(fit)
     n, known, first = fit.n_data, fit.model.settings.intervals, 0
     back = posterior @ jacobian[:n].T / fit.variance
     moved = np.zeros((known.n_bootstrap, scale.size))
@@ -103,21 +103,21 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
             parts = [back[:, first + k * n_sensors * run.omega.size + sensor * run.omega.size :] for k in (0, 1)]
             spectrum = np.zeros((scale.size, run.n_samples // 2 + 1), dtype=np.complex128)
             spectrum[:, run.lines] = parts[0][:, : run.omega.size] + 1j * parts[1][:, : run.omega.size]
-            # the transpose of `DrivenRun.transform`; the band holds neither the mean nor the highest line
+            # This is the transpose of `DrivenRun.transform`; the band holds neither the mean nor the highest line.
             influence = fft.irfft(spectrum, run.n_samples) * np.sqrt(run.n_samples / 2)
-            # a block that is drawn near the end goes on at the beginning
+            # A block that is drawn near the end continues at the beginning.
             around = np.append(prediction.innovation[sensor], prediction.innovation[sensor, : block - 1])
             blocks = np.lib.stride_tricks.sliding_window_view(around, block)
             for number, first_samples in enumerate(drawn):
                 moved[number] += influence @ blocks[first_samples].ravel()[: run.n_samples]
         first += 2 * n_sensors * run.omega.size
-    # what was known before the data is drawn anew as well
+    # Prior knowledge is resampled as well.
     by_prior = np.diag(posterior @ (jacobian[n:].T @ jacobian[n:]) @ posterior)
     return np.sqrt((moved.var(axis=0) + by_prior) / np.diag(posterior))
 
 
-def _scaled(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Covariance and Jacobian with every entry in units of its standard deviation, and these."""
+def _scale_to_std(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return covariance and Jacobian with every entry in units of its standard deviation, and these deviations."""
     scale = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
     return fit.covariance / np.outer(scale, scale), fit.errors.jacobian * scale, scale
 
@@ -130,13 +130,13 @@ _AT_REST_SAMPLES = 2000
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """The shared parameters of a fit, and how well they are known: all numbers of an answer are read from here.
+    """The shared parameters of a fit and their covariance, from which all numbers of an answer are read.
 
     Args:
-        fit: of a model.
-        covariance: (n_unknowns, n_unknowns) of its vector, as of `honest_covariance`.
-        levels: what the runs say at each level of repeatability; None where they were fitted as alike. A mixture has
-            long tails: deviations are then those of its 95 % intervals.
+        fit: the fitted model.
+        covariance: (n_unknowns, n_unknowns) covariance of its vector, see `honest_covariance`.
+        levels: the posterior at each value of the repeatability; None if the runs were fitted as alike. The mixture has
+            long tails, so standard deviations are those of its 95 % intervals.
     """
 
     fit: Fit
@@ -156,7 +156,7 @@ class Parameters:
     def estimate(self, value: float, gradient: Mapping[str | int, float]) -> Estimate:
         """Return a function of the parameters with its interval, by the delta method.
 
-        The gradient has its derivatives by parameters, each by its name or its index in the vector.
+        The gradient holds the derivatives by parameters, each under its name or its index in the vector.
         """
         names, slopes = self.fit.model.names, np.zeros(self.fit.theta.size)
         for key, slope in gradient.items():
@@ -164,7 +164,7 @@ class Parameters:
         return Estimate.normal(value, self.deviation(slopes))
 
     def per_force(self, index: int, *, per_mass: bool = False) -> Estimate:
-        """Return an entry of the vector that multiplies a force or a mass, times the mass where that is fitted."""
+        """Return an entry of the vector that is per unit of the mass, times the mass if that is fitted."""
         model, value = self.fit.model, float(self.fit.theta[index])
         if per_mass or not model.mass_free:
             return self.estimate(value, {index: 1.0})
@@ -173,12 +173,12 @@ class Parameters:
 
     @property
     def inverse_mass(self) -> tuple[float, float]:
-        """One over the reference mass, where it is free, and its standard deviation, 1/kg."""
+        """One over the reference mass, if it is free, and its standard deviation, 1/kg."""
         return self.fit.model.inverse_mass(self.fit.theta), self.std(self.fit.model.names.index("inverse_mass"))
 
     @property
     def mass(self) -> Estimate:
-        """The reference mass, where it is free; its interval follows from that of 1/M and is longer upwards."""
+        """The reference mass, if it is free; its interval follows from that of 1/M and is longer upwards."""
         mu, std = self.inverse_mass
         if mu <= 1.96 * std:
             return Estimate(1 / mu if mu > 0 else None)
@@ -195,7 +195,7 @@ class Parameters:
     def suspension(
         self, number: int, *, per_mass: bool = False
     ) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
-        """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted."""
+        """Return stiffness, damping and law of a group: in N, or per kg of the body if the mass is not fitted."""
         model, theta = self.fit.model, self.fit.theta
         first, indices, law = model.first_of_group[number], model.law_indices(number), model.groups[number].law
         estimates: dict[str, dict[str, Estimate]] = {}
@@ -223,22 +223,24 @@ class Parameters:
         index = self.fit.model.first_of_group[number] + group.n_head - 1
         return self.estimate(float(self.fit.theta[index]), {index: 1.0})
 
-    def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
+    def estimate_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
         """Return the values of a function of the vector with intervals; its derivatives are taken numerically.
 
-        Where it is not defined, at the fit or right beside it, there is no estimate.
+        There is no estimate if the function is not defined at the fit or near it.
         """
         values = function(self.fit.theta)
         model, slopes = self.fit.model, np.zeros((values.size, self.fit.theta.size))
         departures = [np.arange(slopes.shape[1])[model.indices_of_run(index)[1]] for index in range(len(model.runs))]
-        # start states do not enter the reported numbers
+        # The reported numbers do not depend on the initial states.
         for index in (*range(model.n_shared), *np.concatenate(departures)):
-            step = _SMALL_STEP * self.std(index)
+            # An entry that the runs do not determine has a huge standard deviation.
+            farthest = max(1.0, abs(float(self.fit.theta[index])))
+            step = min(_SMALL_STEP * self.std(index), farthest)
             if step > 0.0:
                 ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
                 ahead[index], back[index] = ahead[index] + step, back[index] - step
                 slopes[:, index] = (function(ahead) - function(back)) / (2 * step)
-        # a value that depends on no unknown is known exactly
+        # A value that depends on no unknown is known exactly.
         return [
             Estimate.normal(value, self.deviation(each) if each.any() else 0.0)
             if np.isfinite([value, *each]).all()
@@ -249,8 +251,8 @@ class Parameters:
     def at_rest(self, attachment: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
         """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.
 
-        The damping dissipates what damper and law do over the motion of the run, sum((f(z, z') - f(z, 0)) z') over
-        sum(z'^2), with what the law remembers on the way.
+        The equivalent damping dissipates as much as damper and law over the motion of the run: it is the sum of
+        (f(z, z') - f(z, 0)) z' over that of z'^2, with the memory of the law.
         """
         model, prediction = self.fit.model, self.fit.errors.predictions[run]
         remembers = model.resting_interfaces(self.fit.theta, run)[attachment].law.has_memory
@@ -271,19 +273,19 @@ class Parameters:
             return np.array([0.0 if moved is None else moved.travel[attachment], scale * stiffness, scale * damping])
 
         try:
-            travel, stiffness, damping = self.of_function(read)
+            travel, stiffness, damping = self.estimate_function(read)
         except UnboundedResponseError:
-            # so near to where the springs give way that a step of the derivative goes beyond
+            # The springs can hardly carry the weight: a step of the derivative goes beyond what they can carry.
             return Estimate(), Estimate(), Estimate()
         if model.body.fall is None or not (model.mass_free or not model.runs[run].loading.any()):
             travel = Estimate()
         return travel, stiffness, damping
 
     def loop(self, attachment: int, run: int, *, per_mass: bool = False) -> Loop | None:
-        """Return the energy per cycle that what a suspension remembers takes, in a motion like that of a run.
+        """Return the energy per cycle that the terms with memory take, in a motion like that of a run.
 
-        None where it remembers nothing; without an area where its interval reaches zero, for nothing that remembers
-        feeds energy in, and near there the area is no straight function of the parameters.
+        None without memory. There is no area if its interval reaches zero: terms with memory dissipate energy, and near
+        zero the area is not a linear function of the parameters.
         """
         model, prediction = self.fit.model, self.fit.errors.predictions[run]
         here = model.resting_interfaces(self.fit.theta, run)[attachment]
@@ -301,7 +303,7 @@ class Parameters:
             return np.array([scale * area_of(model.resting_interfaces(theta, run)[attachment].law)])
 
         try:
-            (area,) = self.of_function(read)
+            (area,) = self.estimate_function(read)
         except UnboundedResponseError:
             area = Estimate()
         if area.interval95 is not None and area.interval95[0] <= 0.0:
@@ -318,17 +320,17 @@ class Parameters:
         """
         model, motion = self.fit.model, self.fit.errors.predictions[run]
         try:
-            # what does not spring back has no frequency
-            return self.of_function(straight_equivalent(model, run, motion))
+            # A suspension with negative stiffness has no frequency.
+            return self.estimate_function(straight_equivalent(model, run, motion))
         except UnboundedResponseError:
             return [Estimate()] * 4
 
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
 
-        Where no ground spring was fitted, return zero with the standard deviation that a fit would have had:
-        `std_per_mass`, 1/s^2, None where the user ruled such springs out. A ground spring is known no better than the
-        gains of two sensors agree.
+        If no ground spring was fitted, it is zero with the standard deviation that a fit would have had:
+        `std_per_mass`, 1/s^2, None if the user excluded such springs. A ground spring is known no better than the gains
+        of two sensors agree.
         """
         model = self.fit.model
         equal, first = model.settings.intervals.equal_gains, model.first_of_group[number]
@@ -346,13 +348,13 @@ class Parameters:
     def gear_ratios(self, ground: Estimate) -> GearRatios:
         """Return ratios to the mass, and frequency and damping ratio on a still wheel, of one gear.
 
-        The frequency is that of the tangent stiffness at rest, which is K2 + K3 where the law has no slope there. The
-        stiffness of the spring to the ground over the mass is given.
+        The frequency is that of the tangent stiffness at rest, which is K2 + K3 if the law has no slope there. `ground`
+        is the stiffness of the spring to the ground over the mass.
         """
         fit, group = self.fit, self.fit.model.groups[0]
-        k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
+        k, c = (fit.value(group.name_of(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
         ratios = GearRatios(self.per_force(0, per_mass=True), self.per_force(1, per_mass=True), ground)
-        total = k + fit.value(group.called(GROUND))
+        total = k + fit.value(group.name_of(GROUND))
         if slopes_at_rest(fit.model.interfaces(fit.theta)[0][0].law):
 
             def at_rest(theta: FloatArray) -> FloatArray:
@@ -363,7 +365,7 @@ class Parameters:
                 omega = float(np.sqrt(max(square, 1e-300)))
                 return np.array([omega / (2 * np.pi), suspension.damping / (2 * omega)])
 
-            frequency, zeta = self.of_function(at_rest)
+            frequency, zeta = self.estimate_function(at_rest)
             return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
         if total <= 0:
             return ratios
@@ -373,18 +375,18 @@ class Parameters:
         zeta = self.estimate(c / (2 * omega), {1: 1 / (2 * omega), **dict.fromkeys(springs, -c / (4 * omega**3))})
         return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
 
-    def of_rigid_body(self) -> tuple[BodyParameters, BodyRatios]:
+    def estimate_rigid_body(self) -> tuple[BodyParameters, BodyRatios]:
         """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass."""
         x, y = (self.estimate(self.fit.value(name), {name: 1.0}) for name in ("x_cg_m", "y_cg_m"))
-        roll_radius, roll_inertia = self._about_the_cg("rxx_m2", "y_cg_m")
-        pitch_radius, pitch_inertia = self._about_the_cg("ryy_m2", "x_cg_m")
+        roll_radius, roll_inertia = self._shift_to_cg("rxx_m2", "y_cg_m")
+        pitch_radius, pitch_inertia = self._shift_to_cg("ryy_m2", "x_cg_m")
         parameters = BodyParameters()
         if self.fit.model.mass_free:
             parameters = BodyParameters(self.mass, roll_inertia, pitch_inertia, x, y)
         return parameters, BodyRatios(roll_radius, pitch_radius, x, y)
 
-    def _about_the_cg(self, about: str, offset: str) -> tuple[Estimate, Estimate]:
-        """Radius and inertia: the moment about the origin less the square of the offset."""
+    def _shift_to_cg(self, about: str, offset: str) -> tuple[Estimate, Estimate]:
+        """Return radius and inertia from the moment about the origin minus the square of the offset."""
         model, away, radius = self.fit.model, self.fit.value(offset), Estimate()
         square = self.fit.value(about) - away**2
         if square > 0:
@@ -402,27 +404,27 @@ def limits(known: Parameters, alike: Repeatability, mass: Estimate, *, is_pushed
     fit, covariance = known.fit, known.covariance
     yield from limits_of_mass(alike, fit, mass, is_pushed=is_pushed)
     if mass.std is not None:
-        yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
+        yield from _name_fault(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
     for number in range(len(fit.model.groups)):
         indices = fit.model.law_indices(number)
         for index in range(indices.start, indices.stop):
-            sentences = list(_named(fit, covariance, index, "the law"))
+            sentences = list(_name_fault(fit, covariance, index, "the law"))
             if sentences:
                 yield sentences[0]
                 return
 
 
 def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed: bool = False) -> Iterator[str]:
-    """Yield which part of the interval of the mass is noise and which repeatability, and what would help most.
+    """Yield which part of the mass interval is due to noise and to repeatability, and what would help most.
 
     Args:
-        alike: how much alike the runs of a fit are.
-        fit: of them.
-        mass: as it is reported; empty where it is not.
-        is_pushed: whether forces that nobody measured leave more than the noise of the sensors.
+        alike: the repeatability of the suspensions in the runs.
+        fit: the fit of these runs.
+        mass: the reported mass; empty if it is not reported.
+        is_pushed: whether unmeasured forces leave more than the noise of the sensors.
     """
     if mass.value is not None and mass.std is not None:
-        source = "forces that nobody measured" if is_pushed else "the sensors' noise"
+        source = "unmeasured forces" if is_pushed else "the sensors' noise"
         yield _interval_in_words(alike, 196 * mass.std / mass.value, source)
     if len(fit.model.runs) > 1:
         yield from _repeatability_in_words(alike)
@@ -459,7 +461,7 @@ def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
 
 def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
     runs = fit.model.runs
-    # of several suspensions no single number says how much of the body a loading is
+    # With several suspensions no single number gives the ratio of a loading to the body.
     changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_attachments == 1 else [0.0]
     fraction = (max(changes) - min(changes)) / mass
     if fraction > 0:
@@ -483,17 +485,17 @@ def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[st
         )
     if alike.mass_if_alike is not None:
         yield (
-            "a run whose stiffness, damping and friction have all changed by one ratio cannot be told from one with "
-            "another mass change: weigh what is added or taken off"
+            "a run whose stiffness, damping and friction have all changed by one ratio cannot be distinguished from "
+            "one with another mass change: weigh what is added or taken off"
         )
 
 
-def _named(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iterator[str]:
-    """The fault of the sensors without which the interval would be narrower by most."""
+def _name_fault(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iterator[str]:
+    """Yield the sensor fault whose knowledge would narrow the interval most."""
     faults, own = fit.model.faults, covariance[index, index]
     if not faults or own <= 0:
         return
-    # the variance that is left once a fault is known: Schur complement
+    # This is the variance that is left if a fault is known (Schur complement).
     left = []
     for fault in faults:
         k = fit.model.names.index(fault.name)
@@ -508,5 +510,5 @@ def _named(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iterator[
         times = f"{widening:.1f} times" if widening < 10 else "more than ten times"
         yield (
             f"{what} is limited by the {_WORDS[fault.kind]}{side}{where}, which widens its interval {times}: calibrate "
-            "it and state a smaller tolerance"
+            "it and state a smaller standard deviation"
         )

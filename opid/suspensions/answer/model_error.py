@@ -1,14 +1,14 @@
-"""What limits an answer where more is left than the sensors' noise: forces that nobody measured, or the model itself.
+"""What limits an answer whose residual exceeds the sensors' noise: unmeasured forces, or the model itself.
 
-A force on the body that has nothing to do with the motion disturbs a fit, but does not bend it. The parameters are then
-the same, within their intervals, however the errors are weighed. What a model lacks goes with the motion: the fit that
-follows the motion freely and the one that is told at each sample where the body is make up for it in different ways.
-Both are fitted, the second with process noise of its own level and colour, and their difference is the test (Hausman
-1978, Specification tests in econometrics). It also widens the intervals.
+A force on the body that is independent of the motion disturbs a fit, but does not bias it: the parameters are the same,
+within their intervals, however the errors are weighted. An error of the model depends on the motion, and fits that
+weight the errors differently compensate for it differently. The model is therefore fitted without and with process
+noise, whose size and spectrum are estimated, and the difference of the two fits is the test (Hausman 1978,
+Specification tests in econometrics). It also widens the intervals.
 
-Where the model is the limit, equivalents, explained fractions and predictions are those of its free motion. The answer
-is then told from the fit whose free motion leaves least, not from that of the least errors of one step: readings that
-correct the motion hide what the model lacks (Ljung 1999, System identification, sec. 8.5).
+If the model is the limit, equivalents, explained fractions and predictions are those of its free motion. The answer is
+then taken from the fit whose free motion has the smallest error, and not from that with the smallest one-step errors:
+readings that correct the motion hide errors of the model (Ljung 1999, System identification, sec. 8.5).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from opid.suspensions.fitting.fit import (
     Fit,
     fit_model,
     free_errors,
-    predicted_left_out,
+    predict_left_out,
     unexplained,
     with_mass_held,
 )
@@ -43,15 +43,15 @@ Limit = Literal["noise", "unmeasured forces", "model"]
 
 @dataclass(frozen=True, eq=False)
 class LeftOutSpectrum:
-    """What one sensor on the body read in a run, and what the other runs predict, a third of an octave at a time.
+    """Readings of one sensor on the body in a run, and their prediction from the other runs, in third octaves.
 
     Args:
-        edges_hz: (n_bands + 1,) of the bands, Hz.
+        edges_hz: (n_bands + 1,) edges of the bands, Hz.
         measured_m_per_s2: (n_bands,) rms of the readings in each band.
-        predicted_m_per_s2: likewise, of the free motion.
-        error_m_per_s2: likewise, of their difference.
-        stated_m_per_s2: rms of the errors if every line of the band erred by as much as is to hold 95 % of them.
-        inside: fraction of the lines of each band that err by no more.
+        predicted_m_per_s2: (n_bands,) rms of the free motion.
+        error_m_per_s2: (n_bands,) rms of their difference.
+        stated_m_per_s2: (n_bands,) rms of the errors if each line had the error that is stated to hold 95 % of them.
+        inside: (n_bands,) fraction of the lines whose error is no larger than that.
     """
 
     edges_hz: FloatArray
@@ -67,10 +67,10 @@ class LeftOut:
     """How well the other runs predict a run that was left out, without any of its readings on the body.
 
     Args:
-        run: its index.
+        run: index of the run.
         unexplained: rms of the error over that of the readings, in the band.
         inside: fraction of the lines whose error lies inside the stated band, which holds 95 % of them.
-        spectra: of each sensor on the body.
+        spectra: the spectra of each sensor on the body.
     """
 
     run: int
@@ -81,17 +81,16 @@ class LeftOut:
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """What a fit leaves beside the noise of the sensors.
+    """What limits a fit that leaves more than the noise of the sensors.
 
     Args:
-        limit: of the answer.
+        limit: what limits the answer.
         departure: the largest difference of stiffness, damping or mass between both fits, in standard deviations.
-        spread: (n_unknowns, n_unknowns) what it adds to the covariance of the vector.
-        left_out: of each run, as the others predict it; none of a single run, or where they do not follow it.
+        spread: (n_unknowns, n_unknowns) contribution to the covariance of the vector.
+        left_out: prediction of each run from the others; empty for a single run, or if a run cannot be predicted.
         of_equivalents: (n_runs, 4) relative standard deviation of stiffness, damping, frequency and damping ratio of
-            the straight suspension nearest to it in each run: how they differ from one fit to the other, from pieces of
-            that run to all of it, and from what its readings make of the equation of motion; zero where the model is
-            not the limit.
+            the equivalent linear suspension in each run. It combines their differences between the two fits, between
+            pieces of that run and all of it, and from the equation of motion; zero if the model is not the limit.
     """
 
     limit: Limit
@@ -110,19 +109,20 @@ def measure_model_error(
 ) -> ModelError:
     """Return what limits an answer, for a fit that leaves more than the noise of the sensors.
 
-    Of several suspensions nothing is told where the model is the limit, so it is not asked what pieces of runs say.
+    Pieces of the runs are fitted for one gear only: with several suspensions no number is reported if the model is the
+    limit.
 
     Args:
-        fit: of any laws.
-        is_wrong: whether its model is known to be wrong, whatever the difference of the two fits says.
-        is_noise: whether what it leaves is noise of the sensors, of which less was stated than they have.
-        noise: of the sensors below and on the body, m/s^2, where that of the fit is what it leaves.
+        fit: a fitted model.
+        is_wrong: whether the model is known to be wrong, whatever the difference of the two fits is.
+        is_noise: whether the residual is sensor noise that is larger than stated.
+        noise: noise of the sensors below and on the body, m/s^2, if that of the fit is its residual.
     """
     known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
     moved = np.zeros(fit.theta.size)
     departure = np.inf
     try:
-        # both at one rate, so that the same readings speak
+        # Both fits have the same rate, so that they use the same samples.
         plain = fit_model(fit.model.coarse, fit.theta, least_promise=promise)
         indices = [index for first in fit.model.first_of_group for index in (first, first + 1)]
         indices += [fit.model.names.index("inverse_mass")] if fit.model.mass_free else []
@@ -140,18 +140,18 @@ def measure_model_error(
     if is_wrong or departure > (known.same_std if is_alone else known.same_std_of_body):
         limit = "model"
     if limit == "model" and is_alone:
-        of_pieces, by_piece = _over_pieces(fit)
+        of_pieces, by_piece = _fit_pieces(fit)
         spread += of_pieces
-        of_equivalents = np.hypot(by_piece, _moved_equivalents(fit, moved))
-        of_equivalents = np.hypot(of_equivalents, _off_the_equation(fit))
-    return ModelError(limit, departure, spread, left_out(fit), of_equivalents)
+        of_equivalents = np.hypot(by_piece, _compare_equivalents(fit, moved))
+        of_equivalents = np.hypot(of_equivalents, _compare_with_equation(fit))
+    return ModelError(limit, departure, spread, measure_left_out(fit), of_equivalents)
 
 
-def weighed_by_process_noise(fit: Fit) -> Fit:
-    """Return the likeliest fit with process noise, at a coarse rate: its errors are as large as they are said to be.
+def weigh_by_process_noise(fit: Fit) -> Fit:
+    """Return the likeliest fit with process noise, at a coarse rate; its errors have the size that the model predicts.
 
     Args:
-        fit: where to begin.
+        fit: the fit to start from.
 
     Raises:
         UnboundedResponseError: no process noise leads to a motion that is bounded.
@@ -162,35 +162,35 @@ def weighed_by_process_noise(fit: Fit) -> Fit:
 
 
 def follow_freely(fit: Fit, error: ModelError) -> tuple[Fit, ModelError]:
-    """Return the fit whose free motion leaves least, and what limits it; both as given where it is no better.
+    """Return the fit whose free motion leaves least, and what limits it; both are unchanged if it is no better.
 
     Args:
-        fit: that the model limits.
-        error: of it.
+        fit: a fit that is limited by the model.
+        error: its model error.
     """
     before = unexplained(fit)
     try:
-        free = _free_fit(fit)
+        free = _fit_freely(fit)
         errors = fit.model.evaluate(free.theta)
     except NO_FIT:
         return fit, error
     found = replace(fit, theta=free.theta, errors=errors, n_evaluations=fit.n_evaluations + free.n_evaluations)
     if not np.sum(np.square(unexplained(found))) < np.sum(np.square(before)):
         return fit, error
-    # the fits differ in how the errors are weighed, which a right model does not mind
+    # The fits differ in how the errors are weighted, which does not matter for a right model.
     moved = fit.theta - found.theta
     return found, replace(
         error,
         spread=error.spread + np.outer(moved, moved),
-        left_out=left_out(free),
+        left_out=measure_left_out(free),
         of_equivalents=np.hypot(
-            np.hypot(error.of_equivalents, _moved_equivalents(found, moved)), _off_the_equation(found)
+            np.hypot(error.of_equivalents, _compare_equivalents(found, moved)), _compare_with_equation(found)
         ),
     )
 
 
-def _free_fit(fit: Fit) -> Fit:
-    """The free motion of a model fitted to the readings at a coarse rate, each run weighed by what is left of it."""
+def _fit_freely(fit: Fit) -> Fit:
+    """Fit the free motion of a model to the readings at a coarse rate, each run weighted by its residual."""
     known, model, theta = fit.model.settings, fit.model.coarse.free, fit.theta
     free = Fit(model, theta, model.evaluate(theta, sensitivity=False), 1)
     n_evaluations = 1
@@ -206,7 +206,7 @@ def _free_fit(fit: Fit) -> Fit:
 
 
 def _with_process_noise(fit: Fit) -> Iterator[Fit]:
-    """Fits with process noise, each more likely than those before; its colour is found band by band.
+    """Yield fits with process noise, each more likely than those before; its spectrum is estimated band by band.
 
     Raises:
         UnboundedResponseError: no process noise leads to a motion that is bounded.
@@ -218,7 +218,7 @@ def _with_process_noise(fit: Fit) -> Iterator[Fit]:
     for fraction in known.fractions:
         for corner in known.corners:
             try:
-                found = _coloured(replace(model, process=ProcessNoise(fraction, corner * highest_hz)), theta)
+                found = _fit_by_bands(replace(model, process=ProcessNoise(fraction, corner * highest_hz)), theta)
             except NO_FIT as error:
                 failed = error
                 continue
@@ -232,8 +232,8 @@ def _with_process_noise(fit: Fit) -> Iterator[Fit]:
         raise failed
 
 
-def _coloured(model: Model, theta: FloatArray) -> Fit:
-    """A fit whose errors are weighed band by band, as large as they are."""
+def _fit_by_bands(model: Model, theta: FloatArray) -> Fit:
+    """Fit the model with the errors weighted band by band by their own rms."""
     known, promise = model.settings.process, model.settings.fit.promise_in_search
     most = model.settings.fit.most_refit_evaluations
     fit = fit_model(model, theta, most_evaluations=most, least_promise=promise)
@@ -247,7 +247,7 @@ def _coloured(model: Model, theta: FloatArray) -> Fit:
 
 
 def _with_own_levels(fit: Fit) -> Model:
-    """The model with the errors of each sensor as large in each band as the fit leaves them."""
+    """Return the model with the rms error of each sensor in each band that a fit leaves."""
     model, rows = fit.model, []
     for index, (run, line) in enumerate(zip(model.runs, fit.errors.lines, strict=True)):
         before = model.process.levels[index] if model.process.levels else np.ones((1, 1))
@@ -261,18 +261,22 @@ def _bands(model: Model, index: int) -> NDArray[np.int64]:
     return band_indices(model.runs[index].omega, known.bands_per_octave, known.least_lines)
 
 
+# a change so large says that nothing is known, and its square is still a number
+_FARTHEST = 1e50
+
+
 def _band_rms(values: FloatArray | ComplexArray, bands: NDArray[np.int64]) -> FloatArray:
-    """The rms magnitude over the band of each line, one for each line."""
+    """Return, for each line, the rms magnitude over its band."""
     return np.sqrt(np.bincount(bands, np.abs(values) ** 2) / np.bincount(bands))[bands]
 
 
-def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Mean square of what a fit to each piece of the runs alone moves the shared entries by; and the equivalents.
+def _fit_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the mean square changes of the shared entries, and of the equivalents, in fits to pieces of the runs.
 
-    Under a model that is wrong a parameter depends on the motion. What it does from piece to piece of these runs it may
-    do in the next one. The equivalents of a run are those of its own motion, so its own pieces tell how far they move:
-    one run may hit a stop that another never meets. A single run has two pieces at least. Where no piece can be fitted,
-    nothing is known of what the entries do: they may move by all of their value, and the equivalents by anything.
+    The parameters of a wrong model depend on the motion: their changes from piece to piece may also occur in another
+    run. The equivalents of a run are those of its own motion, so their changes are taken from its own pieces: one run
+    may hit a stop that another never reaches. A single run has at least two pieces. If no piece can be fitted, the
+    changes are unknown: the entries may change by all of their value, and the equivalents by any amount.
     """
     model, known = fit.model.coarse, fit.model.settings.process
     found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.full((len(model.runs), 4), np.inf)
@@ -282,7 +286,7 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
         whole = straight_equivalent(fit.model, index, motion)(fit.theta)
         run, moved_of_run = run.coarse, []
         least = 2 if len(model.runs) == 1 else 1
-        for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
+        for piece in _split_run(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
             alone = replace(held, runs=(piece,), repeatability=0.0)
             theta = np.concatenate([fit.theta[kept], np.zeros(alone.n_own)])
             try:
@@ -292,7 +296,8 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
             except NO_FIT:
                 continue
             moved = np.zeros(fit.theta.size)
-            moved[kept] = now.theta[: len(kept)] - fit.theta[kept]
+            # an entry that a piece does not determine may run off to any value
+            moved[kept] = np.clip(now.theta[: len(kept)] - fit.theta[kept], -_FARTHEST, _FARTHEST)
             found += np.outer(moved, moved)
             equivalent = straight_equivalent(alone, 0, now.errors.predictions[0])(now.theta)
             moved_of_run.append(equivalent / whole - 1)
@@ -305,38 +310,39 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     return found / count, of_equivalents
 
 
-def _off_the_equation(fit: Fit) -> FloatArray:
-    """How far the equivalents of each run are from its equation of motion on integrated readings, relative.
+def _compare_with_equation(fit: Fit) -> FloatArray:
+    """Return the relative differences of the equivalents of each run from those of its integrated readings.
 
-    The readings on the body are the force over the mass, and twice integrated they are the motion: the straight
-    suspension nearest to both needs no law. A motion that a wrong law predicts is another one, and its damping has to
-    make up for that. Noise biases the equation by some per cent, so that it widens the intervals and is not the answer.
+    The readings on the body give the force over the mass and, integrated twice, the motion: the equivalent linear
+    suspension follows from both without a law. The motion that a wrong law predicts is another one, for which the
+    damping has to compensate. Noise biases the equation of motion by some per cent, so that it only widens the
+    intervals.
     """
     model, found = fit.model, []
     straight = tuple(replace(group, law=LINEAR, ground=False) for group in model.groups)
     for index, (run, motion) in enumerate(zip(model.runs, fit.errors.predictions, strict=True)):
-        told = straight_equivalent(model, index, motion)(fit.theta)
-        below, above = model.corrected(fit.theta, index)
+        expected = straight_equivalent(model, index, motion)(fit.theta)
+        below, above = model.correct(fit.theta, index)
         read = replace(run, unsprung=below.value[::2], sprung=above.value, recorded_fs=run.fs, stride=1)
         start = start_values((read,), model.body, straight, mass_free=False, settings=model.settings.start)
         stiffness = float((start.stiffness_beside_ground if model.groups[0].ground else start.stiffness)[0])
         damping = float(start.damping[0])
         omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
-        found.append(np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)]) / told - 1)
-    # what does not spring back has no frequency that could be near another
+        found.append(np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)]) / expected - 1)
+    # A suspension with negative stiffness has no frequency, so the difference is infinite.
     return np.nan_to_num(np.abs(found), nan=np.inf)
 
 
-def _pieces(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
-    """Pieces of a run; none where they would be too short for the band."""
+def _split_run(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
+    """Return pieces of a run; none if they would be too short for the band."""
     try:
         return run.split(count)
     except InputError:
         return ()
 
 
-def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
-    """How far a change of the vector moves the equivalents of each run, relative."""
+def _compare_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
+    """Return the relative changes of the equivalents of each run due to a change of the vector."""
     found = []
     for index, motion in enumerate(fit.errors.predictions):
         equivalent = straight_equivalent(fit.model, index, motion)
@@ -346,21 +352,21 @@ def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
 
 
 def unknown_error(fit: Fit) -> ModelError:
-    """Return the error of a model of which nothing is right: its entries may be off by all of their value.
+    """Return the error of a model that is entirely wrong: its entries may have errors as large as their values.
 
     Args:
-        fit: of any laws.
+        fit: a fitted model.
     """
     return ModelError("model", np.inf, np.diag(fit.theta**2), (), np.full((len(fit.model.runs), 4), np.inf))
 
 
-def left_out(fit: Fit) -> tuple[LeftOut, ...]:
-    """Return how well each run is predicted by the others; nothing where there is one, or where they cannot follow it.
+def measure_left_out(fit: Fit) -> tuple[LeftOut, ...]:
+    """Return how well each run is predicted by the others; nothing for one run, or if a prediction fails.
 
-    In each band of lines, the stated band is as wide as what holds 95 % of the errors of the free motion of that other
-    run of which it leaves most, over their predictions: a few runs say little of how they differ.
+    The stated error in each band of lines is relative to the prediction. It holds 95 % of the errors of the free motion
+    in the worst of the other runs, because a few runs show little of how they differ.
     """
-    fits = predicted_left_out(replace(fit, model=fit.model.coarse))
+    fits = predict_left_out(replace(fit, model=fit.model.coarse))
     if fits is None:
         return ()
     try:
@@ -369,7 +375,7 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
         return ()
     bands = [_bands(each.model, 0) for each in fits]
     lines = [each.model.runs[0].omega for each in fits]
-    # how strong the motion is, each prediction itself says
+    # The strength of the motion is that of the prediction itself.
     sizes = [
         np.array([_band_rms(each, band) for each in read - error])
         for (error, read), band in zip(own, bands, strict=True)
@@ -390,12 +396,12 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
 def _spectrum(
     run: DrivenRun, bands: NDArray[np.int64], error: ComplexArray, read: ComplexArray, stated: FloatArray
 ) -> LeftOutSpectrum:
-    """What is told of one sensor; `stated` holds 95 % of the magnitudes of the lines of `error`."""
+    """Return the spectra of one sensor; `stated` holds 95 % of the magnitudes of the lines of `error`."""
 
     def rms(lines: ComplexArray | FloatArray) -> FloatArray:
         return np.sqrt(np.bincount(bands, np.abs(lines) ** 2) / run.n_samples)
 
-    # a line speaks for half of the way to its neighbours
+    # A line stands for half of the distance to its neighbours.
     half_hz = run.fs / run.n_samples / 2
     edges_hz = np.r_[
         run.omega[0] / (2 * np.pi) - half_hz, run.omega[np.diff(bands, append=-1) != 0] / (2 * np.pi) + half_hz
@@ -405,12 +411,12 @@ def _spectrum(
 
 
 def _widths(others: Sequence[tuple[FloatArray, FloatArray]], omega: FloatArray, bands: NDArray[np.int64]) -> FloatArray:
-    """What holds 95 % of the errors of another run over its prediction, the most of all runs, in the band of each line.
+    """Return, for each line, the largest 95 % quantile of the relative errors of the other runs in its band.
 
     Args:
-        others: of each run its lines, and the errors over the predictions, (n_sensors, n_lines).
+        others: for each run its lines, and its errors over the predictions, (n_sensors, n_lines).
         omega: lines of the run that is predicted.
-        bands: of these lines.
+        bands: number of the band of each line.
     """
     edges = omega[np.flatnonzero(np.diff(bands))] + 1e-9 * omega[-1]
     widest = np.zeros(edges.size + 1)

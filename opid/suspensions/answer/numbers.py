@@ -1,4 +1,4 @@
-"""The numbers of an answer: as fitted, with what is not to be told taken out, and the gas of a strut as serviced."""
+"""The numbers of an answer: as fitted, without those that are not determined, and the gas of a strut as serviced."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.answer.gas import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.answer.intervals import Parameters
 from opid.suspensions.answer.refusals import ConfoundedTerm
-from opid.suspensions.candidates import Choice, Fitted
-from opid.suspensions.fitting.noise import sensor_ratio, thinned
+from opid.suspensions.candidates import Choice, FittedStructure
+from opid.suspensions.fitting.noise import sensor_ratio, thin_samples
 from opid.suspensions.result import (
     AtRest,
     BodyParameters,
@@ -28,13 +28,13 @@ from opid.suspensions.result import (
 
 @dataclass(frozen=True, eq=False)
 class Numbers(Estimates):
-    """What an answer tells.
+    """The numbers of an answer.
 
     Args:
         parameters: absolute values.
-        ratios: what needs no known mass.
+        ratios: values that need no known mass.
         interfaces: the suspensions, in the order of the study.
-        corrections: {"x_m[left]": Estimate, ...} of coordinates.
+        corrections: {"x_m[left]": Estimate, ...}, corrections of coordinates.
     """
 
     parameters: GearParameters | BodyParameters
@@ -47,23 +47,23 @@ class Numbers(Estimates):
         return self.with_estimates(Estimate.without_interval)
 
     def without_scale(self) -> Numbers:
-        """Return them without absolute values of the body."""
+        """Return the numbers without absolute values of the body."""
         return self.with_estimates(_nothing, only={"parameters"})
 
     def without_motions(self, motions: Sequence[str]) -> Numbers:
-        """Return them without the inertia of motions that the runs hardly tell."""
+        """Return the numbers without the inertia of motions that the runs hardly determine."""
         parameters = self.parameters.with_estimates(_nothing, only={f"{motion}_inertia_kg_m2" for motion in motions})
         ratios = self.ratios.with_estimates(_nothing, only={f"{motion}_radius_m" for motion in motions})
         return replace(self, parameters=parameters, ratios=ratios)
 
     def without_values(self) -> Numbers:
-        """Return nothing but the laws by name: every number would be a guess."""
+        """Return only the names of the laws, for a refused answer."""
         empty = self.with_estimates(_nothing)
         interfaces = tuple(replace(each, law_estimates={}, at_rest=()) for each in empty.interfaces)
         return replace(empty, interfaces=interfaces, corrections={})
 
     def without_intervals_of(self, terms: Sequence[ConfoundedTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
-        """Return them without the intervals of terms and what they are confounded with."""
+        """Return the numbers without the intervals of terms and of the parameters that they are confounded with."""
         parameters, ratios, interfaces = self.parameters, self.ratios, list(self.interfaces)
         for term in terms:
             parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
@@ -84,11 +84,11 @@ def _nothing(_: Estimate) -> Estimate:
     return Estimate()
 
 
-def found_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: bool, ground: bool) -> Numbers:
-    """Return the numbers of the fits of an answer as they are.
+def collect_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: bool, ground: bool) -> Numbers:
+    """Return the numbers of the fits of an answer.
 
-    Suspensions are told per kg of the body, and no masses, where `per_mass`; `ground` is whether springs to the ground
-    were allowed.
+    With `per_mass` suspensions are reported per kg of the body, and no masses; `ground` says whether springs to the
+    ground were allowed.
     """
     parts = choice.parts
     interfaces = _interfaces(choice, evidence, per_mass=per_mass, ground=ground)
@@ -101,14 +101,14 @@ def found_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: boo
             gear = GearParameters(known.mass, first.stiffness, first.damping, first.ground_stiffness)
         return Numbers(gear, ratios, interfaces, {})
     if choice.kind == "rigid_body":
-        body, radii = parts[0].known.of_rigid_body()
+        body, radii = parts[0].known.estimate_rigid_body()
     else:
         body, radii = BodyParameters(_total(parts)), BodyRatios()
     return Numbers(BodyParameters() if per_mass else body, radii, interfaces, _corrections(parts))
 
 
-def _total(parts: Sequence[Fitted]) -> Estimate:
-    """Mass of all gears together, where each is known."""
+def _total(parts: Sequence[FittedStructure]) -> Estimate:
+    """Return the mass of all gears together, if each of them is known."""
     if not all(part.fit.model.mass_free for part in parts):
         return Estimate()
     value = variance = 0.0
@@ -144,8 +144,8 @@ def _interfaces(
                     ground_stiffness=spring,
                     law=group.law.scaled(1 / mu) if group.law.terms else group.law,
                     law_estimates=law,
-                    travel=thinned(travel),
-                    velocity=thinned(velocity),
+                    travel=thin_samples(travel),
+                    velocity=thin_samples(velocity),
                     residual_over_noise=sensor_ratio(fit, attachment) * fit.model.level / part.level,
                     rest_m=part.known.rest(number),
                     at_rest=at_rest(part, attachment, per_mass=per_mass),
@@ -156,8 +156,8 @@ def _interfaces(
     return tuple(found[k] for k in sorted(found))
 
 
-def at_rest(part: Fitted, attachment: int, *, per_mass: bool) -> tuple[AtRest, ...]:
-    """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
+def at_rest(part: FittedStructure, attachment: int, *, per_mass: bool) -> tuple[AtRest, ...]:
+    """Return a suspension at rest in each run; `per_mass` gives forces per unit of the reference mass."""
     found = []
     for index, name in enumerate(part.task.run_names):
         travel_m, stiffness, damping = part.known.at_rest(attachment, index, per_mass=per_mass)
@@ -170,7 +170,7 @@ def at_rest(part: Fitted, attachment: int, *, per_mass: bool) -> tuple[AtRest, .
     return tuple(found)
 
 
-def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:
+def _corrections(parts: Sequence[FittedStructure]) -> dict[str, Estimate]:
     found = {}
     for part in parts:
         for coordinate in part.fit.model.body.coordinates:
@@ -180,7 +180,7 @@ def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:
 
 
 def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasColumn | None:
-    """Return the gas that carries a group of interfaces in the reference run; None where none is found.
+    """Return the gas that carries a group of interfaces in the reference run; None if there is none.
 
     The mass must be determined.
     """
@@ -193,4 +193,4 @@ def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasC
         term = model.laws(vector)[number].terms[index]
         return amounts_of_gas(term.amplitude / model.inverse_mass(vector), term.inner[0], piston_area_m2)
 
-    return as_gas_column(known.of_function(read), piston_area_m2)
+    return as_gas_column(known.estimate_function(read), piston_area_m2)

@@ -1,1 +1,1 @@
-"""A law from a test bench: force and motion are measured."""
+"""Identification of a law on a test bench, from measured force and motion."""

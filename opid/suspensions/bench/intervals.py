@@ -1,4 +1,4 @@
-"""Intervals of a bench law: of its parameters, why some have none, and of the energy that it takes in a cycle.
+"""Intervals of a bench law: of its parameters, or why they have none, and of the energy that it takes in a cycle.
 
 The energy of a cycle is known better than the parameters that it follows from.
 """
@@ -24,11 +24,11 @@ from opid.suspensions.result import GasColumn
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How far the parameters may be off.
+    """The covariance of the parameters.
 
     Args:
-        covariance: of stiffness, damping, offset, mass where parts move, the values of the law, and what the memories
-            hold at the start; NaN where no parameter has an interval.
+        covariance: covariance of stiffness, damping, offset, mass if parts move, the values of the law, and the initial
+            values of memories; NaN if no parameter has an interval.
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells over which scores were added up, s.
         reasons: why no parameter has an interval, one sentence each.
@@ -56,19 +56,19 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
     least, most = settings.cells
     length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
     cells = np.arange(n) // length
-    # with few cells the interval is Student's instead of the normal one
+    # With few cells the interval is Student's instead of the normal one.
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
     columns, worth = slopes, residual_worth(residual, n_independent)
     for index, std in known:
-        # what was known beforehand counts as one more cell
+        # Prior knowledge counts as one more cell.
         columns = np.vstack([columns, worth / std * np.eye(1, n_values, index)])
         residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
     covariance = clustered_covariance(columns, residual, cells)
     reasons = []
     if n_independent <= 2 * n_values:
         reasons.append(
-            f"what the law leaves over changes so slowly that it amounts to {n_independent:.0f} independent samples: "
-            "no parameter has an interval; record longer, or a motion that turns more often"
+            f"the residual of the law changes so slowly that it has only {n_independent:.0f} independent samples: no "
+            "parameter has an interval; record longer, or a motion that turns more often"
         )
     if refined is None:
         reasons += [*_why_no_memory(bench, fit, covariance, settings), *_why_no_mass(bench, fit, slopes, covariance)]
@@ -77,7 +77,7 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
 
 
 def fades_linearly(term: Term) -> bool:
-    """Return whether what a memory held at the start fades in proportion to itself, as with Dahl, LuGre and Maxwell."""
+    """Return whether the initial value of a memory fades in proportion to itself, as with Dahl, LuGre and Maxwell."""
     kind = term.kind
     if kind.memory is None or np.isfinite(kind.limit):
         return False
@@ -87,12 +87,12 @@ def fades_linearly(term: Term) -> bool:
 
 
 def _why_no_memory(bench: Bench, fit: SeparableFit, covariance: FloatArray, settings: BenchSettings) -> Iterator[str]:
-    """The first reason why a memory has no interval."""
+    """Yield the first reason why a memory has no interval."""
     for term in fit.law.terms:
         if len(term.kind.elements) > 1 and term.inner[0] > settings.slips * np.ptp(bench.travel):
             yield (
-                f"the motion hardly goes as far as the last slider of {term.name} slips, which is a spring until then, "
-                "as K is: no parameter has an interval; record larger strokes"
+                f"the last slider of {term.name} hardly slips in this motion, and is a spring as K until it does: no "
+                "parameter has an interval; record larger strokes"
             )
             return
     remembers = [term for term in fit.law.terms if term.kind.memory is not None]
@@ -100,14 +100,14 @@ def _why_no_memory(bench: Bench, fit: SeparableFit, covariance: FloatArray, sett
     for term, weight, std in zip(remembers, fit.start_weights, deviations, strict=True):
         if not fades_linearly(term) and np.all(bench.samples[:1] == 0) and abs(weight) > 3 * std:
             yield (
-                f"what {term.name} held where the record begins is not forgotten before half of it is over: no "
-                "parameter has an interval; record longer, or from rest"
+                f"the unknown initial force of {term.name} affects more than half of the record: no parameter has an "
+                "interval; record longer, or from rest"
             )
             return
 
 
 def _why_no_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: FloatArray) -> Iterator[str]:
-    """Why a mass has no interval: if the residual is noise of the acceleration, it moves the mass by its deviation.
+    """Yield why a mass has no interval: noise of the acceleration biases it by more than its standard deviation.
 
     Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).
     """
@@ -120,14 +120,14 @@ def _why_no_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance
     noise = float(fit.residual @ fit.residual) / max(mass**2 * float(own @ own), 1e-300)
     if noise * abs(mass) > np.sqrt(max(float(covariance[3, 3]), 0.0)):
         yield (
-            "the moving mass is that of a differentiated motion, whose noise makes it too small and moves the other "
-            "parameters, and the motion simulated from the force explains less: no parameter has an interval; record "
-            "the travel with less noise, or a stronger motion"
+            "the moving mass is estimated from a differentiated motion, whose noise biases it and the other "
+            "parameters, and the simulation from the force explains less: no parameter has an interval; record the "
+            "travel with less noise, or a stronger motion"
         )
 
 
 def estimate_parameters(fit: SeparableFit, spread: Spread) -> tuple[list[Estimate], dict[str, dict[str, Estimate]]]:
-    """Return values and intervals of what enters linearly, and of every parameter of the law."""
+    """Return values and intervals of the linear parameters, and of every parameter of the law."""
     values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
     std = np.sqrt(np.clip(np.diag(spread.covariance)[: values.size], 0, None))
     bound = (*(False,) * fit.weights.size, *fit.at_bound)
@@ -140,7 +140,7 @@ def estimate_parameters(fit: SeparableFit, spread: Spread) -> tuple[list[Estimat
     of_law, rest = {}, estimates[fit.weights.size :]
     for term in fit.law.terms:
         own, rest = rest[: len(term.values)], rest[len(term.values) :]
-        own[:2] = _long_scaled(own[:2]) if has_long_scale(term) else own[:2]
+        own[:2] = _scale_long(own[:2]) if has_long_scale(term) else own[:2]
         of_law[term.name] = {p.name: each for p, each in zip(term.kind.parameters, own, strict=True)}
     return estimates[: fit.weights.size], of_law
 
@@ -150,21 +150,21 @@ def has_long_scale(term: Term) -> bool:
     return any(p.role == "scale" and p.over_rms[0] > 1 for p in term.kind.parameters)
 
 
-def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
+def _scale_long(estimates: list[Estimate]) -> list[Estimate]:
     """Return amplitude A and scale h of a force that is a parabola, A z^2 / h^2, unless the motion comes near h.
 
-    What the motion shows are the parabola and, by 1/h, its skewness: the error of 1/h is nearly normal, that of h is
-    not. The intervals are therefore symmetric in 1/h and in A^(-1/2). Where that of 1/h reaches zero, any longer h with
-    a larger A fits as well, and neither has an interval.
+    The motion shows the parabola and, by 1/h, its skewness: the error of 1/h is nearly normal, that of h is not. The
+    intervals are therefore symmetric in 1/h and in A^(-1/2). If the interval of 1/h includes zero, any longer h with a
+    larger A fits as well, and neither has an interval.
     """
-    found = [_in_power(estimate, power) for estimate, power in zip(estimates, (2, 1), strict=True)]
+    found = [_transform_interval(estimate, power) for estimate, power in zip(estimates, (2, 1), strict=True)]
     if any(each.interval95 is None for each in found):
         return [Estimate(each.value) for each in estimates]
     return found
 
 
-def _in_power(estimate: Estimate, power: int) -> Estimate:
-    """Return an estimate x whose interval is symmetric in x^(-1/power); without one where that reaches zero."""
+def _transform_interval(estimate: Estimate, power: int) -> Estimate:
+    """Return an estimate x whose interval is symmetric in x^(-1/power); without one if that interval includes zero."""
     value, ends = estimate.value, estimate.interval95
     if value is None or ends is None or not (part := (ends[1] - ends[0]) / (2 * power * abs(value))) < 1:
         return Estimate(value)
@@ -175,7 +175,7 @@ def _in_power(estimate: Estimate, power: int) -> Estimate:
 def gas_of_bench(
     fit: SeparableFit, of_law: dict[str, dict[str, Estimate]], spread: Spread, piston_area_m2: float | None
 ) -> GasColumn | None:
-    """Return the gas of a strut where its travel is zero; None where none is found, or where it has no intervals.
+    """Return the gas of a strut where its travel is zero; None if there is none, or if it has no intervals.
 
     With the parabola A/h^2 that the motion shows, A h goes with the third power of h.
     """
@@ -197,12 +197,12 @@ def gas_of_bench(
         Estimate(float(value), own, (float(low), float(high)))
         for value, own, low, high in zip(values, stds, *ends, strict=True)
     ]
-    amounts[0] = _in_power(Estimate(content, std, (content - wide, content + wide)), 3)
+    amounts[0] = _transform_interval(Estimate(content, std, (content - wide, content + wide)), 3)
     return as_gas_column(amounts, piston_area_m2)
 
 
 def loop_of(law: Law, covariance: FloatArray, bench: Bench, student: float) -> Loop | None:
-    """Return the loop of the terms of a law that remember; None where there is none.
+    """Return the loop of the terms of a law with memory; None without memory.
 
     `covariance` is that of the law's vector, `student` the half width of a 95 % interval over the standard deviation.
     """
@@ -218,7 +218,7 @@ def cycle_of(law: Law, damping: float, covariance: FloatArray, bench: Bench, *, 
     """Return the loop of a law beside a damping, N s/m, by the covariance of the damping and the vector of the law."""
     z, v, fs = sine_of(bench)
     slopes = taken_per_cycle(np.column_stack([v, gradient_along(law, z, v, fs)]), v, fs)
-    # every term is proportional to its amplitude, so these columns alone add up to the force
+    # Every term is proportional to its amplitude, so these columns alone add up to the force.
     linear = np.array([True, *(parameter.role == "amplitude" for parameter in law.parameter_list)])
     area = float(slopes[linear] @ np.append(damping, law.vector)[linear])
     std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))

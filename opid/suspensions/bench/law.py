@@ -1,8 +1,8 @@
 """A law from a test bench: measured force against motion, F = F0 + K z + C z' + f, f of the motion and its past.
 
 The terms of f are searched on some thousand samples (`problem`), and the law that is found is fitted to all samples.
-Where parts of unknown mass move with the specimen, the force has m z'' besides, and the law is refined by the motion
-that it makes (`simulation`). The intervals hold for a residual that is correlated over time, too.
+If parts of unknown mass move with the specimen, the force has an additional term m z'', and the law is refined by
+simulation of the motion (`simulation`). The intervals also hold for a residual that is correlated over time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from opid.mechanics.memory import Loop
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.suspensions.answer.gas import doubts_of_area
+from opid.suspensions.answer.gas import warn_of_area
 from opid.suspensions.bench.intervals import (
     cycle_of,
     estimate_parameters,
@@ -47,25 +47,25 @@ from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, refine_ladder
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
 from opid.suspensions.law_search.pursuit import chosen
-from opid.suspensions.model.law_parameters import not_reached, way_to_stop
+from opid.suspensions.model.law_parameters import describe_unreached_stop, distance_to_stop
 from opid.suspensions.result import GasColumn
 
 logger = logging.getLogger(__name__)
 
 SCHEMA = "opid.law/1"
 UNITS = {"stiffness_n_per_m": "N/m", "damping_n_s_per_m": "N s/m", "offset_n": "N", "moving_mass_kg": "kg"}
-"""Units of what a bench measures beside the nonlinear law."""
+"""Units of the linear parameters that a bench measures beside the nonlinear law."""
 
 
 @dataclass(frozen=True)
 class StraightPart(Estimates):
-    """What a bench measures beside the nonlinear law.
+    """Linear parameters that a bench measures beside the nonlinear law.
 
     Args:
         stiffness_n_per_m: K.
-        damping_n_s_per_m: C; without a value where the test was quasi-static.
+        damping_n_s_per_m: C; without a value if the test was quasi-static.
         offset_n: F0.
-        moving_mass_kg: of the parts that move with the specimen; None where there are none.
+        moving_mass_kg: mass of the parts that move with the specimen; None if there are none.
     """
 
     stiffness_n_per_m: Estimate
@@ -89,18 +89,18 @@ class BenchLaw(Result):
         r2_left_out: the same on stretches of time that were left out of the fit.
         ladder: the laws that were tried, in order, each with its error on stretches that were left out.
         memory: the part of the force that no law of travel and velocity explains, and how much of it the past explains.
-        loop: energy that the part of the law that remembers takes per cycle; None where it remembers nothing.
+        loop: energy that the terms with memory take per cycle; None without memory.
         cycle: energy that the whole force takes per cycle.
-        n_independent: independent samples that the residual amounts to.
-        warnings: what to doubt, one sentence each.
+        n_independent: number of independent samples in the residual.
+        warnings: the warnings, one sentence each.
         not_determined: why there is no law, or None.
         settings: the tuned numbers.
         candidates: kinds that could be added.
-        n_search_samples: samples that the search looked at.
+        n_search_samples: number of samples in the search.
         interval_cell_s: length of the cells over which scores were added up for the intervals, s.
-        simulation: the motion that the law makes of the force alone, to which its parameters were refined; None where
-            the parameters are those of the force.
-        gas: of a strut, where its travel is zero; None where no gas is found, or where it has no intervals.
+        simulation: the motion simulated from the force, by which the parameters were refined; None if the parameters
+            are those of the fit to the force.
+        gas: the gas of a strut where its travel is zero; None if no gas is found, or if it has no intervals.
     """
 
     bench: Bench
@@ -209,7 +209,7 @@ class BenchLaw(Result):
 
     @property
     def residual_rms(self) -> float:
-        """Root mean square of the residual, N, of the samples that count."""
+        """Root mean square of the residual over the samples that count, N."""
         return float(np.sqrt(np.mean(self.residual[self.bench.samples] ** 2)))
 
 
@@ -226,10 +226,10 @@ def law_of_bench(
 
     Args:
         bench: the record, from `bench_from_recording`; or a study, from `read_study`, whose title, candidates and
-            most terms count where they are left out here.
+            most terms are used if they are left out here.
         title: name of the record.
         candidates: kinds that may be added; None for every kind in `LAWS` that is searched.
-        most_terms: terms of f at the most; None for as many as the settings say.
+        most_terms: most terms of f; None for the value of the settings.
         settings: the tuned numbers.
         progress: called with the name of each step as it begins.
 
@@ -291,17 +291,17 @@ def _result(
     fit: SeparableFit,
     simulated: Mapping[str, SimulatedFit],
 ) -> BenchLaw:
-    """Put the result together: intervals, memory, the energy of a cycle, and warnings."""
+    """Compose the result: intervals, memory, the energy of a cycle, and warnings."""
     settings, found = problem.known, chosen(ladder).fit
     refined = simulated.get(found.law_name)
     spread = find_spread(bench, fit, refined, settings)
     straight, of_law = estimate_parameters(fit, spread)
-    for name in _ways_to_stops(bench, fit.law):
+    for name in _distances_to_stops(bench, fit.law):
         of_law[name] = dict.fromkeys(of_law[name], Estimate())
     index = np.r_[1, fit.weights.size : fit.weights.size + fit.law.vector.size]
     covariance, damping = spread.covariance[np.ix_(index, index)], float(fit.weights[1])
     if bench.is_quasi_static:
-        # a quasi-static test does not determine the damping
+        # A quasi-static test does not determine the damping.
         straight.insert(1, Estimate())
         covariance, damping = np.pad(covariance[1:, 1:], (1, 0)), 0.0
     result = BenchLaw(
@@ -332,7 +332,7 @@ def _result(
 
 
 def _memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
-    """Measure the memory beside the best laws with and without one, those that were too rich to keep included."""
+    """Measure the memory beside the best laws with and without memory, including those with too many terms."""
     settings, step = problem.known, chosen(ladder)
     asked = [each for each in ladder if each.left_out is not None]
     static = max((each for each in asked if not each.fit.law.has_memory), key=lambda each: each.fit.r2_left_out)
@@ -357,9 +357,9 @@ def _is_of_travel(kind: str) -> bool:
 
 
 def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench:
-    """Return the record without its beginning, in which a nonlinear memory depends on what it held at the start.
+    """Return the record without its beginning, in which a nonlinear memory depends on its unknown initial value.
 
-    Where that would take more than half of the record, all of it stays.
+    If that would remove more than half of the record, the whole record is kept.
     """
     first, motion = 0, bench.motion
     for term in law.terms:
@@ -393,18 +393,18 @@ def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, Simulat
     return Simulation(refined.part, travel, refined.error_rms, refined.r2, refined.steps_per_sample, errors)
 
 
-def _ways_to_stops(bench: Bench, law: Law) -> dict[str, float]:
-    """Return the stops that the motion does not reach, and how far it goes towards them, m."""
+def _distances_to_stops(bench: Bench, law: Law) -> dict[str, float]:
+    """Return the stops that the motion does not reach, and the distance that it goes towards them, m."""
     travel = bench.travel[bench.samples]
     stops = [term for term in law.terms if term.kind.is_stop]
-    return {term.name: way_to_stop(term, travel) for term in stops if not Law((term,)).force(travel, 0.0).any()}
+    return {term.name: distance_to_stop(term, travel) for term in stops if not Law((term,)).force(travel, 0.0).any()}
 
 
 def _reason(result: BenchLaw) -> str | None:
     if result.r2_left_out < result.settings.least_r2:
         return (
-            "on stretches of time that were left out no law of travel and velocity predicts the force better than its "
-            "mean: the force is noise, or belongs to another motion"
+            "no law of travel and velocity predicts the force on stretches of time that were left out better than its "
+            "mean does: the force is noise, or belongs to another motion"
         )
     if result.memory.seen and result.memory.r2_with_law < result.settings.least_static_r2:
         return f"{result.memory.statement}: there is no law"
@@ -412,54 +412,55 @@ def _reason(result: BenchLaw) -> str | None:
 
 
 def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
-    """Return what to doubt of the law, one sentence each."""
+    """Return the warnings about the law, one sentence each."""
     memory, settings = result.memory, result.settings
     found = list(result.bench.warnings)
     if memory.seen:
         found.append(
             f"{memory.statement}. The law is the best one for this motion; another motion would give other values, "
-            "which the intervals do not cover"
+            "which the intervals do not include"
         )
     elif not memory.testable:
         found.append(memory.statement)
     unexplained = 1 - result.r2_left_out
     missing = memory.r2_with_law - result.r2_left_out
     if missing > max(settings.missing_of_rest * unexplained, settings.missing_r2):
-        beside = "" if result.loop is None else " beside what this one remembers"
+        beside = "" if result.loop is None else " beside the memory of this one"
         found.append(
-            f"a law of travel and velocity{beside} could explain {100 * memory.r2_with_law:.4g} % of the force, this "
-            f"one explains {100 * result.r2_left_out:.4g} %: the library lacks its shape, which the intervals do not "
-            "cover"
+            f"a law of travel and velocity{beside} could explain {100 * memory.r2_with_law:.4g} % of the force, but "
+            f"this one explains {100 * result.r2_left_out:.4g} %: no law of the library has this shape, and the "
+            "intervals do not include that error"
         )
     for name, symbol in (("stiffness_n_per_m", "K"), ("damping_n_s_per_m", "C")):
         ends = getattr(result.parameters, name).interval95
         if ends is not None and ends[1] < 0 and fit.law.terms:
             found.append(
-                f"{symbol} is below zero: it is the slope that is left beside the terms of the law, no property of its "
-                "own; the energy that the whole force takes in a cycle is one"
+                f"{symbol} is below zero: it is only the slope that remains beside the terms of the law and has no "
+                "meaning by itself; use the energy that the whole force takes in a cycle"
             )
     if result.cycle.area_j.value is None:
         found.append(
-            "the energy that a cycle takes is not given: its interval reaches farther than the energy that the "
-            "measured force could take at all; record a motion that turns round several times, at several speeds"
+            "the energy that a cycle takes is not given: its interval exceeds the largest energy that the measured "
+            "force could take; record a motion that turns round several times, at several speeds"
         )
     for name, others in _rivals(result).items():
-        found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")
+        found.append(f"over the visited range {name} cannot be distinguished from {' or '.join(others)}")
     for term in fit.law.terms:
         amplitude, *inner = term.kind.parameters
         if has_long_scale(term) and result.law_estimates[term.name][inner[0].name].interval95 is None:
             found.append(
-                f"the motion is too small beside {inner[0].name} of {term.name} to tell it from {amplitude.name}: only "
-                f"{amplitude.name} / {inner[0].name}^2 = {term.amplitude / term.inner[0] ** 2:.3g} is determined, and "
-                "neither has an interval; record larger strokes"
+                f"the motion is too small in comparison with {inner[0].name} of {term.name} to distinguish it from "
+                f"{amplitude.name}: only {amplitude.name} / {inner[0].name}^2 = "
+                f"{term.amplitude / term.inner[0] ** 2:.3g} is determined, and neither has an interval; record larger "
+                "strokes"
             )
-    found += doubts_of_area(result.gas, result.bench.piston_area_m2, settings.gas)
-    unreached = _ways_to_stops(result.bench, fit.law)
-    found += [f"{name} {not_reached(way_m)}" for name, way_m in unreached.items()]
+    found += warn_of_area(result.gas, result.bench.piston_area_m2, settings.gas)
+    unreached = _distances_to_stops(result.bench, fit.law)
+    found += [f"{name} {describe_unreached_stop(distance_m)}" for name, distance_m in unreached.items()]
     names = [(term, p.name) for term in fit.law.terms for p in term.kind.parameters]
     for (term, name), at_bound in zip(names, fit.at_bound, strict=True):
         if at_bound and not has_long_scale(term) and term.name not in unreached:
-            found.append(f"{name} of {term.name} stands at the end of what this motion can show: it has no interval")
+            found.append(f"{name} of {term.name} is at the limit of what this motion can show: it has no interval")
     return tuple(found)
 
 
@@ -478,6 +479,6 @@ def _rivals(result: BenchLaw) -> dict[str, list[str]]:
 
 
 def _contains(kind: str, other: str) -> bool:
-    """Whether a kind has an exponent or a lag that another lacks: it contains the other and always fits as well."""
+    """Whether a kind has an exponent or a lag that another lacks: it then contains the other and fits as well."""
     roles, plainer = ({parameter.role for parameter in LAWS[name].parameters} for name in (kind, other))
     return bool((roles - plainer) & {"exponent", "lag"})

@@ -1,15 +1,16 @@
-"""Does a force remember the past? What no function of travel and velocity can explain, and what explains it instead.
+"""Test for memory: the part of a force that no function of travel and velocity explains, and the past.
 
-What a law without memory explains is given beside what the law that was found explains. The force that a law leaves is
-predicted on stretches of time that were left out. This is done first by the mean of its nearest neighbours in the plane
-of travel and velocity, which stands for any smooth static function, then by signals of the past, in two ways: what
-travel and velocity do not predict of the force is regressed on what they do not predict of the signals (Robinson,
-Econometrica 56, 1988, partially linear regression), and one signal is made a third axis of the plane. The signals are
+The fraction that a law without memory explains is compared with that of the law that was found. The residual of a law
+is predicted on stretches of time that were left out. This is done first by the mean of its nearest neighbours in the
+plane of travel and velocity, which stands for any smooth static function, then by signals of the past, with two
+methods: the part of the force that travel and velocity do not predict is regressed on the part of the signals that they
+do not predict (Robinson, Econometrica 56, 1988, partially linear regression), and one signal is used as a third axis of
+the plane. The signals are
   hysteresis   stop operators z - P_r[z], P_r the play (backlash) of half-width r: the elements of Prandtl, Ishlinskii,
-               Jenkins and Iwan, whose sums come near every rate-independent hysteresis, Bouc-Wen's too;
+               Jenkins and Iwan, whose sums approximate every rate-independent hysteresis, also that of Bouc-Wen;
   relaxation   the velocity behind first-order lags, the elements of Maxwell, and of a lag between two channels;
   inertia      the acceleration: moving parts between the specimen and the force cell. A mass is the same in slow and in
-               quick motion; what follows the acceleration otherwise is called vibration.
+               quick motion; another dependence on the acceleration is called vibration.
 """
 
 from __future__ import annotations
@@ -39,14 +40,13 @@ class Memory:
 
     Args:
         r2_at_most: fraction that the best law without memory with any smooth static correction explains.
-        r2_with_law: fraction that the law that was found, with what it remembers and any smooth static correction,
-            explains: `r2_at_most` where it remembers nothing.
-        r2_with_past: fraction that is explained when the past is known too.
-        cause: the kind of past that explains most of the residual of the law that was found; None where the past is
-            not seen there.
-        moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
-        by_pace_kg: coefficients of parts of the acceleration from slow to quick, where it explains most; otherwise
-            empty.
+        r2_with_law: fraction that the law that was found, with its memory and any smooth static correction, explains:
+            `r2_at_most` if it has no memory.
+        r2_with_past: fraction that is explained if the past is known, too.
+        cause: the kind of past that explains most of the residual of the law that was found; None if the past is not
+            significant there.
+        moving_mass_kg: coefficient of the acceleration if the cause is inertia; otherwise None.
+        by_pace_kg: coefficients of parts of the acceleration from slow to quick if it explains most; otherwise empty.
         testable: whether the motion distinguishes memory and law at all.
         foretold: median fraction of the stop operators that travel and velocity predict.
         statement: the same in words.
@@ -64,7 +64,7 @@ class Memory:
 
     @property
     def seen(self) -> bool:
-        """Whether the past is seen in the residual of the law."""
+        """Whether the past is significant in the residual of the law."""
         return self.cause is not None
 
 
@@ -78,19 +78,19 @@ def measure_memory(
     is_noise: bool,
     settings: BenchSettings,
 ) -> Memory:
-    """Measure how much of what a law leaves is static, and how much of it remembers the past.
+    """Measure how much of the residual of a law is static, and how much of it depends on the past.
 
     `rest` is (m,) force minus the best `law`, N, each point predicted by a fit without its stretches; `static_rest` is
-    the same for the best law without memory; `is_noise` says that the law itself explains next to nothing.
+    the same for the best law without memory; `is_noise` says that the law itself explains almost nothing.
     """
     known, sample, fold = settings.memory, points.sample, points.fold
     plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
     signals_of = past_signals(bench, settings)
-    # a test without time has a path alone
+    # A test without a time scale has only hysteresis.
     causes: tuple[Past, ...] = ("hysteresis",) if bench.is_quasi_static else tuple(signals_of)
     groups = {cause: signals_of[cause][sample] for cause in causes}
     neighbours = [_find_neighbours(plane, fold, count) for count in known.neighbours]
-    statics = _corrected(rest, neighbours)
+    statics = _correct(rest, neighbours)
     few = neighbours[0]
     news = {cause: signals - signals[few].mean(axis=1) for cause, signals in groups.items()}
     predictable = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
@@ -104,12 +104,12 @@ def measure_memory(
             knowing.append((rest - rest[beside].mean(axis=1), cause))
     left, best = min(knowing, key=lambda pair: float(pair[0] @ pair[0]))
     total = points.y.size * points.force_rms**2
-    static = _least(statics)
+    static = _choose_least(statics)
     testable = foretold < known.foretold
     seen: Cause | None = best if testable and _is_seen(static, left, total, known) else None
     r2_law = 1 - float(static @ static) / total
     r2_past = 1 - float(left @ left) / total if seen else r2_law
-    without = _least(_corrected(static_rest, neighbours))
+    without = _choose_least(_correct(static_rest, neighbours))
     r2_static = 1 - float(without @ without) / total
     by_law = points.motion.parameter_gradient(law)
     mass, by_pace = None, tuple[float, ...]()
@@ -161,12 +161,12 @@ def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
     return played
 
 
-def _corrected(rest: FloatArray, neighbours: Sequence[np.ndarray]) -> list[FloatArray]:
-    """Return what a law leaves, as it is and less the mean of its neighbours for each number of them."""
+def _correct(rest: FloatArray, neighbours: Sequence[np.ndarray]) -> list[FloatArray]:
+    """Return the residual of a law, and the residual minus the mean of its neighbours for each number of them."""
     return [rest, *(rest - rest[each].mean(axis=1) for each in neighbours)]
 
 
-def _least(rests: Sequence[FloatArray]) -> FloatArray:
+def _choose_least(rests: Sequence[FloatArray]) -> FloatArray:
     return min(rests, key=lambda each: float(each @ each))
 
 
@@ -183,7 +183,7 @@ def _find_neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndar
 
 
 def _regress(signals: FloatArray, y: FloatArray, fold: np.ndarray, ridge: float) -> FloatArray:
-    """Return what a ridge regression leaves of `y`; each stretch is predicted from the others."""
+    """Return the residual of a ridge regression of `y`; each stretch is predicted from the others."""
     scaled = signals / np.maximum(signals.std(axis=0), 1e-300)
     left = np.empty_like(y)
     for each in np.unique(fold):
@@ -195,7 +195,7 @@ def _regress(signals: FloatArray, y: FloatArray, fold: np.ndarray, ridge: float)
 
 
 def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySettings) -> bool:
-    """Whether the past explains more than chance and the shape of the static function can."""
+    """Whether the past explains more than chance and errors of the static function can."""
     before, after = float(static @ static), float(left @ left)
     if before - after <= max(known.fraction_of_rest * before, known.fraction_of_force * total):
         return False
@@ -203,7 +203,7 @@ def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySe
 
 
 def _moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray) -> float:
-    """Return the coefficient of the acceleration beside stiffness, damping, offset and what the law may move, kg."""
+    """Return the coefficient of the acceleration beside stiffness, damping, offset and changes of the law, kg."""
     basis = np.column_stack([acceleration, others, np.ones(rest.size)])
     scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
     return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
@@ -233,11 +233,11 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
     if not memory.testable:
         return (
             "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
-            "look alike: record several amplitudes or a random motion to tell them apart"
+            "cannot be distinguished: record several amplitudes or a random motion"
         )
     of_laws = f"a law of travel and velocity explains at most {_percent(memory.r2_at_most)} of this force"
     if remembering:
-        of_laws += f", with what {remembering} remembers {_percent(memory.r2_with_law)}"
+        of_laws += f", with the memory of {remembering} {_percent(memory.r2_with_law)}"
     if memory.cause is not None:
         what = {
             "hysteresis": "remembers the past (hysteresis or backlash)",
@@ -254,13 +254,13 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
         }[memory.cause]
         return (
             f"{of_laws}; {_percent(memory.r2_with_past - memory.r2_with_law)} {what}, which no law that was tried "
-            f"explains; {_percent(1 - memory.r2_with_past)} is neither (noise, or what was not recorded)"
+            f"explains; {_percent(1 - memory.r2_with_past)} is neither (noise, or a cause that was not recorded)"
         )
     if is_noise:
-        return f"{of_laws}; the past does not explain the rest either"
+        return f"{of_laws}; the past does not explain the remainder either"
     if remembering:
         return f"{of_laws}; no other memory is seen"
-    return f"no memory is seen: {of_laws}, and the past explains none of the rest"
+    return f"no memory is seen: {of_laws}, and the past explains none of the remainder"
 
 
 def _percent(fraction: float) -> str:

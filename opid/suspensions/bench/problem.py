@@ -1,8 +1,8 @@
-"""The search for the law of a bench record: candidates beside a fit, fits of other laws, stretches that are left out.
+"""The search problem for the law of a bench record: candidates beside a fit, other laws, stretches that are left out.
 
-Everything but the inner parameters enters the force linearly, so the columns of candidates are their shapes, and every
-fit is separable least squares. What a law remembers is followed through the whole record. Neighbouring samples of the
-residual are alike, so the criteria count independent samples.
+Everything except the inner parameters enters the force linearly, so the columns of candidates are their shapes, and
+every fit is separable least squares. Memories are followed through the whole record. Neighbouring samples of the
+residual are correlated, so the criteria count independent samples.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
-from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples, separable_fit
+from opid.suspensions.fitting.least_squares import SeparableFit, fit_separable, independent_samples
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary, orthonormal
 from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, search_laws
-from opid.suspensions.model.law_parameters import has_slope, offered_terms, pulls_at_a_stop
+from opid.suspensions.model.law_parameters import has_slope, list_terms, pulls_at_a_stop
 from opid.suspensions.settings import SearchSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """The samples that the search looks at.
+    """The samples of the search.
 
     Args:
-        sample: (m,) their indices in the record, in order of time.
+        sample: (m,) their indices in the record, in the order of time.
         fold: (m,) the turn in which each is left out.
         motion: (m,) travel and velocity, and the record that they are taken from.
         y: (m,) force, N.
-        columns: (m, n_straight) what enters linearly, see `Bench.columns`.
+        columns: (m, n_straight) columns that enter linearly, see `Bench.columns`.
     """
 
     sample: NDArray[np.int64]
@@ -55,7 +55,7 @@ class Points:
         return Points(self.sample[chosen], self.fold[chosen], motion, self.y[chosen], self.columns[chosen])
 
     def slopes(self, law: Law) -> FloatArray:
-        """Return the derivatives of the force by what enters linearly, the law, and what it holds at first."""
+        """Return the derivatives of the force by linear parameters, the law, and the initial values of memories."""
         return np.concatenate(
             [self.columns, self.motion.parameter_gradient(law), self.motion.start_columns(law)], axis=1
         )
@@ -66,10 +66,10 @@ class BenchFit(FitOfOneLaw):
     """A law fitted to a bench record, beside stiffness, damping and an offset.
 
     Args:
-        points: that it was fitted to.
+        points: samples that it was fitted to.
         separable: the fit.
-        n_independent: independent samples that residuals of this record amount to.
-        settings: of the bench.
+        n_independent: number of independent samples in residuals of this record.
+        settings: settings of the bench.
     """
 
     points: Points
@@ -84,12 +84,12 @@ class BenchFit(FitOfOneLaw):
 
     @property
     def n_data(self) -> int:
-        """Independent samples."""
+        """Number of independent samples."""
         return round(self.n_independent)
 
     @cached_property
     def error_rms(self) -> float:
-        """Residual, N, rms; what lies this far below the force is rounding."""
+        """Rms of the residual, N, not below the rounding error of the force."""
         return max(float(np.sqrt(np.mean(self.separable.residual**2))), 1e-9 * self.points.force_rms)
 
     @property
@@ -105,7 +105,7 @@ class BenchFit(FitOfOneLaw):
         return self.r2_of(self.error_rms)
 
     def r2_of(self, error_rms: float) -> float:
-        """Return the fraction of the variance of the force that an error of this rms, N, leaves explained."""
+        """Return the fraction of the variance of the force that is explained with an error of this rms, N."""
         return 1 - (error_rms / self.points.force_rms) ** 2
 
     @property
@@ -120,9 +120,9 @@ class BenchFit(FitOfOneLaw):
 
     @cached_property
     def left_out(self) -> FloatArray:
-        """(m,) what a fit to the other stretches of time leaves of each stretch, N.
+        """(m,) residual of each stretch of time in a fit to the others, N.
 
-        No other stretch shows what a memory holds where the record begins: its force is that of the fit to all.
+        No other stretch shows the initial value of a memory, so its force is that of the fit to all.
         """
         points, law = self.points, self.law
         start = points.motion.start_columns(law) @ self.separable.start_weights
@@ -132,7 +132,7 @@ class BenchFit(FitOfOneLaw):
             tolerance = self.settings.left_out_tolerance
             part = fit_law(points.part(~here), law, self.n_independent, self.settings, tolerance)
             predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
-            # where the law is not defined on the motion that was left out (beyond a stroke), it predicts zero
+            # If the law is not defined on the motion that was left out (beyond a stroke), it predicts zero.
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
         return errors
 
@@ -146,8 +146,8 @@ class BenchLaws:
     """A `LawProblem` of fits to a bench record.
 
     Args:
-        points: of the record.
-        kinds: that may be asked for.
+        points: samples of the record.
+        kinds: the kinds that the law may consist of.
         known: settings of the bench.
     """
 
@@ -168,14 +168,14 @@ class BenchLaws:
         travel, velocity = (max(float(np.sqrt(np.mean(each**2))), 1e-12) for each in (motion.z, motion.v))
         nodes: dict[str, list[Node]] = {}
         for kind in self.kinds:
-            for term in offered_terms(
+            for term in list_terms(
                 kind,
                 travel_rms=travel,
                 velocity_rms=velocity,
                 n_scales=known.search.n_scales,
                 fractions=known.search.scale_fractions,
                 lags=known.search.lags,
-                # the exponent of a memory is no power of the motion
+                # The exponent of a memory is no power of the motion.
                 exponents=() if LAWS[kind].memory is not None else known.exponents,
             ):
                 columns = -motion.parameter_gradient(Law((term,)))
@@ -186,16 +186,16 @@ class BenchLaws:
 
     @cached_property
     def n_independent(self) -> float:
-        """Independent samples of what all candidates together leave: one number, so that criteria can be compared."""
+        """Number of independent samples in the residual of all candidates, common to all fits and their criteria."""
         shapes = [node.column for row in self.nodes.values() for node in row]
-        # as many columns as samples explain a record, however wrong they are
+        # As many columns as samples would explain any record.
         most = self.points.y.size // 4
         basis = orthonormal(np.column_stack([self.points.columns, *shapes[:: -(-len(shapes) // most) or 1]]))
         return independent_samples(self.points.y - basis @ (basis.T @ self.points.y))
 
     def linear_fit(self) -> BenchFit:
         """Return the fit of stiffness, damping and offset alone."""
-        return self._fitted(LINEAR)
+        return self._fit(LINEAR)
 
     def dictionaries(self, fit: BenchFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit."""
@@ -209,19 +209,19 @@ class BenchLaws:
         return {"": dictionary}
 
     def refit(self, fit: BenchFit, laws: Mapping[str, Law]) -> BenchFit | None:
-        """Fit another law, its inner parameters searched from the values that it has.
+        """Fit another law, with its inner parameters searched from their present values.
 
-        None where a memory would feed energy in, because beside a damping it would imitate an acceleration, and where
-        a stop would pull.
+        None if a memory would feed energy in, because together with a damping it would imitate an acceleration, or if a
+        stop would pull.
         """
-        found = self._fitted(laws[""])
+        found = self._fit(laws[""])
         return found if _is_mechanics(found) else None
 
-    def restarted(self, fit: BenchFit) -> BenchFit:
+    def restart(self, fit: BenchFit) -> BenchFit:
         """Return the best of a fit and of fits from near its scales, in which memories begin with their default shapes.
 
-        A memory of several sliders bends where one slider after the other slips for good, and the squared error has a
-        minimum on either side.
+        The force of several sliders bends where one slider after the other begins to slip, and the squared error has a
+        minimum on either side of each bend.
         """
         fits, law = [fit], fit.law
         remembers = [term.kind.memory is not None for term in law.terms for _ in term.values]
@@ -233,11 +233,11 @@ class BenchLaws:
                     vector[k] = parameter.default
                 elif parameter.role == "scale":
                     vector[k] *= factor
-            fits.append(self._fitted(law.with_vector(vector)))
+            fits.append(self._fit(law.with_vector(vector)))
         return min((each for each in fits if _is_mechanics(each)), key=lambda each: each.error_rms, default=fit)
 
     def left_out(self, fit: BenchFit) -> float:
-        """Return the rms of what is left of stretches of time that fits to the others predict, N."""
+        """Return the rms error on stretches of time in fits to the others, N."""
         return fit.error_left_out
 
     def confirms(self, fit: BenchFit, than: BenchFit) -> bool:
@@ -251,7 +251,7 @@ class BenchLaws:
         falls = np.bincount(self.points.fold, than.left_out**2 - fit.left_out**2)
         return float(falls.sum()) > float(falls.std(ddof=1) * np.sqrt(falls.size))
 
-    def _fitted(self, law: Law) -> BenchFit:
+    def _fit(self, law: Law) -> BenchFit:
         n_independent = self.n_independent
         return BenchFit(self.points, fit_law(self.points, law, n_independent, self.known), n_independent, self.known)
 
@@ -263,12 +263,12 @@ def _is_mechanics(fit: BenchFit) -> bool:
 
 
 def thin_record(bench: Bench, settings: BenchSettings) -> Points:
-    """Return at most `n_search` samples of a record, at uneven steps: even ones could keep time with the motion."""
+    """Return at most `n_search` samples of a record, at uneven steps that cannot be in phase with the motion."""
     counted = bench.samples
     n = counted.size
     step = -(-n // settings.n_search)
     first = np.arange(n // step) * step
-    # multiples of the golden section fill every step evenly
+    # Multiples of the golden section fill every step evenly.
     index = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
     sample = counted[index]
     fold = (np.arange(sample.size) * settings.n_stretches) // sample.size % settings.n_folds
@@ -286,9 +286,9 @@ def all_points(bench: Bench) -> Points:
 def fit_law(
     points: Points, law: Law, n_independent: float, settings: BenchSettings, tolerance: float = 1e-7
 ) -> SeparableFit:
-    """Return the fit of a law and of what enters linearly; what is known of exponents beforehand counts as data."""
+    """Return the fit of a law and of the linear columns; prior knowledge of exponents counts as data."""
     fit = partial(
-        separable_fit,
+        fit_separable,
         points.columns,
         motion=points.motion,
         y=points.y,
@@ -298,32 +298,32 @@ def fit_law(
     )
     found = fit(law=law, starts=[law])
     if any(parameter.known for parameter in law.parameter_list):
-        # the weight of what is known beforehand follows from the residual of the first fit
+        # The weight of prior knowledge follows from the residual of the first fit.
         noise = residual_worth(found.residual, n_independent)
         found = fit(law=law, starts=[found.law, law], noise=noise)
     return found
 
 
 def residual_worth(residual: FloatArray, n_independent: float) -> float:
-    """Return the standard deviation of an independent sample of a residual, N: samples that are alike count less."""
+    """Return the standard deviation of an independent sample of a residual, N: correlated samples count less."""
     return float(np.sqrt(np.sum(residual**2) / n_independent))
 
 
 def search_record(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
-    """Return the laws that were tried and those that come closest to the choice, with their stretches left out."""
+    """Return the laws that were tried and those closest to the choice, with their left-out errors."""
     say("the linear law")
     ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)
     say("the laws that come closest")
     neighbours = add_neighbours(problem, ladder, kinds=kinds)[: -len(ladder)]
     best = chosen(ladder)
     for step in neighbours:
-        # a neighbour whose columns promised nothing may fit better all the same
+        # A neighbour may fit better than its columns predict.
         if is_better(step.fit, best.fit, problem.settings) and problem.confirms(step.fit, best.fit):
             best = step
     if best.fit.law.has_memory:
-        best = replace(best, fit=problem.restarted(best.fit))
+        best = replace(best, fit=problem.restart(best.fit))
     tried = [step for step in (*ladder, *neighbours) if step.law_name != best.law_name]
-    # the last one that was kept is the choice
+    # The last step that was kept is the choice.
     in_order = (*tried, replace(best, kept=True))
     asked = [step for step in in_order if step.kept]
     for has_memory in (False, True):
@@ -352,5 +352,5 @@ def end_on_defined(bench: Bench, ladder: Ladder) -> Ladder:
 
 
 def end_on(ladder: Ladder, step: LawStep[BenchFit]) -> Ladder:
-    """Return the ladder with another choice, which stands last."""
+    """Return the ladder with another choice as its last step."""
     return (*(each for each in ladder if each is not step), replace(step, kept=True))

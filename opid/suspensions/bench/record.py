@@ -1,4 +1,4 @@
-"""The record of a test bench: force, travel and velocity of one damper or spring, and the study of such a record."""
+"""Record of a test bench: force, travel and velocity of one damper or spring, and the study of such a record."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ class Bench:
         force: (n,) N.
         fs: sampling rate, Hz.
         travel_zero_m: value of the record's travel from which z is counted, m.
-        velocity_from: where the velocity comes from, in words.
+        velocity_from: source of the velocity, in words.
         velocity_band_hz: highest frequency of a differentiated travel, Hz; None for a recorded velocity.
         channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
         warnings: what limits the record, one sentence each.
-        acceleration: (n,) z'', m/s^2, where parts of unknown mass move with the specimen; None where none do.
+        acceleration: (n,) z'', m/s^2, if parts of unknown mass move with the specimen; otherwise None.
         counted: (n,) whether the law holds for a sample, None for all. While a valve or a voltage is in another state,
             the motion is followed and not fitted.
-        is_quasi_static: whether time means nothing: `fs` counts samples a metre of the path, and `velocity` is the
+        is_quasi_static: whether time has no meaning: `fs` is then samples per metre of the path, and `velocity` the
             direction, 1 or -1.
-        mass_kg: of the body whose acceleration the channel of the force is, see `bench_from_recording`; None where a
-            force was measured.
-        piston_area_m2: what the gas of a strut pushes on; None where it is not known, or no gas carries it.
-        log: the file that it was read from without a study file; None where it came otherwise.
-        source: the study file; None where there is none.
-        files: that it was read from.
+        mass_kg: mass of the body whose acceleration was measured in place of the force, see `bench_from_recording`;
+            None if a force was measured.
+        piston_area_m2: area that the gas of a strut pushes on; None if it is not known, or if no gas carries it.
+        log: the file that it was read from without a study file; None if it came otherwise.
+        source: the study file; None if there is none.
+        files: the files that it was read from.
     """
 
     travel: FloatArray
@@ -76,12 +76,12 @@ class Bench:
 
     @property
     def motion(self) -> RecordedMotion:
-        """The motion of all samples, as laws take it."""
+        """The motion of all samples, in the form for laws."""
         return recorded_motion(self.travel, self.velocity, self.fs)
 
     @property
     def columns(self) -> FloatArray:
-        """What enters the force linearly: travel, velocity and one, (n, 3), and the acceleration of moving parts.
+        """Columns that enter the force linearly: travel, velocity and one, (n, 3), and acceleration of moving parts.
 
         A quasi-static test has travel and one, (n, 2).
         """
@@ -103,29 +103,29 @@ def bench_from_recording(
 ) -> Bench:
     """Take force and motion from a recording.
 
-    Where no force was measured, it follows from the acceleration a of a body that nothing but the specimen holds:
-    F = -m a (d'Alembert), a positive where the travel grows as the body moves. Gravity and an accelerometer's offset
-    are constant and belong to the offset of the law; with a mass of 1 kg all forces are forces per kilogram.
+    If no force was measured, it follows from the acceleration a of a body that only the specimen holds: F = -m a
+    (d'Alembert), with a positive if the travel grows when the body moves. Gravity and an accelerometer's offset are
+    constant and belong to the offset of the law; with a mass of 1 kg all forces are forces per kilogram.
 
-    Where no velocity was recorded it is `rate_of` the travel. Travel is counted as recorded, or, where the record
-    never comes near its zero, from its mean: a law of the travel needs a zero that the motion passes.
+    If no velocity was recorded, it is `rate_of` the travel. Travel is counted as recorded, or from its mean if the
+    record never comes near its zero: a law of the travel needs a zero that the motion passes.
 
     Args:
-        recording: of the bench, in SI units.
+        recording: recording of the bench, in SI units.
         force: name of the channel of the force, or with `mass_kg` of the acceleration.
         travel: name of the channel of the travel (extension).
         velocity: name of the channel of its rate, or None.
         moving_mass: whether parts of unknown mass move between the force and the specimen. Their acceleration is the
             rate of the velocity.
-        mass_kg: of a body that the specimen alone holds; None where a force was measured.
+        mass_kg: mass of a body that only the specimen holds; None if a force was measured.
         counted: (n,) whether the law holds for a sample; None for all. Memories are followed through the other samples,
             too.
-        settings: when a record is doubted.
+        settings: thresholds for warnings about a record.
 
     Raises:
         InputError: an unknown channel, one in the wrong unit or named twice, too few samples, a mass that is no
-            positive number or stands beside a moving mass, or samples that do not count beside a moving mass, whose
-            motion is simulated without a gap.
+            positive number or is given with a moving mass, or samples that do not count together with a moving mass,
+            whose motion is simulated without a gap.
         NotDeterminedError: a travel or a force that never changes.
 
     >>> from opid.signals.recording import Channel
@@ -154,8 +154,8 @@ def bench_from_recording(
     power = y - y.mean()
     if np.mean(power * v) < -settings.driving_correlation * np.std(y) * np.std(v):
         warnings.append(
-            f"on balance the force drives the motion ({np.mean(power * v):.3g} W): for a passive part the sign of "
-            "force or travel is reversed"
+            f"the force feeds energy into the motion on average ({np.mean(power * v):.3g} W): for a passive part the "
+            "sign of force or travel is reversed"
         )
     return Bench(
         travel=raw - zero,
@@ -168,7 +168,7 @@ def bench_from_recording(
         channels={"force": force, "travel": travel, "velocity": velocity},
         warnings=tuple(warnings),
         acceleration=rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None,
-        counted=None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings),
+        counted=None if counted is None else _check_counted(counted, recording.n_samples, moving_mass, settings),
         mass_kg=mass_kg,
         files=recording.files,
     )
@@ -177,16 +177,16 @@ def bench_from_recording(
 def quasi_static_bench(
     recording: Recording, *, force: str, travel: str, settings: RecordSettings = DEFAULTS.record
 ) -> Bench:
-    """Take force and travel from a test so slow that time means nothing; the recording may have any rate.
+    """Take force and travel from a test so slow that time has no meaning; the recording may have any rate.
 
-    The path is cut into equal steps, and the length along it takes the place of time. Laws and memories of travel do
-    not depend on the pace. The samples that count are those nearest to the recorded ones.
+    The path is divided into equal steps, and the length along it replaces time. Laws and memories of travel do not
+    depend on the pace. The samples that count are those nearest to the recorded ones.
 
     Args:
-        recording: of the test, in SI units.
+        recording: recording of the test, in SI units.
         force: name of the channel of the force.
         travel: name of the channel of the travel (extension).
-        settings: when a record is doubted.
+        settings: thresholds for warnings about a record.
 
     Raises:
         InputError: an unknown channel, one in the wrong unit or named twice, or too few samples.
@@ -205,7 +205,7 @@ def quasi_static_bench(
     n = settings.path_steps * raw.size
     step = float(path[-1]) / (n - 1)
     along = np.arange(n) * step
-    # the segment on which each point lies gives its direction
+    # The direction of each point is that of its segment.
     moves = np.flatnonzero(np.diff(path) > 0)
     segment = moves[np.minimum(np.searchsorted(path[moves + 1], along), moves.size - 1)]
     direction = np.sign(raw[segment + 1] - raw[segment])
@@ -248,8 +248,8 @@ def _force_and_travel(
     warnings = []
     if _turns(raw, settings.turn * float(np.ptp(raw))) < 2:
         warnings.append(
-            f"the travel {travel!r} turns round less than twice: friction cannot be told from the offset, nor what "
-            "remembers from what does not; record some cycles"
+            f"the travel {travel!r} turns round less than twice: friction cannot be distinguished from the offset, nor "
+            "a law with memory from one without; record several cycles"
         )
     zero = 0.0
     if np.abs(raw.mean()) > np.ptp(raw):
@@ -272,7 +272,7 @@ def _turns(travel: FloatArray, least_m: float) -> int:
     return count
 
 
-def _checked_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, settings: RecordSettings) -> np.ndarray:
+def _check_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, settings: RecordSettings) -> np.ndarray:
     which = np.asarray(counted)
     if which.dtype != np.bool_ or which.shape != (n_samples,):
         raise InputError(
@@ -282,18 +282,18 @@ def _checked_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, sett
         remedy = (
             "take a longer record"
             if which.any()
-            else "the law holds nowhere in this record, as that of what never slips; take a record in which it does"
+            else "no sample counts, so the law never holds in this record; take a record in which it does"
         )
         raise InputError(f"{which.sum()} samples count: at least {settings.least_samples} are needed; {remedy}")
     if moving_mass and not which.all():
         raise InputError(
-            "counted beside moving_mass: a motion is simulated without a gap, give a stretch of the record"
+            "counted beside moving_mass: the motion is simulated without a gap, give a stretch of the record"
         )
     return which
 
 
 def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAULTS.record) -> tuple[FloatArray, float]:
-    """Differentiate a signal in the band in which it stands above its noise.
+    """Differentiate a signal in the band in which it exceeds its noise.
 
     The Fourier transform is multiplied by j omega / (1 + (f/f_c)^8), zero phase, on a record continued at both ends by
     its point reflection, which keeps value and slope. f_c lies half above the frequency at which the motion ends: where
@@ -315,9 +315,9 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     line = np.linspace(samples[0], samples[-1], n)
     bent = samples - line
     frequency, power = signal.welch(bent, fs, nperseg=min(n, max(256, n // 8)))
-    # half an octave of room: a filter that falls from the last strong line on would weaken it
+    # The margin of half an octave keeps the filter from weakening the last strong line.
     band_hz = float(np.clip(1.5 * _motion_ends(frequency, power, settings), 8 * fs / n, fs / 2))
-    # both ends of `bent` are zero, so the point reflection is the odd one
+    # Both ends of `bent` are zero, so the point reflection is the odd continuation.
     extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
     n_fft = fft.next_fast_len(extended.size, real=True)
     f = fft.rfftfreq(n_fft, 1 / fs)
@@ -331,7 +331,7 @@ def _motion_ends(frequency: FloatArray, power: FloatArray, settings: RecordSetti
     floor = float(np.median(power[-max(1, power.size // 5) :]))
     above = np.flatnonzero(power > settings.above_floor * floor)
     end = int(above[-1]) if above.size else power.size - 1
-    # where noise is not white, the rate of the motion falls towards a valley, and the rate of the noise rises
+    # If the noise is not white, the spectrum of the rate falls to a minimum between the motion and the noise.
     rate = frequency**2 * power
     edges = np.unique(np.geomspace(1, power.size, 40).astype(int))
     thirds = np.add.reduceat(rate, edges[:-1]) / np.diff(edges)
@@ -392,29 +392,29 @@ def _warn_of_rate(v: FloatArray, rate: FloatArray, travel: str, velocity: str, s
 
 @dataclass(frozen=True, eq=False)
 class BenchStudy:
-    """A record of a test bench, as `law_of_bench` takes it.
+    """A study of a record of a test bench, for `law_of_bench`.
 
     Args:
-        title: of the study.
-        recording: what was measured, in SI units.
+        title: title of the study.
+        recording: the recording, in SI units.
         force: name of the channel of the force, or with `mass_kg` of the acceleration.
         travel: name of the channel of the travel (extension).
-        velocity: name of the channel of its rate; differentiated where left out.
-        mass_kg: of a body that the specimen alone holds; None where a force was measured.
+        velocity: name of the channel of its rate; the travel is differentiated if it is left out.
+        mass_kg: mass of a body that only the specimen holds; None if a force was measured.
         moving_mass: whether parts of unknown mass move between the force and the specimen.
-        quasi_static: whether the test was so slow that time means nothing.
+        quasi_static: whether the test was so slow that time has no meaning.
         counted: name of a channel that is 0 where the law does not hold: such samples are followed and not fitted.
-        candidates: kinds that the law may be made of; None for every kind that is searched.
-        most_terms: of the law at the most; None for as many as the settings say.
-        piston_area_m2: what the gas of a strut pushes on, whose pressure and volume are then told; None where it is not
-            known, or no gas carries it.
-        findings: what the health check found in the log.
-        source: the study file; None where there is none.
-        log: the file that it was read from without a study file; None where it came otherwise.
+        candidates: kinds that the law may consist of; None for every kind that is searched.
+        most_terms: most terms of the law; None for the value of the settings.
+        piston_area_m2: area that the gas of a strut pushes on, with which its pressure and volume are reported; None if
+            it is not known, or if no gas carries it.
+        findings: findings of the health check of the log.
+        source: the study file; None if there is none.
+        log: the file that it was read from without a study file; None if it came otherwise.
 
     Raises:
-        InputError: an unknown kind, an area that no piston has, a quasi-static test with a velocity, a mass, a moving
-            mass or samples that do not count, or as `bench_from_recording`.
+        InputError: an unknown kind, an invalid piston area, a quasi-static test with a velocity, a mass, a moving mass
+            or samples that do not count, or as for `bench_from_recording`.
         NotDeterminedError: a travel or a force that never changes.
     """
 
@@ -444,7 +444,7 @@ class BenchStudy:
         timed = [name for name in ("velocity", "mass_kg", "moving_mass", "counted") if getattr(self, name)]
         if self.quasi_static and timed:
             raise InputError(
-                f"quasi_static beside {' and '.join(timed)}: a test whose time means nothing has none; leave it out"
+                f"quasi_static beside {' and '.join(timed)}: a test without a time scale has none; leave it out"
             )
         assert self.bench  # refuses a wrong record
 

@@ -1,4 +1,4 @@
-"""Every number of the test bench that somebody tuned, with its reason: pass another `BenchSettings` to change one."""
+"""Every tuned number of the test bench, with its reason. To change one, pass another `BenchSettings`."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from opid.suspensions.settings import GasSettings, SearchSettings
 
 @dataclass(frozen=True)
 class RecordSettings:
-    """How a record is taken, and when it is doubted.
+    """How a record is prepared, and when it is worth a warning.
 
     Args:
-        least_samples: a shorter record shows no law.
-        turn: a travel has turned round where it went back by this fraction of its range.
-        path_steps: steps that the path of a quasi-static test is cut into, for each of its samples: a memory is
-            followed through turns that fall between two samples.
-        above_floor: a travel is differentiated up to where its spectrum last stands this many times above its floor.
-        left_above: or up to where the spectrum of the rate is lowest, if less than this fraction of its power lies
+        least_samples: a shorter record is refused.
+        turn: a travel has turned round if it went back by this fraction of its range.
+        path_steps: number of steps of the path of a quasi-static test for each of its samples: a memory is followed
+            through turns that lie between two samples.
+        above_floor: a travel is differentiated up to the last frequency at which its spectrum exceeds its floor by this
+            factor ...
+        left_above: ... or up to the minimum of the spectrum of the rate, if less than this fraction of its power lies
             above.
         rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
-        rate_correlation: ... and correlates with it at least so well.
+        rate_correlation: ... and if its correlation with it is at least this.
         driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
-        most_m: no bench moves so far, so a record that does is in another unit ...
-        most_n: ... and none pushes so hard.
+        most_m: no bench moves farther, so a record with a larger travel has another unit ...
+        most_n: ... and no bench has a larger force.
     """
 
     least_samples: int = 200
@@ -41,22 +42,22 @@ class RecordSettings:
 
 @dataclass(frozen=True)
 class MemorySettings:
-    """When the past counts as seen in a force.
+    """When a dependence of the force on the past is significant.
 
     Args:
         plays: half-widths of the plays over the amplitude of the travel.
-        lags: of first-order lags, over the time in which the motion turns.
-        neighbours: numbers of neighbours that the static prediction is tried with; the first one also predicts the
+        lags: time constants of first-order lags, over the time in which the motion turns.
+        neighbours: numbers of neighbours that are tried for the static prediction; the first one also predicts the
             signals of the past.
-        neighbours_with_past: neighbours where a signal of the past is a third axis.
-        fraction_of_rest: the past is seen only if it explains this fraction of the residual of the law ...
+        neighbours_with_past: number of neighbours if a signal of the past is a third axis.
+        fraction_of_rest: the past is significant only if it explains this fraction of the residual of the law ...
         fraction_of_force: ... and this fraction of the variance of the force ...
-        evidence: ... with this gain in the log likelihood, counted twice, in independent samples.
-        foretold: memory cannot be tested where travel and velocity predict this fraction of the signals of the past.
-        n_paces: the acceleration is cut into so many parts from slow to quick ...
+        evidence: ... with this gain of twice the log likelihood, in independent samples.
+        foretold: memory cannot be tested if travel and velocity predict this fraction of the signals of the past.
+        n_paces: the acceleration is split into this many parts from slow to quick ...
         mass_agreement: ... and a force that follows it is that of moving parts if their coefficients differ by less
             than this fraction.
-        ridge: penalty of the regression on the past over the size of its columns, which are nearly parallel.
+        ridge: penalty of the regression on the past, over the squared norm of its columns, which are nearly parallel.
     """
 
     plays: tuple[float, ...] = (0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
@@ -74,20 +75,20 @@ class MemorySettings:
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """How a law is refined by the motion that it makes of the force alone.
+    """How a law is refined by simulation of the motion from the force.
 
     Args:
-        n_laws: laws of the force search that are refined, the most likely ones: the noise of an acceleration favours
-            laws that are not those of the motion.
-        white: no other law is refined after one that leaves independent samples to this fraction: noise alone.
-        steps_per_sample: of the time integration, to begin with and at the most: more are taken where a memory turns
-            over within a step.
+        n_laws: number of laws of the force search that are refined, the most likely ones: the noise of an acceleration
+            favours laws that are not those of the motion.
+        white: no other law is refined after one whose residual has this fraction of independent samples: it is noise.
+        steps_per_sample: first and largest number of time steps for each sample: more are taken if a memory turns over
+            within a step.
         tolerance: the search ends when the squared error changes by a smaller fraction.
-        most_evaluations: simulations with other parameters, those for derivatives not counted.
-        difference: by which parameters are changed for a derivative, over their size.
-        farthest: factor by which a mass or a scale may move away from where the force has it.
-        runaway: largest simulated travel over the largest recorded one; a motion beyond has no bound: its numbers are
-            finite still (1e107 m), but not their squares.
+        most_evaluations: most simulations with other parameters, without those for derivatives.
+        difference: change of a parameter for a derivative, over its size.
+        farthest: factor by which a mass or a scale may differ from its value in the fit to the force.
+        runaway: largest simulated travel over the largest recorded one; a motion beyond is taken as unbounded: its
+            numbers are still finite (1e107 m), but not their squares.
     """
 
     n_laws: int = 4
@@ -101,12 +102,12 @@ class SimulationSettings:
 
 
 def _search() -> SearchSettings:
-    """The search on a bench: fits cost little, so more of them are made, and what is left is the noise of one channel.
+    """Return the settings of the search on a bench, where fits take little time and only one channel has noise.
 
-    Against the search on driven models: an error margin of 1 %, for a term that lowers the error by less corrects the
-    shape of another one; scales over all of the range in which they can be seen, and more lags, for a record may have
-    been made at any; a margin for inner parameters, for of laws that fit alike the plainer one is taken; and the
-    columns are trusted to 20 % of the error only, for noise is so low that it shows how coarsely scales are tried.
+    They differ from those for driven models: an error margin of 1 %, because a term that lowers the error by less only
+    corrects the shape of another one; scales over the whole visible range, and more lags, because a record may have
+    been made at any of them; a margin for inner parameters, because of laws that fit alike the simpler one is taken;
+    and an error of 20 % of the ranking, because the noise is so low that the coarse grid of scales matters.
     """
     return SearchSettings(
         n_scales=8,
@@ -124,36 +125,36 @@ def _search() -> SearchSettings:
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """All of them.
+    """All settings of the test bench.
 
     Args:
-        record: how the record is taken.
-        search: for the law.
-        separable: where inner parameters are searched.
-        memory: what counts as memory.
+        record: how the record is prepared.
+        search: how the law is searched.
+        separable: ranges in which inner parameters are searched.
+        memory: when a dependence on the past is significant.
         simulation: how a law of moving parts is refined.
-        gas: with what pressure struts are serviced; what carries a weight is not asked on a bench.
-        n_search: samples that the search looks at; the chosen law is fitted to all.
-        steps_per_rms: the search follows what is remembered in steps in which the rms velocity covers one part in so
-            many of the rms travel: some two hundred steps in a cycle, however fast a slow motion was sampled.
-        n_stretches: stretches of time that are left out by turns ...
-        n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
-        n_left_out: number of the most likely laws with memory, and of those without, whose stretches are left out for
-            the report.
+        gas: pressures at which struts are serviced; the settings of a carried weight are not used on a bench.
+        n_search: number of samples in the search; the chosen law is fitted to all.
+        steps_per_rms: the search follows memories in steps in which the rms velocity covers the rms travel divided by
+            this number: some two hundred steps in a cycle, however fast a slow motion was sampled.
+        n_stretches: number of stretches of time that are left out in turn ...
+        n_folds: ... in this many turns: with several stretches in a turn no strong event is in a single turn alone.
+        n_left_out: number of the most likely laws with memory, and of those without, whose left-out error is computed
+            for the report.
         left_out_tolerance: relative tolerance at which a fit without a turn ends: it begins at the fit to all samples,
-            and only its prediction counts.
+            and only its prediction is used.
         restart_scales: the chosen memory is fitted once more from these multiples of its scales, because each set of
-            sliders that slip makes a minimum of its own.
-        exponents: at which a power is tried, before it is searched.
-        least_r2: a law that explains a smaller fraction of the force where it was left out explains nothing.
-        least_static_r2: where the past is seen and no law explains this fraction of the force, there is no law.
+            sliders that slip has a minimum of its own.
+        exponents: exponents at which a power is tried before its exponent is searched.
+        least_r2: a law that explains a smaller fraction of the force on stretches left out explains nothing.
+        least_static_r2: if the past is significant and no law explains this fraction of the force, there is no law.
         missing_r2: fraction of the force, and ...
-        missing_of_rest: ... of what the law leaves, from which a shape that the library lacks is worth a warning.
-        forgotten: the last fit begins where the start of a memory has faded to this fraction of its force.
-        slips: a joint of sliders has no intervals where the last one slips beyond this fraction of the range of the
-            motion: it slips seldom, and is a spring between.
-        cells_per_correlation: scores are added up over cells of so many independent samples ...
-        cells: ... but the record has at least and at most so many cells.
+        missing_of_rest: ... of the residual of the law, from which a shape that the library lacks is worth a warning.
+        forgotten: the last fit begins where the initial value of a memory has faded to this fraction of its force.
+        slips: a joint of sliders has no intervals if its last slider slips beyond this fraction of the range of the
+            motion: it slips seldom, and is otherwise a spring.
+        cells_per_correlation: scores are added up over cells of this many independent samples ...
+        cells: ... but the record has at least and at most these numbers of cells.
     """
 
     record: RecordSettings = field(default_factory=RecordSettings)

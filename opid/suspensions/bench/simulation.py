@@ -1,9 +1,9 @@
-"""A law refined until the motion that it makes of the measured force alone is the recorded one.
+"""Refinement of a law until the motion simulated from the measured force is the recorded one.
 
-Where parts of unknown mass move with the specimen, the force is F = m z'' + C z' + K z + F0 + f, and z'' comes from a
+If parts of unknown mass move with the specimen, the force is F = m z'' + C z' + K z + F0 + f, and z'' comes from a
 travel that was differentiated twice, whose noise biases every parameter (Söderström 2018, Errors-in-Variables Methods
-in System Identification). A motion that is simulated from the force has none of that noise. What it leaves of the
-recorded travel is the noise of the travel, and least squares on it are not biased (output error; Ljung 1999,
+in System Identification). A motion that is simulated from the force does not contain that noise. Its difference from
+the recorded travel is the noise of the travel, and least squares on it are not biased (output error; Ljung 1999,
 System Identification, chapter 4).
 """
 
@@ -36,7 +36,7 @@ class MovingPart:
     Args:
         straight: (4,) K in N/m, C in N s/m, F0 in N and m in kg.
         law: f.
-        begins: (2 + n_memories,) travel in m, velocity in m/s and what each term that remembers holds at the start.
+        begins: (2 + n_memories,) initial travel in m, velocity in m/s and value of each term with memory.
     """
 
     straight: FloatArray
@@ -48,8 +48,8 @@ class MovingPart:
 
         Args:
             force: (n,) N.
-            fs: samples a second, Hz.
-            steps_per_sample: steps from one sample to the next.
+            fs: sampling rate, Hz.
+            steps_per_sample: number of steps from one sample to the next.
 
         Raises:
             InputError: a motion that grows without bound, or a memory that turns over within a step.
@@ -62,7 +62,7 @@ class MovingPart:
         return self.travel_of_half_steps(_half_steps(force, fs, steps_per_sample), fs, steps_per_sample)
 
     def at_rest(self) -> MovingPart:
-        """Return the part that begins at rest and remembers nothing."""
+        """Return the part that begins at rest, with all memories zero."""
         return replace(self, begins=np.zeros_like(self.begins))
 
     def travel_of_half_steps(self, force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
@@ -71,7 +71,7 @@ class MovingPart:
         joint = Joint("specimen", np.ones(1), stiffness, damping, self.law)
         free = np.zeros((1, 1))
         ready = assemble(Structure(np.full((1, 1), mass), free, free, joints=(joint,)))
-        # all elements of one term begin with the same value
+        # All elements of one term begin with the same value.
         counts = [len(term.kind.elements) for term in self.law.terms if term.kind.memory is not None]
         held = np.repeat(self.begins[2:], counts)
         start = State(self.begins[:1].copy(), self.begins[1:2].copy(), np.empty(0), held)
@@ -81,15 +81,15 @@ class MovingPart:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """The motion that a law makes of the measured force alone, beside the recorded one.
+    """The motion that is simulated from the measured force, compared with the recorded one.
 
     Args:
         part: the simulated part; from rest, it simulates any other force.
-        travel: (n,) simulated, m.
-        error_rms_m: of the travel, recorded minus simulated, m.
+        travel: (n,) simulated travel, m.
+        error_rms_m: rms of the recorded minus the simulated travel, m.
         r2: fraction of the variance of the travel that the simulation explains.
-        steps_per_sample: of the simulation.
-        tried: the laws that were refined in this way, with the error that each leaves, m.
+        steps_per_sample: number of steps of the simulation for each sample.
+        tried: the laws that were refined by simulation, with the rms error of each, m.
     """
 
     part: MovingPart
@@ -102,14 +102,14 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedFit:
-    """A part and a law fitted to a recorded travel, as a search compares laws.
+    """A part and a law fitted to a recorded travel, in the form in which a search compares laws.
 
     Args:
-        part: that was fitted.
+        part: the fitted part.
         residual: (n,) recorded minus simulated travel, m.
         slopes: (n, n_parameters) derivatives of the simulated travel by `part.straight`, the values of the law and
             `part.begins`.
-        steps_per_sample: of the simulation.
+        steps_per_sample: number of steps of the simulation for each sample.
         at_bound: for each entry of the law's vector, whether its search ended at a bound.
         travel_rms: rms of the recorded travel about its mean, m.
     """
@@ -123,7 +123,7 @@ class SimulatedFit:
 
     @property
     def laws(self) -> dict[str, Law]:
-        """The law, as a search takes it."""
+        """The law, in the form for a search."""
         return {"": self.part.law}
 
     @property
@@ -133,17 +133,17 @@ class SimulatedFit:
 
     @cached_property
     def n_independent(self) -> float:
-        """Independent samples of the residual."""
+        """Number of independent samples of the residual."""
         return independent_samples(self.residual)
 
     @property
     def n_data(self) -> int:
-        """Independent samples."""
+        """Number of independent samples."""
         return round(self.n_independent)
 
     @cached_property
     def error_rms(self) -> float:
-        """Rms error of the travel, m, and at least what rounding leaves."""
+        """Rms error of the travel, m, not below the rounding error."""
         return max(float(np.sqrt(np.mean(self.residual**2))), 1e-9 * self.travel_rms)
 
     @property
@@ -161,9 +161,9 @@ class SimulatedFit:
 def fit_by_simulation(
     bench: Bench, fit: SeparableFit, settings: SimulationSettings, *, say: Callable[[str], None]
 ) -> SimulatedFit | None:
-    """Move the parameters of a law until the travel simulated from the force is the recorded one; None if it never is.
+    """Fit the parameters of a law until the travel simulated from the force is the recorded one.
 
-    The search begins at the fit of the force.
+    The search begins at the fit to the force. It is None if that law cannot be simulated.
     """
     from scipy import optimize
 
@@ -188,7 +188,7 @@ def fit_by_simulation(
     )
     found = solution.x
     best = search.decode(found)
-    # the derivatives by the values themselves, not by their logarithms
+    # These are the derivatives by the values themselves and not by their logarithms.
     slopes = -search.slopes(found) / search.stretch(found)
     ends = np.isclose(found, lower, atol=1e-3) | np.isclose(found, upper, atol=1e-3)
     at_bound = (ends & np.isfinite(lower))[4 : 4 + best.law.vector.size]
@@ -208,7 +208,7 @@ def _find_search(part: MovingPart, bench: Bench, settings: SimulationSettings) -
     steps = settings.steps_per_sample[0]
     while steps <= settings.steps_per_sample[1]:
         search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
-        # otherwise the step is too long for a quick memory, or the motion has no bound
+        # Otherwise the step is too long for a quick memory, or the motion is unbounded.
         if np.isfinite(search.travel(part)).all():
             return search
         steps *= 2
@@ -217,7 +217,7 @@ def _find_search(part: MovingPart, bench: Bench, settings: SimulationSettings) -
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The unknowns of a moving part as the search moves them: positive ones as logarithms."""
+    """The unknowns of a moving part in the form of the search: positive ones as logarithms."""
 
     part: MovingPart
     bench: Bench
@@ -246,7 +246,7 @@ class _Search:
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Exponents and memories have bounds; scales and the mass stay within `farthest` of where they begin."""
+        """Exponents and memories have bounds; scales and the mass stay within `farthest` of their start values."""
         law, begins = self.part.law, self.part.begins
         upper = np.full(4 + law.vector.size + begins.size, np.inf)
         lower = -upper
@@ -284,13 +284,13 @@ class _Search:
             ahead = theta.copy()
             ahead[k] += width if theta[k] + width <= upper[k] else -width
             column = (self.residual(ahead) - at) / (ahead[k] - theta[k])
-            # a motion that begins to run away has no slope
+            # A motion that becomes unbounded has no derivative.
             columns.append(column if np.isfinite(column).all() else np.zeros_like(column))
         return np.stack(columns, axis=1)
 
     @cached_property
     def _widths(self) -> FloatArray:
-        """Steps of the differences, small beside what moves the travel visibly."""
+        """Steps of the differences, small in comparison with changes that are visible in the travel."""
         bench, law = self.bench, self.part.law
         z, v, f = (float(each.std()) for each in (bench.travel, bench.velocity, bench.force))
         straight = [f / z, f / v, f, 1.0]
@@ -302,11 +302,11 @@ class _Search:
 def refine_ladder(
     bench: Bench, ladder: Ladder, settings: BenchSettings, say: Callable[[str], None]
 ) -> tuple[Ladder, dict[str, SimulatedFit]]:
-    """Return the ladder that ends on the law which makes the recorded motion best, and the refined laws by their name.
+    """Return the ladder that ends on the law with the best simulation, and the refined laws by their name.
 
-    The chosen law is refined, and so are those that come closest to it by the force, until one leaves white noise of
-    the travel. Where no simulation explains more of the travel than its law explains of the force, the noise is in the
-    force and not in the travel, and nothing is refined.
+    The chosen law and those closest to it by the force are refined, until one leaves white noise of the travel. If no
+    simulation explains more of the travel than its law explains of the force, the noise is in the force and not in the
+    travel, and nothing is refined.
     """
     others = sorted((step for step in ladder if step is not chosen(ladder)), key=lambda step: step.fit.bic)
     fits: dict[str, SimulatedFit] = {}
@@ -326,7 +326,7 @@ def refine_ladder(
 
 
 def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchSettings) -> bool:
-    """Whether a law replaces another by the motion that it makes; one of fewer terms does if the other is no better."""
+    """Whether a law replaces another by its simulated motion; one of fewer terms does if the other is no better."""
     if n_terms(fit) < n_terms(than):
         return not is_better(than, fit, settings.search)
     return is_better(fit, than, settings.search)

@@ -1,4 +1,4 @@
-"""The model moved until it explains the runs: start values, least squares, noise, and faults of the sensors.
+"""Fit of the model to the runs: start values, least squares, noise, and faults of the sensors.
 
-`search.py` is the whole way from start values to a fitted model.
+`search.py` holds the complete search from start values to a fitted model.
 """

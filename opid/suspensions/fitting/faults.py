@@ -1,12 +1,12 @@
-"""What the runs demand beside the suspensions: springs to the ground, or faults of the sensors that nobody stated.
+"""Demands of the runs: springs to the ground, and sensor faults that the study does not state.
 
-All are first tried by score tests, one simulation together. What would lower the error most is fitted, and kept if the
-information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
-spring, say): all that explain the runs about as well as the one that was let in are named. Which faults pass for a
-ground spring, and how large a one, is said where there is none, too.
+All hypotheses are first ranked by score tests, in one simulation. Those with the highest scores are fitted, and the
+best one is kept if the information criterion confirms it; then the others are tried again. Some hypotheses have nearly
+the same effect (for example a gain error and a ground spring): all that explain the runs about as well as the one that
+was added are reported. The faults that imitate a ground spring, and its stiffness, are reported in any case.
 
-A fault that lies far beyond what such sensors do may stand in for something else. AC coupling is let in all the same
-where little is left with it, for nothing else looks like it then. Other faults are not, but are told.
+A fault far beyond those of such sensors may compensate for something else. AC coupling is added nevertheless if it
+leaves little, because nothing else has the same effect then. Other such faults are reported and not added.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.fit import NO_FIT, Fit, carried_over, fit_model, rows_with_departures
+from opid.suspensions.fitting.fit import NO_FIT, Fit, carry_over, fit_model, rows_with_departures
 from opid.suspensions.fitting.start import Start
 from opid.suspensions.model.driven_model import Model
 from opid.suspensions.model.run import DrivenRun
@@ -29,13 +29,13 @@ from opid.suspensions.settings import FaultSettings, IntervalSettings
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Something that the model may lack.
+    """A ground spring or sensor faults that the model may lack.
 
     Args:
-        words: what it is.
+        words: the hypothesis in words.
         ground: whether it is springs to the ground.
-        changes: else what makes faults of sensors free: side, number and facts of each sensor.
-        is_stated: whether the study says otherwise, without a tolerance.
+        changes: otherwise the changes that make faults of sensors free: side, number and facts of each sensor.
+        is_stated: whether the study states another value without a tolerance.
     """
 
     words: str = field(compare=False)
@@ -48,8 +48,8 @@ class Hypothesis:
         """Whether it is AC coupling."""
         return any(name.startswith("corner") for _, _, facts in self.changes for name, _ in facts)
 
-    def added_to(self, model: Model) -> Model:
-        """The model with it."""
+    def add_to(self, model: Model) -> Model:
+        """Return the model with the hypothesis."""
         if self.ground:
             return replace(model, groups=tuple(replace(group, ground=True) for group in model.groups))
         sensors = model.sensors
@@ -57,8 +57,8 @@ class Hypothesis:
             sensors = sensors.changed(side, channel, **dict(facts))
         return replace(model, sensors=sensors)
 
-    def taken_from(self, model: Model) -> Model:
-        """The model without it."""
+    def remove_from(self, model: Model) -> Model:
+        """Return the model without the hypothesis."""
         if self.ground:
             return replace(model, groups=tuple(replace(group, ground=False) for group in model.groups))
         sensors = model.sensors
@@ -66,8 +66,8 @@ class Hypothesis:
             sensors = sensors.changed(side, channel, **dict.fromkeys(dict(facts), 0.0))
         return replace(model, sensors=sensors)
 
-    def about(self, fit: Fit) -> Hypothesis:
-        """An AC coupling that is looked for about the corners of a fit, where they are above the usual one."""
+    def with_corners_of(self, fit: Fit) -> Hypothesis:
+        """Return an AC coupling with the corners of a fit as nominal values, where they are above the usual one."""
         usual_hz = fit.model.settings.faults.corner_hz
         corners = [fault for fault in fit.model.faults if fault.kind == "corner"]
         corners_hz = {(each.side, each.channel): max(fit.value(each.name), usual_hz) for each in corners}
@@ -78,24 +78,24 @@ class Hypothesis:
         return replace(self, changes=changes)
 
     def names(self, model: Model) -> tuple[str, ...]:
-        """Its parameters."""
-        before, after = self.taken_from(model).names, self.added_to(model).names
+        """Return the names of its parameters."""
+        before, after = self.remove_from(model).names, self.add_to(model).names
         return tuple(name for name in after if name not in before)
 
 
 @dataclass(frozen=True)
 class Demand:
-    """A parameter that was let into the model because the runs demand it.
+    """A parameter that was added to the model because the runs demand it.
 
     Args:
-        name: of the parameter, "ground_stiffness_per_mass" or a fault of the sensors.
-        words: what it is.
+        name: name of the parameter, "ground_stiffness_per_mass" or a fault of the sensors.
+        words: the parameter in words.
         value: its estimate.
         std: its standard deviation.
         error_before: error without it, m/s^2.
         error_after: error with it, m/s^2.
-        alike: what would explain the runs as well.
-        hypothesis: what made it free.
+        alike: hypotheses that would explain the runs as well.
+        hypothesis: the hypothesis that it belongs to.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Demand:
     alike: tuple[str, ...]
     hypothesis: Hypothesis
 
-    def updated(self, fit: Fit) -> Demand:
+    def update(self, fit: Fit) -> Demand:
         """Return the demand with its value in a later fit."""
         std = float(fit.std[fit.model.names.index(self.name)])
         return replace(self, value=fit.value(self.name), std=std, error_after=fit.noise_m_per_s2)
@@ -119,7 +119,7 @@ class _Standing:
     demands: tuple[Demand, ...]
 
 
-def let_in(
+def add_faults(
     fit: Fit,
     before: tuple[Demand, ...] = (),
     *,
@@ -127,24 +127,24 @@ def let_in(
     start: Start | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Fit, tuple[Demand, ...]]:
-    """Return the fit with what the runs demand beside the suspensions, and what that is.
+    """Return the fit with the ground springs and sensor faults that the runs demand, and these demands.
 
-    What was let in before is taken out again where the runs no longer demand it. The start values are for springs to
-    the ground.
+    Demands from before are removed if the runs no longer demand them. The start values are those of springs to the
+    ground.
     """
     say, known = progress or (lambda step: None), fit.model.settings.faults
     runs = fit.model.runs
-    standing = now = _Standing(fit, tuple(demand.updated(fit) for demand in before))
-    # faults that explain the runs only together are let in together: what stands is the last that explains something
+    standing = now = _Standing(fit, tuple(demand.update(fit) for demand in before))
+    # Faults that explain the runs only together are added together: `standing` is the last state that explained more.
     for _ in range(known.most):
-        promising, tried = _promising(now.fit, ground, start), []
+        promising, tried = _rank_hypotheses(now.fit, ground, start), []
         if not promising:
             break
-        # what is tried is compared at a coarse rate, what is let in is confirmed with all readings
-        coarse = _at_runs(now.fit, now.fit.model.coarse.runs)
+        # Hypotheses are compared at a coarse rate, and the best one is confirmed with all samples.
+        coarse = _fit_at_runs(now.fit, now.fit.model.coarse.runs)
         for hypothesis in promising:
             say(hypothesis.words)
-            grown = _grown(coarse, hypothesis, start)
+            grown = _add_to_fit(coarse, hypothesis, start)
             if grown is None:
                 continue
             explains = False
@@ -152,89 +152,89 @@ def let_in(
                 explains = grown.ratio < fit.model.settings.verdicts.noted
                 tried.append((grown, hypothesis))
             if hypothesis.is_coupling and not explains:
-                tried += _looked_for_farther(coarse, grown, hypothesis)
+                tried += _search_farther_corners(coarse, grown, hypothesis)
         if not tried:
             break
         best, hypothesis = min(tried, key=lambda entry: entry[0].bic)
         if not _is_better(best, coarse, known):
             break
         alike = tuple(h.words for other, h in tried if h is not hypothesis and other.bic < best.bic + known.alike_bic)
-        best = _at_runs(best, runs)
+        best = _fit_at_runs(best, runs)
         if not _is_better(best, now.fit, known):
             break
-        new = tuple(_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
+        new = tuple(_make_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
         helps = now is standing and best.noise_m_per_s2 < (1 - known.helps_fraction) * now.fit.noise_m_per_s2
         now = _Standing(best, (*(demand for demand in now.demands if demand.name in best.model.names), *new))
         if helps or best.ratio < known.nearly_explained:
             standing = now
-    standing = _without_the_implausible(_without_the_useless(standing, known))
-    return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
+    standing = _remove_implausible(_remove_useless(standing, known))
+    return standing.fit, tuple(demand.update(standing.fit) for demand in standing.demands)
 
 
-def promising_coupling(fit: Fit) -> Hypothesis | None:
-    """Return the AC coupling that nobody stated where it makes the error smaller before laws are searched, else None.
+def find_coupling(fit: Fit) -> Hypothesis | None:
+    """Return an AC coupling that is not stated if it lowers the error before laws are searched, else None.
 
-    Laws that are searched make up for a coupling, and its score says nothing while laws are missing.
+    Laws that are searched later compensate for a coupling, and its score is meaningless while laws are missing.
 
     Args:
-        fit: with the laws that it began with.
+        fit: a fit with its first laws.
     """
     known = fit.model.settings.faults
     new = [each for each in _hypotheses(fit.model, False, known) if each.is_coupling and not each.is_stated]
     try:
-        # what a coupling takes from slow motion looks like such a spring
+        # A coupling removes slow motion, which has the same effect as a ground spring.
         bare = _without_ground(fit) if new else fit
     except NO_FIT:
         return None
-    # it helps more than such a spring, which a gain error asks for, too
+    # A coupling must help more than a ground spring, which a gain error demands, too.
     most_left = min((1 - known.coupling_helps) * bare.noise_m_per_s2, fit.noise_m_per_s2)
     for hypothesis in new:
-        grown = _grown(bare, hypothesis, None)
+        grown = _add_to_fit(bare, hypothesis, None)
         if grown is not None and grown.noise_m_per_s2 < most_left:
             return hypothesis
     return None
 
 
 def demands_of(fit: Fit, hypothesis: Hypothesis, error_before: float) -> tuple[Demand, ...]:
-    """Return what a hypothesis made free in a fit.
+    """Return the parameters that a hypothesis made free in a fit.
 
     Args:
-        fit: with it.
-        hypothesis: that was let in.
-        error_before: without it, m/s^2.
+        fit: the fit with the hypothesis.
+        hypothesis: the hypothesis that was added.
+        error_before: error without it, m/s^2.
     """
-    return tuple(_demands(fit, hypothesis, error_before, ()))
+    return tuple(_make_demands(fit, hypothesis, error_before, ()))
 
 
 def implausible_demands(fit: Fit) -> tuple[Demand, ...]:
-    """Return faults that would explain much of what a fit leaves, and lie far beyond what such sensors do.
+    """Return faults that would explain much of what a fit leaves, but are far beyond those of such sensors.
 
-    They were not let in, for they may stand in for something else: each alone, with its value at a coarse rate. None of
-    them needs a spring to the ground, which may only make up for a gain.
+    They were not added, because they may compensate for something else. Each is fitted alone at a coarse rate, without
+    springs to the ground, which may only compensate for a gain error.
     """
     known, found = fit.model.settings.faults, list[Demand]()
     try:
-        coarse = _at_runs(fit, fit.model.coarse.runs)
+        coarse = _fit_at_runs(fit, fit.model.coarse.runs)
         first = _without_ground(coarse)
     except NO_FIT:
         return ()
-    for hypothesis in _promising(first, False, None):
-        grown = _grown(first, hypothesis, None)
+    for hypothesis in _rank_hypotheses(first, False, None):
+        grown = _add_to_fit(first, hypothesis, None)
         if grown is None or _is_plausible(grown, hypothesis) or not _is_better(grown, coarse, known):
             continue
         if grown.noise_m_per_s2 < (1 - known.helps_fraction) * coarse.noise_m_per_s2:
-            found += _demands(grown, hypothesis, coarse.noise_m_per_s2, ())
+            found += _make_demands(grown, hypothesis, coarse.noise_m_per_s2, ())
     return tuple(found)
 
 
 def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[float]:
-    """Return how far more free parameters would lower the squared whitened error, to first order.
+    """Return by how much further free parameters would lower the squared whitened error, to first order.
 
-    The larger model has all of them. Each group of names is free together; its gain is that of the one that gains most,
-    the others of the group being adapted.
+    The larger model has all of these parameters. The names of a group are free together; the gain of the group is the
+    largest gain of one of them while the others of the group are fitted.
     """
-    errors = model.evaluate(carried_over(fit, model))
-    # what was known before is left out, but for the struts of the runs
+    errors = model.evaluate(carry_over(fit, model))
+    # Prior knowledge is left out, except that of the departures between runs.
     rows = rows_with_departures(fit, model)
     jacobian, stacked = errors.jacobian[rows], errors.stacked[rows]
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
@@ -248,8 +248,8 @@ def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[floa
     ]
 
 
-def _at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
-    """The fit with other samples of the same runs."""
+def _fit_at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
+    """Fit the model to other samples of the same runs."""
     if all(a is b for a, b in zip(fit.model.runs, runs, strict=True)):
         return fit
     promise = fit.model.settings.fit.least_promise
@@ -257,7 +257,7 @@ def _at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
 
 
 def _gain(gram: FloatArray, along: FloatArray, others: list[int], new: int) -> float:
-    """What a step along one column gains once all others are adapted."""
+    """Return the gain of a step along one column when all other columns are fitted, too."""
     cross = gram[new, others] @ np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
     size = 1.0 - float(cross @ gram[others, new])
     return float(along[new] - cross @ along[others]) ** 2 / size if size > 1e-10 else 0.0
@@ -269,14 +269,14 @@ def _is_better(fit: Fit, than: Fit, known: FaultSettings) -> bool:
 
 
 def _is_plausible(fit: Fit, hypothesis: Hypothesis) -> bool:
-    """A fault far beyond what such sensors do stands in for something else, and so does a coupling next to none."""
+    """Whether a fault is neither far beyond those of such sensors nor an AC coupling with negligible corners."""
     if hypothesis.is_coupling and not hypothesis.is_stated:
         return _has_corners(fit, hypothesis) and _is_near(fit, hypothesis)
     return _is_near(fit, hypothesis)
 
 
 def _has_corners(fit: Fit, hypothesis: Hypothesis) -> bool:
-    """Whether one of the corners is more than next to none."""
+    """Whether one of the corners is above the negligible one."""
     least_hz = fit.model.settings.faults.least_corner_hz
     return any(fit.value(name) > least_hz for name in hypothesis.names(fit.model))
 
@@ -288,16 +288,16 @@ def _is_near(fit: Fit, hypothesis: Hypothesis) -> bool:
     return all(abs(fit.value(each.name) - each.nominal) < farthest * each.std for each in new)
 
 
-def _looked_for_farther(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Iterator[tuple[Fit, Hypothesis]]:
-    """Yield fits with AC coupling about corners that are far from the usual one, where little is left with it.
+def _search_farther_corners(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Iterator[tuple[Fit, Hypothesis]]:
+    """Yield fits with AC couplings whose corners are far from the usual one, if little is left with them.
 
-    A spring to the ground may stand in its place, so they are looked for from the fit without one, too.
+    A spring to the ground may compensate for a coupling, so the search also begins at the fit without one.
     """
     known = fit.model.settings
     starts = [grown] if not _is_plausible(grown, hypothesis) else []
     if fit.model.ground:
         try:
-            again = _grown(_without_ground(fit), hypothesis, None)
+            again = _add_to_fit(_without_ground(fit), hypothesis, None)
         except NO_FIT:
             again = None
         starts += [] if again is None else [again]
@@ -306,10 +306,10 @@ def _looked_for_farther(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Iterato
         for _ in range(known.faults.n_farther):
             if _is_plausible(now, about) or hypothesis.is_stated:
                 break
-            about = about.about(now)
-            model = about.added_to(now.model)
+            about = about.with_corners_of(now)
+            model = about.add_to(now.model)
             try:
-                now = fit_model(model, carried_over(now, model))
+                now = fit_model(model, carry_over(now, model))
             except NO_FIT:
                 break
         if now.ratio < known.verdicts.noted and (about.is_stated or _has_corners(now, about)):
@@ -320,54 +320,54 @@ def without_ground(model: Model) -> Model:
     """Return the model without springs to the ground.
 
     Args:
-        model: with or without them.
+        model: a model with or without them.
     """
-    return Hypothesis("springs to the ground", ground=True).taken_from(model)
+    return Hypothesis("springs to the ground", ground=True).remove_from(model)
 
 
-def may_hold_a_needless_ground(fit: Fit) -> bool:
-    """Return whether springs to the ground may have been asked for at the start in vain.
+def has_doubtful_ground(fit: Fit) -> bool:
+    """Return whether springs to the ground that the fit began with may be unnecessary.
 
-    What else was wrong there, a sensor or a law, asked for them. They can then hold the fit in a worse minimum, where
-    they are small.
+    A sensor fault or a wrong law at the start may have demanded them. They can then hold the fit at a worse minimum,
+    where they are small.
     """
     return fit.model.ground and (bool(fit.model.faults) or not _has_sure_ground(fit))
 
 
 def _has_sure_ground(fit: Fit) -> bool:
-    """Whether a spring to the ground is far from none."""
-    springs = [fit.model.names.index(group.called(GROUND)) for group in fit.model.groups if group.ground]
+    """Whether a spring to the ground differs clearly from zero."""
+    springs = [fit.model.names.index(group.name_of(GROUND)) for group in fit.model.groups if group.ground]
     return bool(np.any(np.abs(fit.theta[springs]) > fit.model.settings.faults.sure_ground_std * fit.std[springs]))
 
 
 def _without_ground(fit: Fit) -> Fit:
-    """The fit without springs to the ground."""
+    """Return the fit without springs to the ground."""
     if not fit.model.ground:
         return fit
     bare = without_ground(fit.model)
-    return fit_model(bare, carried_over(fit, bare))
+    return fit_model(bare, carry_over(fit, bare))
 
 
-def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, ...]) -> Iterator[Demand]:
+def _make_demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, ...]) -> Iterator[Demand]:
     for name in hypothesis.names(fit.model):
-        yield Demand(name, hypothesis.words, 0.0, 0.0, before, 0.0, alike, hypothesis).updated(fit)
+        yield Demand(name, hypothesis.words, 0.0, 0.0, before, 0.0, alike, hypothesis).update(fit)
 
 
-def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing:
-    """Take out again what something else made useless, the ground springs first."""
+def _remove_useless(standing: _Standing, known: FaultSettings) -> _Standing:
+    """Remove demands that others have made useless, the ground springs first."""
     fit, demands = standing.fit, standing.demands
     demanded = dict.fromkeys(demand.hypothesis for demand in demands)
     is_ground_demanded = any(each.ground for each in demanded)
-    if may_hold_a_needless_ground(fit) and not is_ground_demanded:
+    if has_doubtful_ground(fit) and not is_ground_demanded:
         demanded |= {Hypothesis("springs to the ground", ground=True): None}
     for hypothesis in sorted(demanded, key=lambda each: not each.ground):
-        smaller = hypothesis.taken_from(fit.model)
+        smaller = hypothesis.remove_from(fit.model)
         try:
-            without = fit_model(smaller, carried_over(fit, smaller))
+            without = fit_model(smaller, carry_over(fit, smaller))
         except NO_FIT:
             continue
         if hypothesis.ground and not is_ground_demanded and not fit.model.faults:
-            # the start values asked for it, and it stays where it does no harm
+            # The start values demanded the ground spring, and it stays if it does no harm.
             is_useless = _is_less_likely(fit, without, known)
         else:
             is_useless = not _is_better(fit, without, known)
@@ -378,38 +378,41 @@ def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing
 
 
 def _is_less_likely(fit: Fit, than: Fit, known: FaultSettings) -> bool:
-    """Whether a fit explains the runs clearly less well than one with fewer parameters: its minimum is a worse one."""
+    """Whether a fit explains the runs clearly less well than one with fewer parameters: it is at a worse minimum."""
     n_more = fit.model.n_shared - than.model.n_shared
     return fit.bic - than.bic > known.alike_bic + n_more * float(np.log(fit.n_data))
 
 
-def _without_the_implausible(standing: _Standing) -> _Standing:
-    """Take out again what was plausible only beside something that was taken out."""
+def _remove_implausible(standing: _Standing) -> _Standing:
+    """Remove demands that were plausible only together with something that was removed."""
     fit, demands = standing.fit, standing.demands
     for hypothesis in dict.fromkeys(demand.hypothesis for demand in demands):
-        # corners far from the usual ones were looked for on purpose
+        # Corners far from the usual one were searched on purpose.
         is_real = hypothesis.is_stated or _has_corners(fit, hypothesis)
         if is_real if hypothesis.is_coupling else _is_near(fit, hypothesis):
             continue
-        smaller, gone = hypothesis.taken_from(fit.model), hypothesis.names(fit.model)
+        smaller, gone = hypothesis.remove_from(fit.model), hypothesis.names(fit.model)
         try:
-            fit = fit_model(smaller, carried_over(fit, smaller))
+            fit = fit_model(smaller, carry_over(fit, smaller))
         except NO_FIT:
             continue
         demands = tuple(demand for demand in demands if demand.name not in gone)
     return _Standing(fit, demands)
 
 
-def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
-    """What a score test speaks for, the best first; a strong spring is beyond it, so the equation speaks for that."""
+def _rank_hypotheses(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
+    """Return the hypotheses with significant scores, the best first.
+
+    A score test does not hold for a stiff ground spring; its score comes from the equation of motion.
+    """
     known = fit.model.settings.faults
     hypotheses = list(_hypotheses(fit.model, ground, known))
     if not hypotheses:
         return []
     model = fit.model
     for hypothesis in hypotheses:
-        model = hypothesis.added_to(model)
-    model = replace(model, sensors=_slight(fit.model.sensors, model.sensors, known))
+        model = hypothesis.add_to(model)
+    model = replace(model, sensors=_make_slight(fit.model.sensors, model.sensors, known))
     try:
         gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
     except NO_FIT:
@@ -417,7 +420,7 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
     found, refused = [], fit.model.settings.verdicts.refused
     for gain, hypothesis in zip(gains, hypotheses, strict=True):
         score = gain / fit.variance
-        # a score is taken where a fault begins, and of a corner that says little of one far from there
+        # Scores are taken at a negligible fault, which says little of a corner far from there.
         if fit.ratio > refused and score < known.good_fraction * fit.n_data and not hypothesis.is_coupling:
             continue
         if hypothesis.ground and start is not None:
@@ -428,8 +431,8 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
     return [hypothesis for _, hypothesis in found[: known.looked_at]]
 
 
-def _slight(before: Sensors, after: Sensors, known: FaultSettings) -> Sensors:
-    """The sensors with a new AC coupling next to none: a score is taken where the fault begins."""
+def _make_slight(before: Sensors, after: Sensors, known: FaultSettings) -> Sensors:
+    """Return the sensors with a negligible corner for each new AC coupling, at which its score is taken."""
     for side in ("unsprung", "sprung"):
         for channel, (was, now) in enumerate(zip(before.facts(side), after.facts(side), strict=True)):
             if now.corner_hz and not was.corner_hz:
@@ -438,7 +441,7 @@ def _slight(before: Sensors, after: Sensors, known: FaultSettings) -> Sensors:
 
 
 def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hypothesis]:
-    """What is not in the model yet, with what is known of such faults in general."""
+    """Yield the hypotheses that the model does not contain yet, with what is known of such faults in general."""
     below, above, names = model.sensors.unsprung, model.sensors.sprung, model.sensors.names
     if ground and not model.ground:
         yield Hypothesis("a spring to the ground" if len(model.groups) == 1 else "springs to the ground", ground=True)
@@ -460,7 +463,7 @@ def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hy
                 words = f"a lag of the sprung sensor of {names[channel]!r}"
                 yield Hypothesis(words, changes=(("sprung", channel, lag),))
     is_stated = any(each.corner_hz for each in (*below, *above))
-    # what is stated without a tolerance may be wrong all the same
+    # A corner that is stated without a tolerance may be wrong nevertheless.
     words = "AC coupling with another corner" if is_stated else "AC coupling of the sensors"
     free = (("corner_tolerance", known.corner_tolerance),)
     coupled = free if is_stated else (("corner_hz", known.corner_hz), *free)
@@ -475,20 +478,20 @@ def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hy
         yield Hypothesis(words, changes=changes, is_stated=is_stated)
 
 
-def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
-    """The fit with something more, or None where it grows without bound."""
-    model = hypothesis.added_to(fit.model)
+def _add_to_fit(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
+    """Return the fit with a hypothesis added; None if its motion grows without bound."""
+    model = hypothesis.add_to(fit.model)
     values: dict[str, float] = {}
     if hypothesis.ground and start is not None:
-        # a ground spring changes stiffness, too: both start where it was free
+        # A ground spring changes the stiffness, too: both begin at the solution of the equation with such a spring.
         for group, ground, beside in zip(
             model.groups, start.ground_stiffness, start.stiffness_beside_ground, strict=True
         ):
-            values |= {group.called(GROUND): float(ground), group.called("stiffness_per_mass"): float(beside)}
-    theta = carried_over(fit, model, values)
+            values |= {group.name_of(GROUND): float(ground), group.name_of("stiffness_per_mass"): float(beside)}
+    theta = carry_over(fit, model, values)
     noisier = model.settings.fit.noisier[-1] if values else ()
     if values:
-        # the starts of a fit without the spring are as wrong as it is
+        # The initial states of a fit without the spring are as wrong as that fit.
         theta[model.n_shared :] = 0.0
     most = model.settings.fit.most_refit_evaluations if fit.ratio > model.settings.verdicts.refused else None
     try:
@@ -499,12 +502,12 @@ def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
 
 @dataclass(frozen=True)
 class GroundImitations:
-    """How well a spring to the ground is told from nothing, and from faults of the sensors.
+    """How well a spring to the ground is distinguished from zero and from faults of the sensors.
 
     Args:
-        std_per_mass: standard deviation that K3/M2 has, or would have if it were free, 1/s^2, of each group; None where
-            it cannot be said.
-        sentences: the faults that pass for a ground spring, one sentence each.
+        std_per_mass: standard deviation that K3/M2 has, or would have if it were free, 1/s^2, of each group; None if it
+            is unknown.
+        sentences: the faults that imitate a ground spring, one sentence each.
     """
 
     std_per_mass: tuple[float | None, ...]
@@ -512,25 +515,25 @@ class GroundImitations:
 
 
 def ground_imitations(fit: Fit) -> GroundImitations:
-    """Return how well springs to the ground are told from nothing and, of one gear, from faults of the sensors.
+    """Return how well springs to the ground are distinguished from zero and, for one gear, from faults of the sensors.
 
-    The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
-    fitted is taken out of both.
+    The derivatives of the prediction errors by the spring and by a fault are compared after those by all other fitted
+    parameters were projected out.
     """
-    model = Hypothesis("springs to the ground", ground=True).added_to(fit.model)
+    model = Hypothesis("springs to the ground", ground=True).add_to(fit.model)
     is_one = len(fit.model.sensors.sprung) == 1
     values: dict[str, float] = {}
     if is_one:
         model, values = _with_usual_faults(model, fit)
     try:
-        errors = model.evaluate(carried_over(fit, model, values))
+        errors = model.evaluate(carry_over(fit, model, values))
     except UnboundedResponseError:
         return GroundImitations((None,) * len(model.groups), ())
     jacobian = errors.jacobian[rows_with_departures(fit, model)]
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     gram = (jacobian / size).T @ (jacobian / size)
     names = list(model.names)
-    springs = [names.index(group.called(GROUND)) for group in model.groups]
+    springs = [names.index(group.name_of(GROUND)) for group in model.groups]
     kept = [names.index(name) for name in fit.model.names if name in names]
     fitted = [*kept, *range(len(names), size.size)]
     std = []
@@ -543,7 +546,7 @@ def ground_imitations(fit: Fit) -> GroundImitations:
 
 
 def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]:
-    """The model of one gear in which all usual faults are free, and values of those that cannot stay as they are."""
+    """Return the model of one gear with all usual faults free, and new values of parameters that need them."""
     settings, sensors, values = model.settings, model.sensors, dict[str, float]()
     for side in ("unsprung", "sprung"):
         corner_hz = sensors.facts(side)[0].corner_hz or settings.intervals.imitating_slight_hz
@@ -553,20 +556,20 @@ def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]
     gain, lag_s = settings.intervals.imitating_gain, settings.intervals.imitating_lag_s
     sensors = sensors.changed("sprung", 0, gain_tolerance=gain, lag_tolerance_s=lag_s)
     if "gain_unsprung" in fit.model.names:
-        # only the ratio of the gains is seen
+        # Only the ratio of the gains is determined.
         values["gain_sprung"] = (fit.value("gain_sprung") or 1.0) / fit.value("gain_unsprung")
     return replace(model, sensors=sensors), values
 
 
 def _schur(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
-    """Products of columns once what others do is taken out of them."""
+    """Return the products of columns after the other columns were projected out (Schur complement)."""
     cross = gram[np.ix_(kept, others)]
     inverse = np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
     return np.asarray(gram[np.ix_(kept, kept)] - cross @ inverse @ cross.T)
 
 
 def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], ...]:
-    """Faults of the sensors of the first interface: name, how it is said, size."""
+    """Return faults of the sensors of the first interface: name, words, size."""
     gain, corner_hz, lag_s = settings.imitating_gain, settings.imitating_corner_hz, settings.imitating_lag_s
     return (
         ("gain_sprung", f"{100 * gain:g} % of gain error between the sensors", gain),
@@ -587,4 +590,4 @@ def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int
         cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)
         feigned = usual * left[0, k] / max(left[0, 0], 1e-300) / stiffness
         if abs(cosine) > settings.alike_cosine:
-            yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"
+            yield f"{words} imitates a ground spring of {100 * feigned:.2g} % of K2 (cosine {abs(cosine):.2f})"

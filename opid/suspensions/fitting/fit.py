@@ -1,4 +1,4 @@
-"""The model moved until it predicts every sensor on the body from every sensor below its suspensions."""
+"""Fit of the model, which predicts every sensor on the body from every sensor below its suspensions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from opid.suspensions.model.unknowns import Group
 logger = logging.getLogger(__name__)
 
 NO_FIT = (UnboundedResponseError, ImpossibleBodyError)
-"""What a fit raises where its start values are no body that the runs can drive."""
+"""Errors of a fit whose start values give a model that cannot be simulated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class Fit:
     """A fitted model.
 
     Args:
-        model: that was fitted.
-        theta: (n_unknowns,) the vector at the fit.
-        errors: at the fit.
-        n_evaluations: predictions of all runs that were needed.
+        model: the model.
+        theta: (n_unknowns,) the fitted vector.
+        errors: prediction errors at that vector.
+        n_evaluations: number of predictions of all runs that the fit needed.
     """
 
     model: Model
@@ -45,7 +45,7 @@ class Fit:
 
     @property
     def n_data(self) -> int:
-        """Real numbers fitted."""
+        """Number of fitted real numbers."""
         return 2 * sum(line.size for line in self.errors.lines)
 
     @cached_property
@@ -56,12 +56,12 @@ class Fit:
 
     @property
     def weight(self) -> float:
-        """What a squared error tells, beside what was known before: errors that are not compared tell nothing."""
+        """Weight of a squared error beside what was known before; samples that are not compared have none."""
         return self.model.compared_fraction / self.variance
 
     @property
     def ratio(self) -> float:
-        """Residual over the noise that was assumed."""
+        """Residual over the assumed noise."""
         return float(np.sqrt(self.variance))
 
     @property
@@ -71,14 +71,14 @@ class Fit:
 
     @property
     def error_rms(self) -> float:
-        """The same, as a search for laws takes it."""
+        """The same, under the name that the search for laws uses."""
         return self.noise_m_per_s2
 
     @cached_property
     def covariance(self) -> FloatArray:
         """(n_unknowns, n_unknowns) of the vector, for errors that are white."""
         n = self.n_data
-        # what was known before does not become better or worse known by the size of the errors
+        # The size of the errors does not change how well something was known before.
         weight = np.concatenate([np.full(n, self.weight), np.ones(self.errors.stacked.size - n)])
         jacobian = self.errors.jacobian * np.sqrt(weight)[:, np.newaxis]
         size = np.linalg.norm(jacobian, axis=0)
@@ -95,8 +95,8 @@ class Fit:
     @cached_property
     def bic(self) -> float:
         """Bayesian information criterion (Schwarz 1978): smaller is better."""
-        # known to a tolerance before, a coordinate is no free parameter; to move it, a sensor or the strut of a run far
-        # from there has its price
+        # A coordinate with a known tolerance is no free parameter. Moving it, a sensor or the suspension of one run far
+        # from what was known is penalised instead.
         n_free = self.model.n_shared - len(self.model.body.coordinates) - self.model.n_known_of_laws
         moved = self.errors.stacked[self.n_data :][self.model.is_weighed]
         likelihood = self.model.log_likelihood(self.errors, self.theta)
@@ -115,12 +115,12 @@ class Fit:
 
     @property
     def law_key(self) -> tuple[tuple[str, bool], ...]:
-        """What tells the laws of all groups from others: their kinds, and whether they have an origin of their own."""
+        """Key of the laws of all groups: their kinds, and whether they have an origin of their own."""
         return law_key(self.laws)
 
     @property
     def law_name(self) -> str:
-        """The law in words: of all groups where they differ."""
+        """The law in words; one for each group if the groups differ."""
         names = {
             group.name: law.name + (" about its own origin" if law.terms and law.rest_m else "")
             for group, law in zip(self.groups, self.laws.values(), strict=True)
@@ -130,10 +130,10 @@ class Fit:
         return "; ".join(f"{group}: {law}" for group, law in names.items())
 
     def value(self, name: str) -> float:
-        """Return a shared parameter; 0 where it was not fitted.
+        """Return a shared parameter; 0 if it was not fitted.
 
         Args:
-            name: of the parameter.
+            name: name of the parameter.
         """
         return float(self.theta[self.model.names.index(name)]) if name in self.model.names else 0.0
 
@@ -141,7 +141,7 @@ class Fit:
         """Return travel (m) and velocity (m/s) of an attachment, (n,) each, of all runs one after the other.
 
         Args:
-            attachment: an interface, or a spring inside.
+            attachment: index of an interface, or of a spring inside the body.
         """
         parts = self.errors.predictions
         return np.concatenate([p.travel[:, attachment] for p in parts]), np.concatenate(
@@ -150,16 +150,16 @@ class Fit:
 
 
 def first_vector(model: Model, start: Start) -> FloatArray:
-    """Return the vector that start values stand for.
+    """Return the vector of the start values.
 
     Args:
-        model: with the groups of the start.
-        start: of the equation of motion.
+        model: a model with the groups of the start values.
+        start: start values from the equation of motion.
     """
     shared: list[float] = []
     springs = list(zip(start.stiffness.tolist(), start.damping.tolist(), strict=True))
     if start.has_ground:
-        # a ground spring takes its part of the stiffness
+        # A ground spring carries a part of the stiffness.
         for number, beside in enumerate(start.stiffness_beside_ground.tolist()):
             springs[number] = (beside, springs[number][1])
     for group, (stiffness, damping), ground in zip(start.groups, springs, start.ground_stiffness, strict=False):
@@ -175,19 +175,20 @@ def first_vector(model: Model, start: Start) -> FloatArray:
         first, term = model.first_of_group[number], model.carrier(number)
         tangent = shared[first] + shared[index] * float(term.evaluate(np.array(0.0), np.array(0.0))[1])
         if tangent > 0.0:
-            column = carrying(term.name, model.weight, tangent)
+            column = make_carrying_column(term.name, model.weight, tangent)
             shared[first], shared[index : index + len(column.values)] = 0.0, to_free(Law((column,))).tolist()
-    # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
+    # Each run begins at rest here: integrated accelerations do not give the initial state, because the filter has not
+    # settled there.
     return np.array([*shared, *[0.0] * (model.n_own * len(model.runs))])
 
 
-def carrying(kind: str, weight: float, stiffness: float) -> Term:
+def make_carrying_column(kind: str, weight: float, stiffness: float) -> Term:
     """Return a column of gas that carries a weight and is as stiff as a spring.
 
     Args:
-        kind: of it, with a force at rest, a length and an exponent.
-        weight: that it carries, m/s^2, or N.
-        stiffness: of the spring, 1/s^2, or N/m.
+        kind: kind of the term, with a force at rest, a length and an exponent.
+        weight: the carried weight, m/s^2, or N.
+        stiffness: stiffness of the spring, 1/s^2, or N/m.
 
     >>> carrying("gas_column", 18e3, 225e3).values
     (18000.0, 0.098, 1.225)
@@ -197,10 +198,10 @@ def carrying(kind: str, weight: float, stiffness: float) -> Term:
 
 
 def law_key(laws: Mapping[str, Law]) -> tuple[tuple[str, bool], ...]:
-    """Return what tells laws from others, whatever their values: kinds, and whether they have an origin of their own.
+    """Return a key of laws that does not depend on their values: kinds, and whether they have their own origin.
 
     Args:
-        laws: by the name of the group.
+        laws: the law of each group by its name.
     """
     return tuple((law.name, bool(law.terms and law.rest_m)) for law in laws.values())
 
@@ -215,16 +216,16 @@ def fit_model(
     most_evaluations: int | None = None,
     least_promise: float | None = None,
 ) -> Fit:
-    """Move the model until it predicts all runs.
+    """Fit the vector by nonlinear least squares of the prediction errors of all runs.
 
     Args:
         model: the body, its runs, laws and sensors.
-        theta: where to start.
-        noisier: falling factors on the noise below the suspensions by which to come nearer from afar.
-        hold_coordinates: whether coordinates stay as stated on the way.
+        theta: the start vector.
+        noisier: decreasing factors on the noise below the suspensions (continuation, see `FitSettings`).
+        hold_coordinates: whether coordinates stay as stated during continuation.
         free: the entries that may move.
-        most_evaluations: predictions of all runs at most, of each step.
-        least_promise: the fit ends when the next step promises less of the squared error over its variance.
+        most_evaluations: most predictions of all runs, for each factor.
+        least_promise: the fit ends when the next step is expected to lower the squared error over its variance by less.
 
     Raises:
         UnboundedResponseError: the start values make a suspension that grows without bound.
@@ -237,7 +238,7 @@ def fit_model(
         if factor != 1.0 and hold_coordinates:
             louder = _with_coordinates_held(louder)
         promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
-        theta, errors, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
+        theta, errors, n = _minimize(louder, theta, free, most_evaluations or known.most_evaluations, promise)
         spent += n
     logger.debug("a fit of %d runs took %d evaluations", len(model.runs), spent)
     if not model.carriers and errors is not None:
@@ -245,19 +246,23 @@ def fit_model(
     fit = Fit(model, theta, model.evaluate(theta), spent + 1)
     if not model.carriers or fit.ratio > model.settings.verdicts.refused:
         return fit
-    # near enough for the runs to be believed where they say that something else carries, too
-    begun, most = _shared_out(model, theta), most_evaluations or known.most_evaluations
-    theta, errors, n = _moved(model, begun, free, most, promise)
+    # The fit is now near enough to its minimum: if the runs show that another spring carries a part of the weight, they
+    # are believed.
+    begun, most = _share_out_load(model, theta), most_evaluations or known.most_evaluations
+    theta, errors, n = _minimize(model, begun, free, most, promise)
     spent = fit.n_evaluations + n
     return Fit(model, theta, errors or model.evaluate(theta), spent + (errors is None))
 
 
-def _shared_out(model: Model, theta: FloatArray) -> FloatArray:
-    """The vector with a spring beside gas whose exponent is none of gas, the first three derivatives at rest kept."""
+def _share_out_load(model: Model, theta: FloatArray) -> FloatArray:
+    """Return the vector with a spring beside gas whose exponent is not that of gas.
+
+    The first three derivatives of the force at rest do not change.
+    """
     theta = theta.copy()
     for number, index in model.carriers:
         first, known = model.first_of_group[number], model.carrier(number).kind.parameters[2].known
-        assert known is not None  # that of a column of gas is
+        assert known is not None  # the exponent of a column of gas is known beforehand
         mean, std = known
         carried, length, exponent = (
             float(theta[index]),
@@ -274,12 +279,12 @@ def _shared_out(model: Model, theta: FloatArray) -> FloatArray:
 
 
 def refit(fit: Fit, laws: dict[str, Law], *, least_promise: float | None = None) -> Fit | None:
-    """Fit other laws from where a fit stands; None where they make no body that the runs can drive.
+    """Fit other laws, beginning at a fit; None if the model cannot be simulated with them.
 
     Args:
-        fit: where to start.
-        laws: by the name of the group, with start values; groups that are not named keep theirs.
-        least_promise: of `fit_model`.
+        fit: the fit to start from.
+        laws: start values of the laws by the name of the group; groups that are not named keep theirs.
+        least_promise: as in `fit_model`.
     """
     most = fit.model.settings.fit.most_refit_evaluations
     try:
@@ -289,14 +294,14 @@ def refit(fit: Fit, laws: dict[str, Law], *, least_promise: float | None = None)
 
 
 def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
-    """Return the model of a fit with other laws, and the vector at which everything else stays.
+    """Return the model of a fit with other laws, and the vector that keeps everything else.
 
-    What a dropped or added term does on average goes from or to stiffness and damping. A law that rests elsewhere than
-    at its origin gets the place where it rests as one more unknown.
+    The mean slopes of a term that is dropped or added go to or come from stiffness and damping. If a law does not rest
+    at its origin, its rest position becomes one more unknown.
 
     Args:
-        fit: with the laws so far.
-        laws: by the name of the group; groups that are not named keep theirs.
+        fit: the fit with the laws so far.
+        laws: the new laws by the name of the group; groups that are not named keep theirs.
     """
     model, groups = fit.model, []
     parts: list[FloatArray] = []
@@ -318,14 +323,14 @@ def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
     return replace(model, groups=tuple(groups)), np.concatenate([*parts, fit.theta[indices.stop :]])
 
 
-def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) -> FloatArray:
-    """Return the vector of another model at which all that both have is as it was fitted.
+def carry_over(fit: Fit, model: Model, start: dict[str, float] | None = None) -> FloatArray:
+    """Return the vector of another model that takes the fitted values of all common parameters.
 
     Args:
-        fit: of a model with the same runs and interfaces.
-        model: the other one.
-        start: by name, what else is known of its parameters, before what was fitted; faults begin at their nominal
-            values, the rest at zero.
+        fit: a fit of a model with the same runs and interfaces.
+        model: the other model.
+        start: start values by name, which replace fitted values. Without one, a fault begins at its nominal value and
+            any other parameter at zero.
     """
     known = {fault.name: fault.nominal for fault in model.faults}
     known |= dict(zip(fit.model.names, fit.theta.tolist(), strict=False))
@@ -333,13 +338,13 @@ def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) 
     return np.array([*(known.get(name, 0.0) for name in model.names), *fit.theta[fit.model.n_shared :]])
 
 
-def balanced(fit: Fit) -> Fit:
-    """Fit once more with the errors of each run weighed by their size: a wrong model leaves more of a rough run.
+def balance_runs(fit: Fit) -> Fit:
+    """Fit once more with the errors of each run weighted by their size: a wrong model leaves more of a rough run.
 
-    Their level over all runs stays what it was.
+    The rms of the errors over all runs does not change.
 
     Args:
-        fit: of any model.
+        fit: a fitted model.
     """
     rms = [float(np.sqrt(np.mean(np.abs(line) ** 2) / 2)) for line in fit.errors.lines]
     runs = tuple(
@@ -351,11 +356,11 @@ def balanced(fit: Fit) -> Fit:
 
 
 def rows_with_departures(fit: Fit, model: Model) -> NDArray[np.int64]:
-    """Return the rows of a model's errors that tell of data, and of how far the struts of the runs depart.
+    """Return the rows of a model's errors that belong to data, and to departures of the suspensions between runs.
 
     Args:
-        fit: of the same runs.
-        model: the fitted one, or one with more that is free.
+        fit: a fit of the same runs.
+        model: the fitted model, or one with more free parameters.
     """
     n_known = len(model.faults) + len(model.body.coordinates)
     departs = np.flatnonzero(model.is_weighed[n_known:]) + n_known
@@ -383,11 +388,11 @@ def fastest_rate(model: Model, theta: FloatArray) -> float:
 
 
 def is_same_minimum(fit: Fit, other: Fit) -> bool:
-    """Return whether two fits are of the same runs, sensors and laws, and ended where the shared parameters are alike.
+    """Return whether two fits have the same runs, sensors and laws, and ended at the same shared parameters.
 
     Args:
-        fit: of any model.
-        other: of any model.
+        fit: a fitted model.
+        other: another one.
     """
     mine, theirs = fit.model, other.model
     same_runs = len(mine.runs) == len(theirs.runs) and all(a is b for a, b in zip(mine.runs, theirs.runs, strict=True))
@@ -399,10 +404,10 @@ def is_same_minimum(fit: Fit, other: Fit) -> bool:
 
 
 def turnover_rate(fit: Fit) -> float:
-    """Return the largest rate at which the laws of a fit let a velocity die away at rest, 1/s: friction is steep there.
+    """Return the largest decay rate of a velocity at rest due to the laws of a fit, 1/s: friction is steep there.
 
     Args:
-        fit: of any laws.
+        fit: a fitted model.
     """
     model = fit.model
     slopes = np.array([float(suspension.law.gradient(0.0, 0.0)[1]) for suspension in model.interfaces(fit.theta)[0]])
@@ -410,28 +415,28 @@ def turnover_rate(fit: Fit) -> float:
 
 
 def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
-    """Return the residual over the noise of all runs as fits of the others predict them; None where there are none.
+    """Return the residual over the noise when each run is predicted by a fit of the others; None without such fits.
 
     Args:
-        fit: of all runs.
-        least_promise: of the fits.
+        fit: the fit of all runs.
+        least_promise: as in `fit_model`.
     """
-    fits = predicted_left_out(fit, least_promise=least_promise)
+    fits = predict_left_out(fit, least_promise=least_promise)
     if fits is None:
         return None
     cost = sum(float(np.sum(each.errors.stacked[: each.n_data] ** 2)) for each in fits)
     return float(np.sqrt(cost / sum(each.n_data for each in fits)))
 
 
-def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[Fit] | None:
-    """Return each run as a fit of the others predicts it; None where there are no others, or no fits.
+def predict_left_out(fit: Fit, *, least_promise: float | None = None) -> list[Fit] | None:
+    """Return the prediction of each run by a fit of the others; None if there are no others, or if a fit fails.
 
-    Of the run left out its start is fitted, and its departures against what is known of them. The mass stays that of
-    all runs, the one left out among them, where the others have one loading.
+    The initial state of the run that is left out is fitted, and so are its departures from the other runs, with what is
+    known of them. If the other runs have only one loading, the mass stays that of the fit of all runs.
 
     Args:
-        fit: of all runs.
-        least_promise: of the fits.
+        fit: the fit of all runs.
+        least_promise: as in `fit_model`.
     """
     model = fit.model
     if len(model.runs) < 2:
@@ -456,14 +461,14 @@ def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[
 
 
 def with_mass_held(fit: Fit) -> tuple[Model, list[int]]:
-    """Return the model with the mass held where a fit found it, and the indices of the shared entries that are left."""
+    """Return the model with the mass held at its fitted value, and the indices of the other shared entries."""
     model = fit.model
     held = replace(model, mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta))
     return held, [index for index, name in enumerate(model.names) if name != "inverse_mass"]
 
 
-def fits_of_each_run(fit: Fit) -> list[Fit]:
-    """Return fits of the same model to each run alone, at a coarse rate; runs that cannot be fitted are left out."""
+def fit_each_run(fit: Fit) -> list[Fit]:
+    """Fit the same model to each run alone at a coarse rate; runs that cannot be fitted are left out."""
     found, own = [], fit.theta[fit.model.n_shared :].reshape(len(fit.model.runs), -1)
     held, kept = with_mass_held(fit)
     shared = fit.theta[kept]
@@ -478,36 +483,36 @@ def fits_of_each_run(fit: Fit) -> list[Fit]:
 
 
 def runs_contradict_each_other(fit: Fit) -> bool:
-    """Return whether runs of one loading are each explained much better alone: no law and no sensor mends that.
+    """Return whether runs of one loading are each explained much better alone, which no law and no sensor explains.
 
     Args:
-        fit: of all runs.
+        fit: the fit of all runs.
     """
     model, known = fit.model, fit.model.settings.faults
     if model.mass_free or len(model.runs) < 2 or fit.ratio <= model.settings.verdicts.doubtful:
         return False
-    ratios = [each.ratio for each in fits_of_each_run(fit)]
+    ratios = [each.ratio for each in fit_each_run(fit)]
     return len(ratios) == len(model.runs) and max(ratios) < known.alone_fraction * fit.ratio
 
 
 def loading_changes(loadings: Sequence[FloatArray]) -> bool:
-    """Return whether the loading of a run is another than that of the first.
+    """Return whether any run has another loading than the first.
 
     Args:
-        loadings: mass matrices of what the runs carry more than the reference, kg.
+        loadings: mass matrices of what each run carries more than the reference, kg.
     """
     largest = max(float(np.abs(loading).max()) for loading in loadings)
     return any(bool((np.abs(loading - loadings[0]) > 1e-6 * largest).any()) for loading in loadings[1:])
 
 
 def _with_coordinates_held(model: Model) -> Model:
-    """The model with every coordinate as stated: while all is wrong, coordinates are not to make up for it."""
+    """Return the model with coordinates held as stated, so that they cannot compensate for other errors."""
     fraction = model.settings.fit.held_fraction
     held = tuple(replace(each, std=fraction * each.std) for each in model.body.coordinates)
     return replace(model, body=replace(model.body, coordinates=held)) if held else model
 
 
-def _moved(
+def _minimize(
     model: Model, theta: FloatArray, free: slice, most_evaluations: int, least_promise: float
 ) -> tuple[FloatArray, Errors | None, int]:
     def evaluate(vector: FloatArray) -> Errors | None:
@@ -535,9 +540,9 @@ def _moved(
 
 
 def unexplained(fit: Fit) -> tuple[float, ...]:
-    """Return of each run the rms of what the free motion of the model leaves over that of the readings, in the band.
+    """Return, for each run, the rms error of the model's free motion over the rms of the readings, in the band.
 
-    Infinite where the free motion grows without bound.
+    It is infinite if the free motion grows without bound.
     """
     try:
         errors = free_errors(fit)
@@ -547,25 +552,25 @@ def unexplained(fit: Fit) -> tuple[float, ...]:
 
 
 def explains_nothing(fit: Fit) -> bool:
-    """Return whether the free motion of a fit leaves so much that no number of it can be told.
+    """Return whether the free motion of a fit leaves so much that none of its numbers can be reported.
 
     Args:
-        fit: of any laws.
+        fit: a fitted model.
     """
     return float(np.sqrt(np.mean(np.square(unexplained(fit))))) > fit.model.settings.verdicts.refused_fraction
 
 
 def free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
-    """Return of each run the lines of the error of the free motion, and of the readings, (n_sensors, n_lines).
+    """Return, for each run, the lines of the error of the free motion and of the readings, (n_sensors, n_lines).
 
     Args:
-        fit: of any laws.
+        fit: a fitted model.
 
     Raises:
         UnboundedResponseError: the free motion grows without bound.
     """
     model, found = fit.model, []
-    for index, (run, motion) in enumerate(zip(model.runs, model.simulated(fit.theta), strict=True)):
-        read = run.transform(model.corrected(fit.theta, index)[1].value.T)
+    for index, (run, motion) in enumerate(zip(model.runs, model.simulate(fit.theta), strict=True)):
+        read = run.transform(model.correct(fit.theta, index)[1].value.T)
         found.append((read - run.transform(motion.acceleration[:, : len(read)].T), read))
     return found

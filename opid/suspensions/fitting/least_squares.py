@@ -1,11 +1,11 @@
-"""Least squares that know nothing of runs: bounded steps, laws that are linear in their amplitudes, and covariances.
+"""General least squares: bounded steps, laws that are linear in their amplitudes, and covariances.
 
-Steps are those of Levenberg (1944) and Marquardt (1963), in as few evaluations as possible. Of separable least squares
-only the inner parameters of a law are searched; what enters linearly is solved for.
+Steps are those of Levenberg (1944) and Marquardt (1963), with few evaluations. In separable least squares only the
+inner parameters of a law are searched; the parameters that enter linearly are solved for.
 
     y = sum_j w_j c_j + sum_i A_i g_i(motion; inner parameters of term i)
 
-For given inner parameters (scales, lags, exponents) the weights w, the amplitudes A and what memories hold at first
+For given inner parameters (scales, lags, exponents) the weights w, the amplitudes A and the initial values of memories
 follow from linear least squares (variable projection, Golub & Pereyra 1973). The search over the inner parameters uses
 the derivative of Kaufman (1975).
 """
@@ -57,21 +57,23 @@ def least_squares(
 ) -> tuple[FloatArray, AnyResidual | None, int]:
     """Return the vector of least squared error near `theta`, its errors if they are known, and the evaluations spent.
 
-    The last step is taken on its promise, without a look. Where it promises next to nothing the errors stand before it.
+    The last step is taken without an evaluation of its errors. If its expected improvement is negligible, the errors
+    before it are returned.
 
     Args:
-        evaluate: errors at a vector; None where there are none.
-        theta: (n_unknowns,) where to start.
-        lower: (n_unknowns,) bounds.
-        upper: (n_unknowns,) bounds.
-        caps: (n_unknowns,) how far each entry may move in a step.
+        evaluate: returns the errors at a vector; None if there are none.
+        theta: (n_unknowns,) start vector.
+        lower: (n_unknowns,) lower bounds.
+        upper: (n_unknowns,) upper bounds.
+        caps: (n_unknowns,) largest change of each entry in one step.
         free: the entries that may move.
-        most_evaluations: at the most.
-        least_promise: the search ends when the next step promises less of the squared error over its variance.
-        negligible_promise: a last step that promises less does not change the errors.
-        first_damping: of the step after one that failed, over the squared size of each column.
-        least_damping: a smaller one is none.
-        first: takes the place of `evaluate` at the start, and may raise.
+        most_evaluations: most evaluations.
+        least_promise: the search ends when the next step is expected to lower the squared error over its variance by
+            less.
+        negligible_promise: a last step with a smaller expected improvement does not change the errors.
+        first_damping: damping of the step after one that failed, over the squared norm of each column.
+        least_damping: a smaller damping is set to zero.
+        first: replaces `evaluate` at the start, and may raise an error.
     """
     lower, upper, caps = lower[free], upper[free], caps[free]
     best = theta.copy()
@@ -88,7 +90,7 @@ def least_squares(
             return trial, errors if promise * n_data < negligible_promise * cost else None, spent
         new = evaluate(trial)
         if new is not None and _cost(new) < cost:
-            # where a longer step has just failed the next may as well
+            # After a longer step has failed, the damping is kept: the next longer step may fail as well.
             eased = damping if failed else damping / 10 if damping > least_damping else 0.0
             best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
         else:
@@ -109,10 +111,10 @@ def _step(
     upper: FloatArray,
     caps: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Return the next step of the free entries and how far the linear model says it lowers the squared error."""
+    """Return the next step of the free entries, and its improvement of the squared error by the linear model."""
     jacobian, residual = errors.jacobian[:, free], errors.stacked
     gradient = jacobian.T @ residual
-    # an entry at its bound that would go beyond stays there
+    # An entry at a bound stays there if the step would go beyond it.
     moving = ~(((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0)))
     columns = jacobian[:, moving]
     size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
@@ -129,16 +131,16 @@ def _step(
 
 @dataclass(frozen=True)
 class SeparableSettings:
-    """Where inner parameters are searched.
+    """Ranges in which inner parameters are searched.
 
     Args:
-        beyond_seen: a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the
-            largest: there a friction is a straight line and a gas column a parabola.
-        exponents: least and largest exponent of a kind that names none: 0.1 is nearly dry friction, and beyond 6 a
-            power is a wall.
-        shapes: largest size of a shape; of one in seconds over the ratio of the rms motions.
-        start_fractions: fractions of the largest scale that can be seen from which a scale is searched: of a friction
-            0.1, 0.4 and 1.5 rms velocities, of a gas column 10, 40 and 150 rms travels.
+        beyond_seen: a scale is searched from the smallest one that can be seen (`Parameter.over_rms`) to this many
+            times the largest: there a friction is a straight line and a gas column a parabola.
+        exponents: smallest and largest exponent of a kind that states none: 0.1 is nearly dry friction, and a power
+            above 6 acts like a stop.
+        shapes: largest absolute value of a shape; for one in seconds, over the ratio of the rms motions.
+        start_fractions: fractions of the largest scale that can be seen at which the search of a scale begins: for a
+            friction 0.1, 0.4 and 1.5 rms velocities, for a gas column 10, 40 and 150 rms travels.
     """
 
     beyond_seen: float = 10.0
@@ -155,9 +157,9 @@ class SeparableFit:
     """A law fitted beside columns that enter linearly.
 
     Args:
-        weights: (n_columns,) of the columns.
-        start_weights: (n_memories,) of `Motion.start_columns` of the law.
-        law: with the fitted values.
+        weights: (n_columns,) weights of the columns.
+        start_weights: (n_memories,) weights of `Motion.start_columns` of the law.
+        law: the law with the fitted values.
         residual: (n,) y minus the fit.
         at_bound: for each entry of `law.vector`, whether its search ended at a bound.
     """
@@ -169,7 +171,7 @@ class SeparableFit:
     at_bound: tuple[bool, ...]
 
 
-def separable_fit(
+def fit_separable(
     columns: FloatArray,
     law: Law,
     motion: Motion,
@@ -184,15 +186,15 @@ def separable_fit(
     """Return the least-squares fit of the columns and the law to `y`.
 
     Args:
-        columns: (n, n_columns) what enters linearly beside the law.
-        law: its terms say what is fitted.
+        columns: (n, n_columns) columns that enter linearly beside the law.
+        law: a law with the terms to be fitted.
         motion: (n,) samples at which the law is evaluated.
-        y: (n,) what is fitted.
-        starts: laws of the same terms whose inner parameters the search starts from; None for `start_laws`.
-        free_exponents: whether exponents are searched too; otherwise they stay at the first start.
-        noise: what a squared error is worth one, as `y`: what is known of exponents beforehand weighs by it.
-        tolerance: the search ends when the squared error, or what is searched, changes by a smaller fraction.
-        settings: where inner parameters are searched.
+        y: (n,) values to be fitted.
+        starts: laws of the same terms with start values of the inner parameters; None for `start_laws`.
+        free_exponents: whether exponents are searched, too; otherwise they stay as in the first start.
+        noise: standard deviation of an error, in the unit of `y`; it weights prior knowledge of exponents.
+        tolerance: the search ends when the squared error, or the searched vector, changes by a smaller fraction.
+        settings: the ranges in which inner parameters are searched.
 
     >>> z = np.linspace(-1.0, 1.0, 201)
     >>> friction, motion = Law((Term("arctan_velocity", (3.0, 0.2)),)), Motion(z, np.sin(9 * z))
@@ -203,30 +205,30 @@ def separable_fit(
     from scipy import optimize
 
     starts = starts or start_laws(law, motion, settings)
-    search = _search_of(starts[0], motion, inner_indices(law, free_exponents=free_exponents), settings)
+    search = _make_search(starts[0], motion, inner_indices(law, free_exponents=free_exponents), settings)
     if not search.free:
-        return _fitted(columns, search, np.empty(0), motion, y)
-    # least_squares asks for the residual and then for its derivative at the same point
+        return _make_fit(columns, search, np.empty(0), motion, y)
+    # `optimize.least_squares` asks for the residual and then for its derivative at the same point.
     last: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
-    def solved(inner: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def solve(inner: FloatArray) -> tuple[FloatArray, FloatArray]:
         key = inner.tobytes()
         if key not in last:
             last.clear()
-            residual, slopes = _projected(columns, search, inner, motion, y)
-            departure, by_inner = _known_before(search, inner, noise)
+            residual, slopes = _project(columns, search, inner, motion, y)
+            departure, by_inner = _compare_with_prior(search, inner, noise)
             last[key] = np.concatenate([residual, departure]), np.concatenate([slopes, by_inner])
         return last[key]
 
     solutions = []
     for start in starts:
         inner = np.clip(search.encode(start), search.lower, search.upper)
-        if np.isfinite(solved(inner)[0]).all():
+        if np.isfinite(solve(inner)[0]).all():
             solutions.append(
                 optimize.least_squares(
-                    lambda inner: solved(inner)[0],
+                    lambda inner: solve(inner)[0],
                     inner,
-                    jac=lambda inner: solved(inner)[1],
+                    jac=lambda inner: solve(inner)[1],
                     bounds=(search.lower, search.upper),
                     x_scale=0.5,
                     xtol=tolerance,
@@ -235,9 +237,9 @@ def separable_fit(
                 )
             )
     if not solutions:  # no start lies where the law is defined: the straight columns alone
-        return _fitted(columns, search, search.encode(starts[0]), motion, y)
+        return _make_fit(columns, search, search.encode(starts[0]), motion, y)
     best = min(solutions, key=lambda solution: solution.cost).x
-    return _fitted(columns, search, best, motion, y)
+    return _make_fit(columns, search, best, motion, y)
 
 
 def unit_law(law: Law) -> Law:
@@ -253,7 +255,7 @@ def unit_law(law: Law) -> Law:
 
 
 def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
-    """Return the indices in `law.vector` of what is searched: scales, lags and shapes, and exponents if free.
+    """Return the indices in `law.vector` of the searched entries: scales, lags and shapes, and exponents if free.
 
     Args:
         law: any law.
@@ -264,13 +266,13 @@ def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
 
 
 def start_laws(law: Law, motion: Motion, settings: SeparableSettings = DEFAULTS) -> list[Law]:
-    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio.
+    """Return the law with its scales at each fraction of the largest one that the motion shows, lags at the rms ratio.
 
     Exponents and shapes are those of the law.
 
     Args:
         law: any law.
-        motion: that shows it.
+        motion: the motion that shows it.
         settings: the fractions.
     """
     starts = []
@@ -289,7 +291,7 @@ def independent_samples(residual: FloatArray) -> float:
     """Return the samples over the integrated autocorrelation time (the first negative value ends the sum).
 
     Args:
-        residual: (n,) in order of time.
+        residual: (n,) residual in the order of time.
 
     >>> white = np.random.default_rng(0).standard_normal(20000)
     >>> slow = np.repeat(white[:2000], 10)
@@ -310,14 +312,14 @@ def independent_samples(residual: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Inner parameters as the search moves them: positive ones as logarithms, for they spread over decades.
+    """Inner parameters in the form of the search: positive ones as logarithms, because they vary over decades.
 
     Args:
-        law: with the values of what is not searched.
-        free: indices in `law.vector` of what is searched.
-        size: (n_free,) what each of the others is divided by.
-        lower: (n_free,) least values.
-        upper: (n_free,) largest values.
+        law: a law with the values that are not searched.
+        free: indices in `law.vector` of the searched entries.
+        size: (n_free,) divisor of each entry that is not a logarithm.
+        lower: (n_free,) lower bounds.
+        upper: (n_free,) upper bounds.
     """
 
     law: Law
@@ -327,20 +329,20 @@ class _Search:
     upper: FloatArray
 
     def encode(self, law: Law) -> FloatArray:
-        """Return what the search moves."""
+        """Return the searched vector of a law."""
         values = law.vector[self.free]
         positive = self._positive
         return np.where(positive, np.log(np.where(positive, values, 1.0)), values / self.size)
 
     def decode(self, inner: FloatArray) -> Law:
-        """Return the law, of unit amplitudes."""
+        """Return the law of a searched vector, with unit amplitudes."""
         vector = unit_law(self.law).vector
         positive = self._positive
         vector[self.free] = np.where(positive, np.exp(np.where(positive, inner, 0.0)), inner * self.size)
         return unit_law(self.law).with_vector(vector)
 
     def stretch(self, law: Law) -> FloatArray:
-        """Return the derivatives of the searched values of a law by what the search moves."""
+        """Return the derivatives of the searched entries of a law by the searched vector."""
         return np.where(self._positive, law.vector[self.free], self.size)
 
     @property
@@ -348,7 +350,7 @@ class _Search:
         return positive(self.law)[self.free]
 
 
-def _search_of(law: Law, motion: Motion, free: list[int], settings: SeparableSettings) -> _Search:
+def _make_search(law: Law, motion: Motion, free: list[int], settings: SeparableSettings) -> _Search:
     size, bounds = [], []
     for parameter in (law.parameter_list[k] for k in free):
         reference = 1.0 if parameter.unit == "1" else _reference(parameter, motion)
@@ -366,25 +368,25 @@ def _search_of(law: Law, motion: Motion, free: list[int], settings: SeparableSet
     return _Search(law, free, np.array(size), lower, upper)
 
 
-def _projected(
+def _project(
     columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual for given inner parameters and its derivative by them, as the search moves them."""
+    """Return the residual for a searched vector, and its derivatives by that vector."""
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
     linear = np.concatenate([columns, motion.start_columns(shapes)], axis=1)
     basis = np.concatenate([linear, gradient[:, _amplitudes(shapes)]], axis=1)
     if not np.isfinite(gradient).all() or not np.isfinite(basis).all():
         return np.full(y.size, np.nan), np.zeros((y.size, len(search.free)))
-    q, weights = _linear(basis, y)
+    q, weights = _solve_linear(basis, y)
     residual = y - basis @ weights
     owner = np.cumsum([parameter.role == "amplitude" for parameter in shapes.parameter_list]) - 1
     slopes = gradient[:, search.free] * weights[linear.shape[1] + owner[search.free]] * search.stretch(shapes)
     return residual, q @ (q.T @ slopes) - slopes
 
 
-def _known_before(search: _Search, inner: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
-    """How far exponents are from what is known of them, in units of a residual, and the derivatives."""
+def _compare_with_prior(search: _Search, inner: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return the departures of exponents from their prior values, in the unit of a residual, and the derivatives."""
     known = [(k, search.law.parameter_list[index].known) for k, index in enumerate(search.free)]
     rows = [(k, noise * each[0] / each[1], float(np.log(each[0]))) for k, each in known if each is not None]
     slopes = np.zeros((len(rows), inner.size))
@@ -393,20 +395,20 @@ def _known_before(search: _Search, inner: FloatArray, noise: float) -> tuple[Flo
     return np.array([weight * (inner[k] - mean) for k, weight, mean in rows]), slopes
 
 
-def _linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _solve_linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
     q, r = np.linalg.qr(basis / scale)
     return q, np.linalg.lstsq(r, q.T @ y, rcond=1e-12)[0] / scale
 
 
-def _fitted(columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray) -> SeparableFit:
+def _make_fit(columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray) -> SeparableFit:
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
     own = np.concatenate([motion.start_columns(shapes), gradient[:, _amplitudes(shapes)]], axis=1)
-    if not np.isfinite(own).all():  # where the law is not defined on the motion, it has no part in the fit
+    if not np.isfinite(own).all():  # a law that is not defined on the motion is left out of the fit
         own = np.zeros_like(own)
     basis = np.concatenate([columns, own], axis=1)
-    _, weights = _linear(basis, y)
+    _, weights = _solve_linear(basis, y)
     n_columns, n_terms = columns.shape[1], len(shapes.terms)
     straight, start, amplitudes = np.split(weights, [n_columns, weights.size - n_terms])
     terms = zip(shapes.terms, amplitudes.tolist(), strict=True)
@@ -421,14 +423,14 @@ def _amplitudes(law: Law) -> list[int]:
 
 
 def _reference(parameter: Parameter, motion: Motion) -> float:
-    """Return the rms motion that an inner parameter is to be compared with."""
+    """Return the rms motion that an inner parameter is compared with."""
     return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (motion.z, motion.v)))
 
 
 def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> FloatArray:
     """Return the sandwich covariance with scores added up over cells (Liang & Zeger 1986, small-sample factor).
 
-    Within a cell (a stretch of time, a few neighbouring lines) residuals may be correlated as they like.
+    Within a cell (a stretch of time, a few neighbouring lines) residuals may have any correlation.
 
     Args:
         jacobian: (n_data, n_parameters).
@@ -441,10 +443,10 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
     1.0
     """
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
-    # what moves nothing is left as it is
     scale = np.where(scale > 0.0, scale, 1.0)
     scaled = jacobian / scale
-    # of the columns, not of their products: what is told a million times less well is told all the same
+    # The inverse is that of the columns and not of their products, so that parameters that are known a million times
+    # less well than others keep their accuracy.
     root = np.linalg.pinv(np.linalg.qr(scaled)[1], rcond=1e-13)
     inverse = root @ root.T
     factor, products = score_products(scaled, residual, cells)
@@ -452,7 +454,7 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
 
 
 def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
-    """Return the small-sample factor and the products of the scores added up over cells: the inside of the sandwich.
+    """Return the small-sample factor, and the products of scores added up over cells: the middle of the sandwich.
 
     >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
     (2.0, array([[4.]]))

@@ -1,7 +1,7 @@
-"""How noisy the sensors are, and whether what a fit leaves is only their noise.
+"""The noise of the sensors, and whether a fit leaves only this noise.
 
-The noise is as stated, as their quietest spectra say, or as the errors of the fitted model tell. What is left is
-compared with it, and where that is more or not white, it is said in which band it stands out.
+The noise is stated, or estimated from the quietest spectra, or from the errors of the fitted model. The residual is
+compared with it. If the residual is larger, or not white, the band in which it is largest is reported.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from opid.suspensions.model.driven_model import Model
 from opid.suspensions.sensor_facts import SIDES, Sensors
 from opid.suspensions.settings import RunSettings
 
-# points of a figure
+# number of points of a figure
 _N_SHOWN = 4000
 
 
@@ -28,10 +28,10 @@ class Whiteness:
 
     Args:
         statistic: largest departure of the cumulative periodogram from a straight line, times the root of the
-            number of lines, of the sensor and run where it is largest.
-        white: whether white noise could do that.
-        band_hz: the band, a tenth of the lines in logarithmic steps, where the residual stands out most, Hz.
-        excess: its level there over that of all lines.
+            number of lines, for the sensor and run where it is largest.
+        white: whether white noise may have this statistic.
+        band_hz: the band, one of ten in logarithmic steps, in which the residual is largest, Hz.
+        excess: rms of the residual there over that of all lines.
     """
 
     statistic: float
@@ -41,7 +41,7 @@ class Whiteness:
 
 
 def measure_whiteness(fit: Fit) -> Whiteness:
-    """Test the residual of a fit against white noise (Bartlett 1955), and find where it stands out."""
+    """Test the residual of a fit against white noise (Bartlett 1955), and find the band in which it is largest."""
     known, statistic, rows = fit.model.settings.intervals, 0.0, list(residual_lines(fit))
     for _, line in rows:
         power = np.cumsum(np.abs(line) ** 2)
@@ -50,7 +50,7 @@ def measure_whiteness(fit: Fit) -> Whiteness:
     frequency_hz = np.concatenate([frequency for frequency, _ in rows])
     power = np.abs(np.concatenate([line for _, line in rows])) ** 2
     edges = np.geomspace(frequency_hz.min(), frequency_hz.max() * (1 + 1e-9), known.n_bands + 1)
-    # the ends of the band are those of its lines
+    # The first and the last band end at the outermost lines.
     edges[0], edges[-1] = frequency_hz.min(), frequency_hz.max()
     index = np.minimum(np.digitize(frequency_hz, edges) - 1, known.n_bands - 1)
     count = np.bincount(index, minlength=known.n_bands)
@@ -61,49 +61,49 @@ def measure_whiteness(fit: Fit) -> Whiteness:
 
 
 def is_noise(fit: Fit) -> bool:
-    """Return whether what a fit leaves may be the noise of the sensors.
+    """Return whether a fit leaves no more than sensor noise.
 
-    It is no larger than the noise that is known beforehand; or, where that is only bounded, it is within the bound and
-    stands out nowhere.
+    The residual is no larger than the noise that is known beforehand. If only a bound of that noise is known, the
+    residual lies within the bound and is not much larger in any band.
     """
     explained, most = fit.model.settings.verdicts.explained, fit.model.most_noise
     return fit.ratio <= explained or (fit.ratio <= explained * most and measure_whiteness(fit).excess <= explained)
 
 
-def goes_with_drive(fit: Fit) -> float:
-    """Return the fraction of the power of what a fit leaves in all runs that is coherent with the motion below.
+def measure_coherence(fit: Fit) -> float:
+    """Return the fraction of the residual's power in all runs that is coherent with the motion below the suspensions.
 
-    What a linear structure lacks is coherent with it, a force that nobody measured is not; of a missing friction about
-    a tenth is. NaN where the runs are too short to tell.
+    An error of a linear structure is coherent with that motion, an unmeasured force is not; of a missing friction about
+    a tenth is coherent. NaN if the runs are too short.
     """
     n_sensors = len(fit.model.sensors.sprung)
     power = [float(np.sum(np.abs(line) ** 2)) for line in fit.errors.lines]
     fractions = [
-        run.goes_with_drive(prediction.innovation[:n_sensors].T)
+        run.coherent_fraction(prediction.innovation[:n_sensors].T)
         for run, prediction in zip(fit.model.runs, fit.errors.predictions, strict=True)
     ]
     return float(np.average(fractions, weights=power))
 
 
 def is_of_others(fit: Fit) -> bool:
-    """Return whether what several suspensions leave exceeds the noise and is incoherent with every motion below.
+    """Return whether the residual of several suspensions exceeds the noise and is incoherent with every motion below.
 
-    Neither laws nor faults of sensors mend what others do to a body.
+    Neither laws nor sensor faults explain the forces of others on a body.
     """
     alone, least = fit.model.body.n_interfaces == 1, fit.model.settings.process.least_coherent
-    return not alone and not is_noise(fit) and goes_with_drive(fit) < least
+    return not alone and not is_noise(fit) and measure_coherence(fit) < least
 
 
 def residual_lines(fit: Fit) -> Iterator[tuple[FloatArray, ComplexArray]]:
     """Yield frequencies (Hz) and whitened lines of each sensor in each run."""
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
         for own in line.reshape(-1, run.omega.size):
-            # lines stand at multiples of 1/T: rounded, so that 0.3 Hz is told as 0.3
+            # Lines are at multiples of 1/T. They are rounded, so that 0.3 Hz is reported as 0.3.
             yield np.round(run.omega / (2 * np.pi), 9), own
 
 
 def sensor_ratio(fit: Fit, channel: int) -> float:
-    """Return the residual of one sensor on the body over the noise that was assumed."""
+    """Return the residual of one sensor on the body over the assumed noise."""
     squares, count = 0.0, 0
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
         own = line.reshape(-1, run.omega.size)[channel]
@@ -112,7 +112,7 @@ def sensor_ratio(fit: Fit, channel: int) -> float:
 
 
 def motion_over_noise(fit: Fit) -> dict[str, float]:
-    """Return the measured rms of each motion of the body over what the noise of the sensors alone would make of it."""
+    """Return the measured rms of each degree of freedom of the body over the rms that sensor noise alone would give."""
     model = fit.model
     solved = np.linalg.pinv(model.body.readings)
     noise = np.linalg.norm(solved * model.noise[1], axis=1)
@@ -124,7 +124,7 @@ def motion_over_noise(fit: Fit) -> dict[str, float]:
 
 
 def over_noise(ratio: float | None) -> str:
-    """Return a residual over the noise with three digits, a dash where there is none.
+    """Return a residual over the noise with three digits; a dash if there is none.
 
     Args:
         ratio: the residual over the noise.
@@ -137,13 +137,13 @@ def over_noise(ratio: float | None) -> str:
     return f"{ratio:#.3g}".rstrip(".") if ratio < 999.5 else f"{ratio:.0f}"
 
 
-def thinned(samples: FloatArray) -> FloatArray:
-    """Return what a figure shows of the samples of all runs."""
+def thin_samples(samples: FloatArray) -> FloatArray:
+    """Return the samples of all runs that a figure shows."""
     return samples[:: max(1, samples.size // _N_SHOWN)].copy()
 
 
 def mean_level(parts: Sequence[float]) -> float:
-    """Return the rms of some levels."""
+    """Return the rms of several noise levels."""
     return float(np.sqrt(np.mean(np.square(parts))))
 
 
@@ -152,9 +152,9 @@ class KnownNoise:
     """What is known of the noise of the sensors before a model is fitted.
 
     Args:
-        levels: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
-        most: the noise in the band may be so many times as large: 1 where it was stated, or where spectra tell it.
-        quietest: what the spectra of the quieter side tell, whatever was stated, m/s^2.
+        levels: (n_interfaces,) below the suspensions and (n_sensors,) on the body, rms, m/s^2.
+        most: factor by which the noise in the band may be larger: 1 if it was stated, or if the spectra show it.
+        quietest: noise according to the spectra of the quieter side, whatever was stated, m/s^2.
     """
 
     levels: tuple[FloatArray, FloatArray]
@@ -165,10 +165,10 @@ class KnownNoise:
 def known_noise(
     sensors: Sensors, arrays: Sequence[tuple[FloatArray, ...]], *, fs: float, settings: RunSettings
 ) -> KnownNoise:
-    """Return the noise of the sensors: as stated, else from the quieter of both sides, for a wheel is never still.
+    """Return the noise of the sensors: as stated, else from the quieter of the two sides, because a wheel always moves.
 
-    Spectra tell the noise where they are quietest, and it is no larger than what the two sides do not share in the
-    band. A log that was low-pass filtered is as quiet as no sensor is: then only bounds are known.
+    The noise is read where the spectra are lowest, and it is no larger than the incoherent part of the two sides in the
+    band. A log that was low-pass filtered is quieter there than any sensor: then only bounds are known.
     """
     stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in (sensors.unsprung, sensors.sprung)]
     band_hz = (settings.band_hz[0], min(settings.band_hz[1], settings.highest_fraction * fs))
@@ -185,7 +185,6 @@ def known_noise(
         ]
         floor, bound, least, largest = np.moveaxis(np.array(rows), 1, 0).reshape(4, -1)
         credible = np.maximum(np.minimum(floor, bound), least)
-        # over runs and channels of a side
         most = np.maximum(np.minimum(bound, largest), credible)
         sides.append(tuple(mean_level(each.tolist()) for each in (credible, most, floor, least)))
     level, highest, quietest, believed = min(sides)
@@ -195,20 +194,20 @@ def known_noise(
 
 
 def is_noise_above_stated(fit: Fit, known: KnownNoise) -> bool:
-    """Return whether what a fit leaves is the noise of sensors of which less was stated than they have.
+    """Return whether a fit leaves sensor noise that is larger than stated.
 
-    It is white, and their spectra are nowhere quieter. White alone is what a force may leave that nobody measured.
+    The residual is white, and the spectra are nowhere quieter. White residuals alone may be due to an unmeasured force.
 
     Args:
-        fit: that leaves more than the noise known beforehand.
-        known: of the noise.
+        fit: a fit that leaves more than the noise known beforehand.
+        known: what is known of the noise.
     """
     left = fit.ratio * fit.model.level
     return left <= fit.model.settings.verdicts.explained * known.quietest and measure_whiteness(fit).white
 
 
 def with_noise_of_the_band(fit: Fit) -> Fit:
-    """Return the fit with what it leaves as the noise, where that is white and nothing else tells the noise."""
+    """Return the fit with its residual as the noise if that is white and the noise is otherwise unknown."""
     ratio = fit.ratio
     if fit.model.most_noise == 1.0 or ratio <= fit.model.settings.verdicts.explained or not is_noise(fit):
         return fit
@@ -216,20 +215,20 @@ def with_noise_of_the_band(fit: Fit) -> Fit:
 
 
 def with_noise_of_errors(fit: Fit) -> Fit:
-    """Fit once more with what a fit leaves as the noise: what was known before the data then counts as it should.
+    """Fit once more with the residual of a fit as the noise, so that prior knowledge has the right weight.
 
     Args:
-        fit: that leaves another level than that of the noise that was assumed.
+        fit: a fit whose residual differs from the assumed noise.
     """
     below, above = fit.model.noise
     return fit_model(replace(fit.model, noise=(fit.ratio * below, fit.ratio * above)), fit.theta)
 
 
 def with_own_noise(fit: Fit) -> Fit:
-    """Fit once more with the ratio of the noise below to that on the body that makes the readings most likely.
+    """Fit once more with the most likely ratio of the noise below the suspensions to that on the body.
 
-    Only their ratio weighs the data. It is estimated where the noise of no sensor of a side was stated, and the fit is
-    returned as it is where the data do not speak for another ratio.
+    Only this ratio weights the data. It is estimated if the noise of no sensor of one side was stated; the fit is
+    returned unchanged if the data do not show another ratio.
     """
     from scipy import optimize
 
@@ -238,7 +237,7 @@ def with_own_noise(fit: Fit) -> Fit:
         return fit
 
     def unlikely(log_ratio: float) -> float:
-        changed = _at_ratio(model, log_ratio)
+        changed = _with_ratio(model, log_ratio)
         return -changed.log_likelihood(changed.evaluate(theta, sensitivity=False), theta)
 
     bound = float(np.log(known.largest_noise_ratio))
@@ -246,28 +245,31 @@ def with_own_noise(fit: Fit) -> Fit:
     now = float(np.log(below / above))
     try:
         here = -model.log_likelihood(fit.errors, theta)
-        promised = _promised(unlikely, now, here, known.noise_probe, known.least_noise_gain)
-        if here - promised < known.least_noise_gain / 4:
+        expected = _estimate_minimum(unlikely, now, here, known.noise_probe, known.least_noise_gain)
+        if here - expected < known.least_noise_gain / 4:
             return fit
         best = optimize.minimize_scalar(unlikely, bounds=(-bound, bound), method="bounded", options={"xatol": 0.05})
         if here - best.fun < known.least_noise_gain:
             return fit
-        return fit_model(_at_ratio(model, float(best.x)), theta)
+        return fit_model(_with_ratio(model, float(best.x)), theta)
     except NO_FIT:
         return fit
 
 
-def _promised(unlikely: Callable[[float], float], now: float, here: float, probe: float, gain: float) -> float:
-    """The least value near `now`: that of a parabola through three points, or of the lowest where there is none."""
+def _estimate_minimum(unlikely: Callable[[float], float], now: float, here: float, probe: float, gain: float) -> float:
+    """Return the expected minimum near `now`: that of a parabola through three points.
+
+    If the parabola has no minimum between them, it is the lowest of the three values less the gain.
+    """
     below, above = unlikely(now - probe), unlikely(now + probe)
     slope, bend = (above - below) / 2, above + below - 2 * here
-    if bend <= abs(slope):  # no least value between the three
+    if bend <= abs(slope):  # no minimum between the three points
         return min(below, above, here) - gain
     return here - slope**2 / (2 * bend)
 
 
-def _at_ratio(model: Model, log_ratio: float) -> Model:
-    """The model with another ratio of the sides, their mean square kept."""
+def _with_ratio(model: Model, log_ratio: float) -> Model:
+    """Return the model with another noise ratio of the two sides and the same mean square."""
     sides = [side / np.sqrt(np.mean(side**2)) for side in model.noise]
     ratio = float(np.exp(log_ratio))
     above = model.level * float(np.sqrt(2 / (1 + ratio**2)))

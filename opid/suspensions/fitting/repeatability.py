@@ -1,12 +1,12 @@
-"""How much alike the runs are: told by the runs themselves, within what the study says of it.
+"""Repeatability of the suspensions from run to run, estimated from the runs and from what the study states.
 
-Springs, damping and friction of each run depart from those of all runs by factors 1 + e. That e is small is known
-before, but hardly how small: the stated repeatability is believed within a factor of ten. Where springs, damping and
-friction all changed by the same ratio from one mass to the other, or a run at the first mass was as the first, the
-departures are small and the mass is well known. Where they changed by ratios of their own, each is a poor witness.
+Springs, damping and friction of each run depart from those of all runs by factors 1 + e. It is known beforehand that e
+is small, but hardly how small: the stated repeatability is believed within a factor of ten. If springs, damping and
+friction all changed by the same ratio from one mass to the other, or if a repeated run at the first mass agrees with
+the first one, the departures are small and the mass is well known; it is not if they changed by different ratios.
 
-What is known of the repeatability after the data is found on a grid of levels; each of them weighs the departures
-otherwise (empirical hierarchical model, Gelman et al. 2013, ch. 5). The intervals are those of the mixture.
+The posterior of the repeatability is computed on a grid of values; each value weights the departures differently
+(empirical hierarchical model, Gelman et al. 2013, ch. 5). The intervals are those of the mixture.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ _HALF_OF_95 = 1.96
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """What the runs say at each level of repeatability.
+    """Posterior at each value of the repeatability.
 
     Args:
         repeatability: (n_levels,) relative standard deviation of the departures.
-        weight: (n_levels,) probability of each after the data.
-        moved: (n_levels, n_unknowns) the best vector less that of the fit.
-        covariance: (n_levels, n_unknowns, n_unknowns) about it.
+        weight: (n_levels,) posterior probability of each value.
+        moved: (n_levels, n_unknowns) the best vector minus that of the fit.
+        covariance: (n_levels, n_unknowns, n_unknowns) covariance about the best vector.
     """
 
     repeatability: FloatArray
@@ -40,27 +40,27 @@ class Levels:
 
     @property
     def median(self) -> float:
-        """The level that half of the probability lies below."""
+        """The median of the repeatability."""
         return float(np.exp(np.interp(0.5, np.cumsum(self.weight), np.log(self.repeatability))))
 
-    def widened(self, factors: FloatArray) -> Levels:
-        """Return the levels with the deviation of each entry of the vector wider by a factor, (n_unknowns,)."""
+    def widen(self, factors: FloatArray) -> Levels:
+        """Return the levels with the standard deviation of each entry multiplied by a factor, (n_unknowns,)."""
         return replace(self, covariance=self.covariance * np.outer(factors, factors))
 
     def with_more(self, covariance: FloatArray) -> Levels:
-        """Return the levels with the covariance of what else is not known, (n_unknowns, n_unknowns)."""
+        """Return the levels with the covariance of further errors added, (n_unknowns, n_unknowns)."""
         return replace(self, covariance=self.covariance + covariance)
 
     def second_moments(self) -> FloatArray:
-        """Return the mean square of the vector less that of the fit, over all levels, (n_unknowns, n_unknowns)."""
+        """Return the second moments of the vector about that of the fit, over all levels, (n_unknowns, n_unknowns)."""
         about = np.einsum("l,lij->ij", self.weight, self.covariance)
         return np.asarray(about + np.einsum("l,li,lj->ij", self.weight, self.moved, self.moved))
 
     def deviation(self, slopes: FloatArray) -> float:
-        """Return the standard deviation of the normal distribution whose 95 % interval holds 95 % of a mixture.
+        """Return the standard deviation of a normal distribution whose 95 % interval holds 95 % of the mixture.
 
-        It is that of a linear function of the vector with (n_unknowns,) slopes, over all levels, about its value at the
-        fit; neither tail has more than half of the rest.
+        The mixture is that of a linear function of the vector with (n_unknowns,) slopes, about its value at the fit.
+        Neither tail has more than 2.5 %.
         """
         mean = self.moved @ slopes
         std = np.sqrt(np.maximum(np.einsum("i,lij,j->l", slopes, self.covariance, slopes), 1e-300))
@@ -77,16 +77,15 @@ class Levels:
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How much alike the runs of a fit are.
+    """Repeatability of the suspensions in the runs of a fit.
 
     Args:
-        stated: relative standard deviation of springs, damping and friction from run to run, known before.
-        is_usual: whether the study left it to what is usual.
-        estimated: the level that the runs speak for, the median of what is known after them; None where the runs were
-            fitted as alike.
-        exceeds: whether the runs speak for more than the stated level, as told by the settings.
-        mass_if_alike: standard deviation of the mass over what it is, were all runs alike; None without a mass.
-        rules_mass: whether the repeatability makes most of the interval of the mass, and noise the rest.
+        stated: relative standard deviation of springs, damping and friction from run to run, known beforehand.
+        is_usual: whether it is the usual value because the study states none.
+        estimated: median of the posterior; None if the runs were fitted as alike.
+        exceeds: whether the runs show more than the stated value, according to the settings.
+        mass_if_alike: standard deviation of the mass if all runs were alike, over its actual one; None without a mass.
+        rules_mass: whether the repeatability causes most of the interval of the mass.
     """
 
     stated: float
@@ -98,9 +97,9 @@ class Repeatability:
 
 
 def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual: bool) -> Repeatability:
-    """Return how much alike the runs of a fit are.
+    """Return the repeatability of the suspensions in the runs of a fit.
 
-    There are no levels where they were fitted as alike; the repeatability `is_usual` where the study states none.
+    `found` is None if the runs were fitted as alike; `is_usual` says that the study states no repeatability.
     """
     if found is None:
         return Repeatability(stated, is_usual)
@@ -109,7 +108,7 @@ def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual:
     if fit.model.mass_free:
         slopes = np.zeros(fit.theta.size)
         slopes[fit.model.names.index("inverse_mass")] = 1.0
-        # the lowest level is far below what any data tell
+        # The lowest value is far below what any data show.
         alike = float(np.sqrt(slopes @ found.covariance[0] @ slopes))
         fraction = min(1.0, alike / found.deviation(slopes))
         rules = fraction < known.rules_below
@@ -117,7 +116,7 @@ def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual:
 
 
 def levels(fit: Fit, stated: float) -> Levels:
-    """Return what the runs say at each level of repeatability, to first order about a fit that has departures."""
+    """Return the posterior at each value of the repeatability, to first order about a fit that has departures."""
     model, known = fit.model, fit.model.settings.repeatability
     n, errors = fit.n_data, fit.errors
     free = np.zeros(fit.theta.size, dtype=bool)
@@ -127,7 +126,7 @@ def levels(fit: Fit, stated: float) -> Levels:
     jacobian, left = errors.jacobian * weight[:, np.newaxis], errors.stacked * weight
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    # without what was known of the departures, in units of each column
+    # The Gram matrix without the prior of the departures, in units of each column.
     before = np.where(free, 1 / (model.repeatability * size), 0.0) ** 2
     gram = (jacobian / size).T @ (jacobian / size) - np.diag(before)
     scaled = fit.theta * size
@@ -139,7 +138,7 @@ def levels(fit: Fit, stated: float) -> Levels:
         prior = np.where(free, 1 / (level * size), 0.0) ** 2
         inside = gram + np.diag(prior)
         sizes, directions = np.linalg.eigh(inside)
-        # a direction that nothing depends on, as a stop that is never reached, weighs the same at each level
+        # A direction that nothing depends on, for example a stop that is never reached, does not change the weights.
         seen = sizes > 1e-13 * sizes[-1]
         inverse = (directions[:, seen] / sizes[seen]) @ directions[:, seen].T
         slope = along - prior * scaled
@@ -154,7 +153,7 @@ def levels(fit: Fit, stated: float) -> Levels:
 
 
 def with_departures(fit: Fit, repeatability: float) -> Fit:
-    """Fit once more, springs, damping and friction of each run let go with that relative standard deviation."""
+    """Fit once more with departures of springs, damping and friction in each run, of this standard deviation."""
     model = replace(fit.model, repeatability=repeatability)
     theta = np.zeros(model.n_shared + model.n_own * len(model.runs))
     theta[: model.n_shared] = fit.theta[: model.n_shared]
@@ -163,13 +162,13 @@ def with_departures(fit: Fit, repeatability: float) -> Fit:
     return fit_model(model, theta)
 
 
-def mends_much(freed: Fit, fit: Fit) -> bool:
-    """Return whether runs that were let go are explained much better than with the same suspensions in all."""
+def is_much_better(freed: Fit, fit: Fit) -> bool:
+    """Return whether a fit with departures explains the runs much better than one without."""
     return freed.bic < fit.bic - fit.model.settings.repeatability.bic_margin
 
 
 def with_own_repeatability(fit: Fit) -> Fit:
-    """Fit once more at the repeatability that the runs themselves speak for; a fit without departures as it is."""
+    """Fit once more at the repeatability estimated from the runs; a fit without departures is returned unchanged."""
     if not fit.model.repeatability:
         return fit
     estimated = levels(fit, fit.model.repeatability).median

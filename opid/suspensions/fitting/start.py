@@ -1,11 +1,12 @@
-"""Where a fit begins: the equations of motion of the body on the integrated measurements, by linear least squares.
+"""Start values of a fit: linear least squares on the equations of motion of the body with integrated measurements.
 
-With all sensors on the body q'' is known, and so is the motion of every suspension, but for what is slow. Then
+The sensors on the body give q'', and with it the motion of every suspension, except slow motion. Then
 
     sum_k theta_k part_k q'' + mu (known + loading) q'' + sum_s j_s (k_s z_s + c_s z_s' + f_s(z_s, z_s')) = - unit q''
 
-is linear in everything but the inner parameters of the laws, which are tried on a grid. The noise on both sides biases
-the answer by some per cent: it is a start, no estimate. Where the runs of one gear begin, their first seconds tell.
+is linear in everything except the inner parameters of the laws, which are tried on a grid. The noise on both sides
+biases the solution by some per cent: it is a start value and not an estimate. For one gear, the initial state of each
+run is searched over its first seconds.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from opid.mechanics.laws.law import LINEAR, Law, Term
 from opid.mechanics.memory import force_along
 from opid.signals.motion import filter_like, integrate
 from opid.signals.recording import FloatArray
-from opid.suspensions.law_search.dictionary import stand_together
+from opid.suspensions.law_search.dictionary import may_stand_together
 from opid.suspensions.model.body import Body
 from opid.suspensions.model.driven_model import Model, state_at_start
-from opid.suspensions.model.law_parameters import offered_terms
+from opid.suspensions.model.law_parameters import list_terms
 from opid.suspensions.model.run import DrivenRun
 from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import Fault
@@ -38,19 +39,19 @@ class Start:
     """Start values of a fit.
 
     Args:
-        groups: which interfaces share what, with the laws found.
-        stiffness: of each group and of each spring inside that is to be found, per unit of the reference mass, 1/s^2.
-        damping: likewise, 1/s.
-        factors: (n_parts,) of the mass matrix.
-        inverse_mass: one over the reference mass, 1/kg; None where the runs do not tell it.
+        groups: the groups of interfaces, with the laws found.
+        stiffness: stiffness of each group and of each unknown spring inside, per unit of the reference mass, 1/s^2.
+        damping: damping of the same, 1/s.
+        factors: (n_parts,) free factors of the mass matrix.
+        inverse_mass: one over the reference mass, 1/kg; None if it is not fitted.
         motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s).
-        ground_stiffness: of a spring to the ground at each group, per unit of the reference mass, 1/s^2; as if it were
-            there.
-        ground_std: roughly how well it is known.
-        stiffness_beside_ground: of each group with these springs, likewise.
-        lags: delay of sensors, of which a tolerance was stated, by the name of the fault, s.
+        ground_stiffness: stiffness of a spring to the ground at each group if it had one, per unit of the reference
+            mass, 1/s^2.
+        ground_std: approximate standard deviation of it.
+        stiffness_beside_ground: stiffness of each group beside these springs.
+        lags: delay of each sensor with a stated tolerance, by the name of the fault, s.
 
-    Where the equation asks for springs to the ground that no fault of a sensor would feign, the groups have them.
+    The groups have springs to the ground if the equation demands them and no sensor fault would imitate them.
     """
 
     groups: tuple[Group, ...]
@@ -72,7 +73,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What one run says of the motion: travel, velocity and position (n_attachments, n) and acceleration (n_dof, n)."""
+    """Motion of one run: travel, velocity and position, (n_attachments, n) each, and acceleration, (n_dof, n)."""
 
     travel: FloatArray
     velocity: FloatArray
@@ -97,12 +98,12 @@ def start_values(
     Args:
         runs: the runs.
         body: the body.
-        groups: which interfaces share what; a law that they have is kept, with its inner values.
-        mass_free: whether one over the reference mass is to be found.
+        groups: the groups of interfaces; a law that they have is kept, with its inner values.
+        mass_free: whether one over the reference mass is fitted.
         ground: whether the groups may have springs to the ground.
-        kinds: of law to try, one after the other, where a group has none.
-        lags: delays of sensors that are not known: a delay of some samples looks like a law that remembers.
-        settings: of the equation.
+        kinds: the kinds of terms that are tried in turn for a group without a law.
+        lags: unknown delays of sensors: a delay of some samples looks like a law with memory.
+        settings: the settings of the equation.
 
     Raises:
         InputError: sensors that do not see all degrees of freedom of the body.
@@ -116,39 +117,39 @@ def start_values(
     settings = settings or StartSettings()
 
     def equation_of(runs: Sequence[DrivenRun], settings: StartSettings) -> _Equation:
-        motions = tuple(_motion(run, body, settings) for run in runs)
+        motions = tuple(_integrate_motion(run, body, settings) for run in runs)
         return _Equation(motions, tuple(runs), body, mass_free, settings)
 
-    # a delay turns the phase most where motion is quick
+    # A delay changes the phase most at high frequencies.
     highest_hz = float(runs[0].omega[-1]) / (2 * np.pi)
     quick = replace(settings, band_hz=(settings.lag_fraction * highest_hz, highest_hz))
     delays = {}
     for lag in lags:
-        delays[lag.name] = _likely_delay(partial(equation_of, settings=quick), runs, lag, groups, settings)
-        runs = [_earlier(run, lag, delays[lag.name]) for run in runs]
+        delays[lag.name] = _find_delay(partial(equation_of, settings=quick), runs, lag, groups, settings)
+        runs = [_remove_delay(run, lag, delays[lag.name]) for run in runs]
     equation = equation_of(runs, settings)
     if lags:
-        # a stiff suspension does not give at all where others are told from
+        # A stiff suspension may hardly move in the usual band, so the higher band is tried, too.
         equation = min((equation, equation_of(runs, quick)), key=lambda each: each.left(groups))
     found = tuple(replace(group, ground=ground) for group in groups)
     if ground and not equation.demands_ground(found):
         found = tuple(replace(group, ground=False) for group in groups)
     if kinds:
         found = _with_laws(equation, found, kinds)
-    return replace(_start(equation, found), lags=delays)
+    return replace(_solve_start(equation, found), lags=delays)
 
 
-def _likely_delay(
+def _find_delay(
     equation_of: Callable[[Sequence[DrivenRun]], _Equation],
     runs: Sequence[DrivenRun],
     lag: Fault,
     groups: Sequence[Group],
     settings: StartSettings,
 ) -> float:
-    """The delay with which the equation leaves least of what it has to make: on a grid, then on finer ones."""
+    """Return the delay with which the equation leaves the smallest residual: on a grid, then on finer grids."""
 
     def left(delay_s: float) -> float:
-        return equation_of([_earlier(run, lag, delay_s) for run in runs]).left(groups)
+        return equation_of([_remove_delay(run, lag, delay_s) for run in runs]).left(groups)
 
     best, reach = lag.nominal, settings.lag_std * lag.std
     for _ in range(settings.lag_rounds):
@@ -158,8 +159,8 @@ def _likely_delay(
     return best
 
 
-def _earlier(run: DrivenRun, lag: Fault, delay_s: float) -> DrivenRun:
-    """A run with the delay of one sensor taken out."""
+def _remove_delay(run: DrivenRun, lag: Fault, delay_s: float) -> DrivenRun:
+    """Return a run without the delay of one sensor."""
     if not delay_s:
         return run
     time = np.arange(len(run.sprung)) / run.recorded_fs
@@ -169,8 +170,8 @@ def _earlier(run: DrivenRun, lag: Fault, delay_s: float) -> DrivenRun:
     return replace(run, sprung=side) if lag.side == "sprung" else replace(run, unsprung=side)
 
 
-def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
-    """Motion of the attachments, all through the same high-pass."""
+def _integrate_motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
+    """Return the motion of the attachments, all filtered by the same high-pass."""
     n, fs = len(run.sprung), run.recorded_fs
     accelerations = np.linalg.lstsq(body.readings, run.sprung.T, rcond=None)[0]
     own = body.rows @ accelerations
@@ -189,7 +190,7 @@ def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
 
 @dataclass(frozen=True, eq=False)
 class _Equation:
-    """Columns and target of the least squares."""
+    """Columns and target of the least-squares problem."""
 
     motions: tuple[_Motion, ...]
     runs: tuple[DrivenRun, ...]
@@ -207,13 +208,13 @@ class _Equation:
         return np.sqrt(np.stack([travel, velocity], axis=1))
 
     def column(self, forces: Sequence[FloatArray], *, is_coarse: bool = False) -> FloatArray:
-        """Generalised forces of each run, (n_dof, n), as a column of real numbers; of every few samples at will."""
+        """Return the generalised forces of each run, (n_dof, n), as a column; at the coarse rate with `is_coarse`."""
         size = np.sqrt(np.mean(self.body.rows[: self.body.n_interfaces] ** 2, axis=0))
         scale = 1 / np.where(size > 0, size, 1.0)
         parts = []
         for run, (window, inside, indices), force in zip(self.runs, self._windows, forces, strict=True):
             every = run.coarse.stride if is_coarse else 1
-            # the equation holds at every instant: under a window it needs no end terms
+            # The equation holds at every instant, so that it needs no end terms under a window.
             inner = force if is_coarse else force[:, inside]
             lines = every * np.fft.rfft(inner * window[::every] * scale[:, np.newaxis])
             lines = lines[:, indices].ravel()
@@ -222,7 +223,7 @@ class _Equation:
 
     @cached_property
     def _windows(self) -> list[tuple[FloatArray, slice, slice]]:
-        """Of each run a window, the samples under it, as many as a coarse rate divides, and the lines of the band."""
+        """For each run a window, its samples, in number a multiple of the coarse step, and the lines of the band."""
         found = []
         for motion, run in zip(self.motions, self.runs, strict=True):
             first, stop = motion.inside.start, motion.inside.stop
@@ -234,12 +235,12 @@ class _Equation:
         return found
 
     def of_attachments(self, attachments: Sequence[int], values: Sequence[FloatArray]) -> FloatArray:
-        """Column of forces at some attachments; `values` are (n_attachments, n) a run."""
+        """Return the column of forces at some attachments; `values` are (n_attachments, n) for each run."""
         rows = self.body.rows[list(attachments)]
         return self.column([rows.T @ value[list(attachments)] for value in values])
 
     def of_term(self, group: Group, term: Term, *, is_coarse: bool = False) -> FloatArray:
-        """Column of a term of unit amplitude in the law of a group; of every few samples at will."""
+        """Return the column of a term of unit amplitude in the law of a group; at the coarse rate with `is_coarse`."""
         unit = Law((Term(term.name, (1.0, *term.inner)),))
         forces = []
         for motion, run, (_, inside, _) in zip(self.motions, self.runs, self._windows, strict=True):
@@ -251,14 +252,14 @@ class _Equation:
 
     @property
     def target(self) -> FloatArray:
-        """What the columns have to make."""
+        """The right-hand side of the equation."""
         return -self.column([self.body.unit @ m.acceleration for m in self.motions]) - (
             self._known if self.body.absolute else 0.0
         )
 
     @property
     def _known(self) -> FloatArray:
-        """What is known in kg and N/m."""
+        """The column of all that is known in kg and N/m."""
         body = self.body
         forces = []
         for motion, run in zip(self.motions, self.runs, strict=True):
@@ -272,13 +273,13 @@ class _Equation:
         return self.column(forces)
 
     def searched(self) -> Iterator[int]:
-        """Attachments inside whose springs are to be found."""
+        """Yield the attachments of the unknown springs inside."""
         for attachment, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
             if spring.stiffness_n_per_m is None:
                 yield attachment
 
     def linear(self, groups: Sequence[Group]) -> list[FloatArray]:
-        """Columns of everything but laws and springs to the ground: stiffness and damping in turn, factors, mu."""
+        """Return all columns except laws and ground springs: stiffness and damping in turn, factors, mu."""
         travel, velocity = [m.travel for m in self.motions], [m.velocity for m in self.motions]
         columns = []
         for attachments in [*(group.members for group in groups), *((attachment,) for attachment in self.searched())]:
@@ -288,26 +289,26 @@ class _Equation:
         return [*columns, *([self._known] if self.mass_free else [])]
 
     def springs_to_ground(self, groups: Sequence[Group]) -> list[FloatArray]:
-        """Columns of the springs to the ground of the groups that have them."""
+        """Return the columns of the springs to the ground, for the groups that have them."""
         positions = [m.position for m in self.motions]
         return [self.of_attachments(group.members, positions) for group in groups if group.ground]
 
     def demands_ground(self, groups: Sequence[Group]) -> bool:
-        """Whether the equation asks for ground springs that a sensor's fault would hardly feign."""
+        """Whether the equation demands ground springs that a sensor fault would hardly imitate."""
         value, std = self.solve(groups)
         n, known = len(groups), self.settings
         ground, beside = np.abs(value[-n:]), np.abs(value[: 2 * n : 2])
         return bool(np.any((ground > known.ground_std * std[-n:]) & (ground > known.ground_fraction * beside)))
 
     def left(self, groups: Sequence[Group]) -> float:
-        """What stiffness, damping and masses leave of the target, as a fraction of its norm."""
+        """Return the norm that stiffness, damping and masses leave of the target, as a fraction of its norm."""
         matrix, target = np.stack(self.linear(groups), axis=1), self.target
         size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
         value = np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0]
         return float(np.linalg.norm(target - matrix / size @ value) / np.linalg.norm(target))
 
     def solve(self, groups: Sequence[Group]) -> tuple[FloatArray, FloatArray]:
-        """Values of the columns and how well they are known; last those of the terms, then springs to the ground."""
+        """Return the values of the columns and their standard deviations; terms and then ground springs come last."""
         columns = self.linear(groups)
         columns += [self.of_term(group, term) for group in groups for term in group.law.terms]
         columns += self.springs_to_ground(groups)
@@ -324,7 +325,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
     """Add the terms that explain most, one after the other, to groups that had no law."""
     rms, open_groups = equation.rms, [k for k, group in enumerate(groups) if not group.law.terms]
     offered = [
-        # what ranks the terms need not be taken of every sample
+        # Every few samples are enough to rank the terms.
         (k, term, equation.of_term(groups[k], term, is_coarse=True))
         for k in open_groups
         for kind in kinds
@@ -340,7 +341,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         for k, term, column in offered:
             have = groups[k].law
             taken = term.name in have.parameters or len(have.terms) >= most_terms
-            taken |= not stand_together([*have.parameters, term.name])
+            taken |= not may_stand_together([*have.parameters, term.name])
             rest = column - basis @ (basis.T @ column)
             size = float(rest @ rest)
             gains.append(float(rest @ left) ** 2 / size if not taken and size > 1e-8 * float(column @ column) else 0.0)
@@ -357,8 +358,8 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
 
 
 def _candidates(kind: str, rms: FloatArray, settings: StartSettings) -> list[Term]:
-    """Terms of unit amplitude of a kind, at some inner scales."""
-    return offered_terms(
+    """Return terms of unit amplitude of a kind, at several inner scales."""
+    return list_terms(
         kind,
         travel_rms=float(rms[0]),
         velocity_rms=float(rms[1]),
@@ -367,12 +368,12 @@ def _candidates(kind: str, rms: FloatArray, settings: StartSettings) -> list[Ter
     )
 
 
-def _start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
+def _solve_start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
     body, n_springs = equation.body, len(groups) + len(list(equation.searched()))
     value, _ = equation.solve(groups)
     springs, rest = value[: 2 * n_springs].reshape(-1, 2), value[2 * n_springs :]
     n_parts, n = len(body.parts), body.n_interfaces
-    # the product of two factors is fitted as a factor of its own, and forgotten
+    # The product of two factors is fitted as a further factor, whose value is not used.
     factors, rest = rest[:n_parts], rest[n_parts + (body.product is not None) :]
     mu, rest = (float(rest[0]), rest[1:]) if equation.mass_free else (None, rest)
     amplitudes = iter(rest.tolist())
@@ -397,9 +398,9 @@ def _start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
 
 
 def look_for_start(model: Model, theta: FloatArray) -> FloatArray:
-    """Return the vector with the travel and velocity that predict the first seconds of each run of one gear best.
+    """Return the vector with the initial travel and velocity that predict the first seconds of each run best.
 
-    All cells of a grid are predicted for a short while, then the best of them for longer.
+    It is for one gear. All cells of a grid are predicted for a short time, then the best of them for a longer time.
     """
     known, found = model.settings.fit, theta.copy()
     grid = np.linspace(-known.start_reach_rms, known.start_reach_rms, known.n_start_grid)
@@ -417,8 +418,8 @@ def look_for_start(model: Model, theta: FloatArray) -> FloatArray:
 def _misfits_of_cells(
     model: Model, theta: FloatArray, index: int, cells: Sequence[FloatArray], cell_std: FloatArray, seconds: float
 ) -> list[float]:
-    """What the first seconds of a run speak against starts."""
-    run, (below, above) = model.runs[index], model.corrected(theta, index)
+    """Return the misfit of the first seconds of a run for each initial state."""
+    run, (below, above) = model.runs[index], model.correct(theta, index)
     try:
         (gear,) = model.resting_interfaces(theta, index)
     except UnboundedResponseError:

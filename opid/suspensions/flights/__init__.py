@@ -1,1 +1,1 @@
-"""Many flights of one machine, compared."""
+"""Comparison of many flights of one aircraft."""

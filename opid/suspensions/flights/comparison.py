@@ -1,4 +1,4 @@
-"""Health over time: what changed from flight to flight by more than its uncertainty."""
+"""Health over time: changes from flight to flight that exceed their uncertainty."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.flights.departures import (
     DEFAULTS,
     FlightSettings,
-    Measured,
+    MeasuredQuantity,
     Point,
     Series,
     Status,
     chance_of_steps,
-    judged,
-    measured,
+    collect_values,
+    judge_series,
     scatter_between,
 )
 from opid.suspensions.flights.result_file import Flight, Quantity
-from opid.suspensions.flights.results import Flights, listed
+from opid.suspensions.flights.results import Flights, list_names
 
 SCHEMA = "opid.comparison/1"
 
 
 @dataclass(frozen=True)
 class Change:
-    """Flagged flights in a row that depart to the same side.
+    """Consecutive flagged flights that depart to the same side.
 
     Args:
-        quantity: what changed.
+        quantity: the quantity that changed.
         first: index of the first of them in `Comparison.flights`.
         last: index of the last.
-        share: relative change of their mean against the flights before, with its interval; without a value where
-            these are not clearly different from zero.
-        departure: of the flight that departs most, standard deviations.
-        confirmed: whether the flight after the first departs as well; None where there is none yet.
+        share: relative change of their mean against the flights before, with its interval; without a value if these are
+            not clearly different from zero.
+        departure: departure of the flight that departs most, in standard deviations.
+        confirmed: whether the flight after the first departs as well; None if there is none yet.
         statement: the change in a sentence.
     """
 
@@ -63,13 +63,13 @@ class Comparison(Result):
     """Flights of one structure against each other.
 
     Args:
-        flights: the earliest first.
+        flights: the flights, the earliest first.
         dated: whether they are in the order of their dates.
         series: one for each quantity of each gear.
-        changes: what was flagged, the earliest first.
+        changes: the flagged changes, the earliest first.
         false_alarm: chance of any flag if nothing changed and the intervals hold.
-        n_tests: tests that share it.
-        warnings: what to doubt, one sentence each.
+        n_tests: number of tests among which it is divided.
+        warnings: the warnings, one sentence each.
         settings: the tuned numbers.
     """
 
@@ -116,13 +116,13 @@ class Comparison(Result):
                     for flight in self.flights
                 ],
                 "series": [
-                    _of_what(series)
+                    _describe_quantity(series)
                     | {"unit": series.quantity.unit, "scatter": series.scatter, "threshold": series.threshold}
                     | {"points": [_point(point) for point in series.points]}
                     for series in self.series
                 ],
                 "changes": [
-                    _of_what(change)
+                    _describe_quantity(change)
                     | {"first": change.first, "last": change.last, "share": asdict(change.share)}
                     | {"departure": change.departure, "confirmed": change.confirmed, "statement": change.statement}
                     for change in self.changes
@@ -138,7 +138,7 @@ class Comparison(Result):
         return f"{len(self.flights)} flights, {flagged}"
 
 
-def _of_what(found: Series | Change) -> dict[str, Any]:
+def _describe_quantity(found: Series | Change) -> dict[str, Any]:
     return {"gear": found.quantity.gear, "quantity": found.quantity.name, "kind": found.quantity.kind}
 
 
@@ -157,14 +157,14 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
 
         P(any |z| > t) <= 1 - (1 - a)^N,  a = P(|z| > t)
 
-    whatever the correlation between quantities (Sidak 1967), so a = 1 - (1 - false_alarm)^(1/N). Where the steps
-    between neighbouring flights, of five or more, are larger than their intervals make them (`chance_of_steps`), the
-    median of all gears gives the scatter between flights (wheel tracks, temperature), which joins the standard
-    deviations, and t is one of Student's distribution, with the freedom of the scatter. The flight after a flagged one
-    is judged by itself (`FlightSettings.following`): it confirms the flag or not.
+    whatever the correlation between quantities (Sidak 1967), so a = 1 - (1 - false_alarm)^(1/N). If the steps between
+    neighbouring flights, of five or more, are larger than their intervals explain (`chance_of_steps`), the median of
+    all gears gives the scatter between flights (wheel tracks, temperature). It is added to the standard deviations, and
+    t is that of Student's distribution with the degrees of freedom of the scatter. The flight after a flagged one is
+    judged by itself (`FlightSettings.following`): it confirms the flag or not.
 
     Args:
-        flights: from `read_flights`.
+        flights: the flights, from `read_flights`.
         false_alarm: chance of any flag in the whole comparison if nothing changed; None for that of the settings.
         settings: the tuned numbers.
 
@@ -178,11 +178,12 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
         raise InputError(
             f"the chance of a false alarm is {settings.false_alarm:g}: give one between 0 and 0.5, like 0.001"
         )
-    found = [measured(flights.flights, quantity) for quantity in _quantities(flights)]
+    found = [collect_values(flights.flights, quantity) for quantity in _quantities(flights)]
     n_tests = sum(max(0, 2 * each.value.size - 3) for each in found)
     if not n_tests:
         raise NotDeterminedError(
-            "no quantity has a value with an interval in two flights, so no change can be told from its uncertainty: "
+            "no quantity has a value with an interval in two flights, so no change can be compared with its "
+            "uncertainty: "
             f"{'; '.join(_why_no_intervals(flights))}"
         )
     chance = -math.expm1(math.log1p(-settings.false_alarm) / n_tests)
@@ -191,7 +192,7 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
     series = []
     for each in found:
         fraction, freedom = scatter[each.quantity.label]
-        series.append(judged(each, scatter=fraction, freedom=freedom, chance=chance, settings=settings))
+        series.append(judge_series(each, scatter=fraction, freedom=freedom, chance=chance, settings=settings))
     changes = sorted(
         (change for each in series for change in _changes(each, flights, settings)), key=lambda each: each.first
     )
@@ -210,20 +211,20 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
 
 
 def _why_no_intervals(flights: Flights) -> Iterator[str]:
-    """Why intervals are missing, and which flights were left out."""
+    """Yield why intervals are missing, and which flights were left out."""
     others = sorted({flight.method for flight in flights.flights} - {"model"})
     if others:
         yield f"the results come from the method {' and '.join(others)}, and the default method gives intervals"
     else:
-        yield "the warnings of the results say why"
+        yield "the warnings of the results give the reason"
     yield from (each.sentence for each in flights.left_out)
 
 
 def _scatter(
     labels: Sequence[str], value: FloatArray, std: FloatArray, settings: FlightSettings
 ) -> dict[str, tuple[float, float]]:
-    """Scatter and degrees of freedom for each kind of quantity, of all gears together."""
-    # few flights show little about one quantity, but more about all quantities together
+    """Return scatter and degrees of freedom for each kind of quantity, of all gears together."""
+    # Few flights show little about one quantity, but more about all quantities together.
     below = settings.narrow_as_others if _is_narrow(value, std, settings.narrow, settings) else settings.narrow
     scatter = {}
     for label in dict.fromkeys(labels):
@@ -234,13 +235,13 @@ def _scatter(
 
 
 def _is_narrow(value: FloatArray, std: FloatArray, below: float, settings: FlightSettings) -> bool:
-    """Whether there are enough steps between flights, and they are larger than their intervals let expect."""
+    """Whether there are enough steps between flights, and these are larger than their intervals explain."""
     steps = ~np.isnan(np.diff(value)).all(axis=0)
     return bool(steps.sum() >= settings.enough_steps and chance_of_steps(value, std) < below)
 
 
-def _table(found: Sequence[Measured], n_flights: int) -> tuple[FloatArray, FloatArray]:
-    """Values and standard deviations, a row for each quantity and a column for each flight."""
+def _table(found: Sequence[MeasuredQuantity], n_flights: int) -> tuple[FloatArray, FloatArray]:
+    """Return values and standard deviations, a row for each quantity and a column for each flight."""
     value, std = (np.full((len(found), n_flights), np.nan) for _ in range(2))
     for row, each in enumerate(found):
         value[row, each.flights], std[row, each.flights] = each.value, each.std
@@ -248,7 +249,7 @@ def _table(found: Sequence[Measured], n_flights: int) -> tuple[FloatArray, Float
 
 
 def _quantities(flights: Flights) -> list[Quantity]:
-    """Quantities that at least two flights have, ordered by their name: stiffness of all gears, damping, and so on."""
+    """Return the quantities that at least two flights have, ordered by name: stiffness of all gears, damping, ..."""
     of_each = [[quantity for quantity, e in flight.values.items() if e.value is not None] for flight in flights.flights]
     counts = Counter(quantity for several in of_each for quantity in several)
     names = list(dict.fromkeys(quantity.name for quantity in counts))
@@ -258,7 +259,7 @@ def _quantities(flights: Flights) -> list[Quantity]:
 
 
 def _changes(series: Series, flights: Flights, settings: FlightSettings) -> list[Change]:
-    """Join the flagged flights of a series that follow each other to the same side."""
+    """Join consecutive flagged flights of a series that depart to the same side."""
     groups: list[list[Point]] = []
     before = None
     for point in series.points:
@@ -273,12 +274,12 @@ def _changes(series: Series, flights: Flights, settings: FlightSettings) -> list
 
 
 def _change(series: Series, group: Sequence[Point], flights: Flights, settings: FlightSettings) -> Change:
-    """The mean of the flagged flights against those before the first of them."""
+    """Compare the mean of the flagged flights with the flights before the first of them."""
     first = group[0]
     expected = first.expected or 0.0
     values, own = np.array([(point.estimate.value or 0.0, point.estimate.std or 0.0) for point in group]).T
     variance = own**2 + (series.scatter * expected) ** 2
-    # the standard deviation of the first departure has this part from the mean of the flights before
+    # This is the part of the variance of the first departure that is due to the mean of the flights before.
     before = max(0.0, (first.std or 0.0) ** 2 - variance[0])
     change = float(values @ (1 / variance) / (1 / variance).sum()) - expected
     std = math.sqrt(1 / (1 / variance).sum() + before)
@@ -335,68 +336,69 @@ def _warnings(
     chance: float,
     settings: FlightSettings,
 ) -> Iterator[str]:
-    yield from _missing(flights, series)
+    yield from _warn_of_missing(flights, series)
     for gear, n in Counter(gear for flight in flights for gear in flight.laws).items():
         if n == 1:
             alone = next(flight for flight in flights if gear in flight.laws)
-            yield f"{gear!r} stands in {when(alone)} alone, so it is not compared: call each gear by one name"
-    yield from _laws(flights)
+            yield f"{gear!r} occurs only in {when(alone)}, so it is not compared: call each gear by one name"
+    yield from _warn_of_laws(flights)
     methods = sorted({flight.method for flight in flights})
     if len(methods) > 1:
         yield f"the results come from different methods ({', '.join(methods)}), which may differ from each other"
-    yield from _scattered(series, changes, chance, settings)
+    yield from _warn_of_scatter(series, changes, chance, settings)
     by_gear: dict[str, list[str]] = {}
     for change in changes:
-        if len(_before(change, series)) == 1:
+        if len(_points_before(change, series)) == 1:
             by_gear.setdefault(change.quantity.gear or "the body", []).append(change.quantity.label)
     for gear, labels in by_gear.items():
         yield (
-            f"{', '.join(dict.fromkeys(labels))} of {gear!r}: one flight alone is before the flagged one, so which of "
-            "the two is the odd one is not known"
+            f"{', '.join(dict.fromkeys(labels))} of {gear!r}: there is only one flight before the flagged one, so it "
+            "is not known which of the two is unusual"
         )
-    yield from _all_alike(flights, series, changes)
+    yield from _warn_of_common_changes(flights, series, changes)
 
 
-def _scattered(
+def _warn_of_scatter(
     series: Sequence[Series], changes: Sequence[Change], chance: float, settings: FlightSettings
 ) -> Iterator[str]:
-    """How far flights differ by more than their intervals, and which changes that hides."""
+    """Yield by how much flights differ beyond their intervals, and which changes this hides."""
     scattered: dict[str, Series] = {}
     for each in series:
         if each.scatter > 0:
-            # all gears share the scatter of a kind of quantity
+            # All gears have the same scatter of a kind of quantity.
             scattered.setdefault(each.quantity.label, each)
     for label, each in scattered.items():
         last = next((point for point in reversed(each.points) if point.std is not None), None)
         least = each.threshold * (last.std or 0.0) / abs(last.expected) if last and last.expected else math.nan
-        hidden = "" if math.isnan(least) else f", and one flight alone shows a change of {100 * least:.2g} % or more"
+        hidden = "" if math.isnan(least) else f", so that a single flight shows changes of {100 * least:.2g} % or more"
         yield (
-            f"{label}: neighbouring flights differ by more than their intervals, as by {100 * each.scatter:.2g} % from "
-            f"flight to flight (wheel tracks, temperature, loading); the departures are judged with it{hidden}"
+            f"{label}: neighbouring flights differ by more than their intervals, which corresponds to a scatter of "
+            f"{100 * each.scatter:.2g} % from flight to flight (wheel tracks, temperature, loading); the scatter is "
+            f"included in the limits{hidden}"
         )
     if scattered:
         return
     few = max(sum(point.departure is not None for point in each.points) for each in series)
     if few < settings.enough_steps:
         yield (
-            f"with {few + 1} flights the scatter between flights is hardly seen: what is flagged and what is not rests "
-            "on the intervals of the results"
+            f"with {few + 1} flights the scatter between flights cannot be estimated: the flags depend on the "
+            "intervals of the results"
         )
     if changes and chance < settings.suspect:
         yield (
-            "most quantities differ from flight to flight by more than their intervals let expect: a flag may be "
-            "scatter (wheel tracks, temperature, loading) that more flights would show"
+            "most quantities differ from flight to flight by more than their intervals explain: a flag may be scatter "
+            "(wheel tracks, temperature, loading); more flights would show this"
         )
 
 
-def _before(change: Change, series: Sequence[Series]) -> list[Point]:
-    """The judged flights of the series before a change."""
+def _points_before(change: Change, series: Sequence[Series]) -> list[Point]:
+    """Return the judged flights of the series before a change."""
     points = next(each.points for each in series if each.quantity == change.quantity)
     return [point for point in points if point.flight < change.first and point.has_interval]
 
 
-def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
-    """Which quantities are missing, one sentence for each flight."""
+def _warn_of_missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
+    """Yield which quantities are missing, one sentence for each flight."""
     for status, words in ((Status.NO_VALUE, "have no value"), (Status.NO_INTERVAL, "have no interval")):
         for index, flight in enumerate(flights):
             lacking = [
@@ -405,11 +407,11 @@ def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[st
                 if any(point.flight == index and point.status is status for point in each.points)
             ]
             if lacking:
-                yield f"{when(flight)}: {listed(lacking)} {words} and are not judged"
+                yield f"{when(flight)}: {list_names(lacking)} {words} and are not judged"
 
 
-def _laws(flights: Sequence[Flight]) -> Iterator[str]:
-    """Which gears have laws of different kinds in different flights."""
+def _warn_of_laws(flights: Sequence[Flight]) -> Iterator[str]:
+    """Yield which gears have laws of different kinds in different flights."""
     for gear in dict.fromkeys(gear for flight in flights for gear in flight.laws):
         of_flight = {flight.name: flight.laws[gear] for flight in flights if gear in flight.laws}
         name_of = {kinds: " + ".join(kinds) or "linear" for kinds in of_flight.values()}
@@ -417,14 +419,16 @@ def _laws(flights: Sequence[Flight]) -> Iterator[str]:
         others = [f"{name_of[kinds]} in {name!r}" for name, kinds in of_flight.items() if kinds != usual]
         if others:
             yield (
-                f"the law of {gear!r} is {name_of[usual]}, but {listed(others)}: amplitudes of different kinds are not "
-                "compared, and stiffness and damping are the linear part beneath the law; identify all flights with "
-                "one law (--law)"
+                f"the law of {gear!r} is {name_of[usual]}, but {list_names(others)}: amplitudes of different kinds are "
+                "not compared, and stiffness and damping are the linear part beside the law; identify all flights "
+                "with one law (--law)"
             )
 
 
-def _all_alike(flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change]) -> Iterator[str]:
-    """Which changes all gears share."""
+def _warn_of_common_changes(
+    flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change]
+) -> Iterator[str]:
+    """Yield the changes that all gears have in common."""
     gears = Counter(each.quantity.label for each in series)
     together: dict[tuple[str, int, bool], list[str]] = {}
     for change in changes:
@@ -434,6 +438,6 @@ def _all_alike(flights: Sequence[Flight], series: Sequence[Series], changes: Seq
     for (label, first, rises), names in together.items():
         if len(names) > 1 and len(names) == gears[label]:
             yield (
-                f"{label} {'rises' if rises else 'falls'} in all gears at once in {when(flights[first])}: temperature, "
-                "loading or speed rather than one gear"
+                f"{label} {'rises' if rises else 'falls'} in all gears at once in {when(flights[first])}: the cause is "
+                "probably temperature, loading or speed and not a gear"
             )

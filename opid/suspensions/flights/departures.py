@@ -1,4 +1,4 @@
-"""One quantity over the flights: which values depart from the earlier ones by more than their uncertainty."""
+"""Departures of one quantity over the flights: values that differ from earlier ones by more than their uncertainty."""
 
 from __future__ import annotations
 
@@ -66,13 +66,13 @@ class Point:
 
     Args:
         flight: its index in `Comparison.flights`.
-        estimate: what its result holds.
+        estimate: the estimate of its result.
         status: the verdict on it.
-        expected: weighted mean of the earlier flights that were not flagged; None where it is not judged.
-        std: standard deviation of the departure: of this flight, of the mean, and of the scatter between flights.
+        expected: weighted mean of the earlier flights that were not flagged; None if it is not judged.
+        std: standard deviation of the departure, from this flight, the mean, and the scatter between flights.
         limits: lowest and highest value that does not flag this flight by itself.
         departure: (value - expected) / std.
-        with_next: whether the mean with the next flight flagged it, while either was within its own limits.
+        with_next: whether it was flagged by its mean with the next flight, although each was within its own limits.
         confirmed: whether the next flight departs to the same side; None without a flag or without a next flight.
     """
 
@@ -102,11 +102,11 @@ class Series:
     """One quantity over all flights that have it.
 
     Args:
-        quantity: what it is.
+        quantity: the quantity.
         points: one for each flight.
         scatter: standard deviation between flights beyond the intervals, as a fraction of the value; 0 where the
             intervals explain the differences.
-        threshold: departure beyond which a flight is flagged, standard deviations.
+        threshold: departure above which a flight is flagged, in standard deviations.
     """
 
     quantity: Quantity
@@ -121,12 +121,12 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredQuantity:
     """A quantity before it is judged.
 
     Args:
-        quantity: what it is.
-        points: (n,) of the flights that have an interval.
+        quantity: the quantity.
+        points: (n,) points of the flights that have an interval.
         value: (n,) their values.
         std: (n,) their standard deviations.
         others: points of the flights without a value or interval.
@@ -144,8 +144,8 @@ class Measured:
         return [point.flight for point in self.points]
 
 
-def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
-    """Return one quantity of all flights."""
+def collect_values(flights: Sequence[Flight], quantity: Quantity) -> MeasuredQuantity:
+    """Return the values of one quantity in all flights."""
     kept: list[Point] = []
     others: list[Point] = []
     for index, flight in enumerate(flights):
@@ -153,11 +153,11 @@ def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
         status = Status.NO_VALUE if estimate.value is None else Status.NO_INTERVAL if not estimate.std else Status.FIRST
         (kept if status is Status.FIRST else others).append(Point(index, estimate, status))
     value, std = np.array([[each.estimate.value, each.estimate.std] for each in kept], dtype=float).reshape(-1, 2).T
-    return Measured(quantity, tuple(kept), value, std, tuple(others))
+    return MeasuredQuantity(quantity, tuple(kept), value, std, tuple(others))
 
 
-def judged(
-    found: Measured, *, scatter: float, freedom: float, chance: float, settings: FlightSettings = DEFAULTS
+def judge_series(
+    found: MeasuredQuantity, *, scatter: float, freedom: float, chance: float, settings: FlightSettings = DEFAULTS
 ) -> Series:
     """Compare each value with the weighted mean of the earlier ones that were not flagged.
 
@@ -182,30 +182,38 @@ def judged(
             points.append(point)
             kept.append(i)
             continue
-        point = _against(replace(point, status=Status.AS_EXPECTED), x, variance, kept, i, far)
+        point = _compare_with_kept(replace(point, status=Status.AS_EXPECTED), x, variance, kept, i, far)
         before = points[-1]
-        follows = before.flagged and _same_side(before, point)
+        follows = before.flagged and _is_on_same_side(before, point)
         if abs(point.departure or 0.0) > (near if follows else far):
             point = replace(point, status=Status.FLAGGED)
-        elif len(kept) > 1 and kept[-1] == i - 1 and _together(x, variance, kept, i, far, settings.each_of_two_std):
+        elif (
+            len(kept) > 1
+            and kept[-1] == i - 1
+            and _departs_together(x, variance, kept, i, far, settings.each_of_two_std)
+        ):
             kept.pop()
-            points[-1] = replace(_against(before, x, variance, kept, i - 1, far), status=Status.FLAGGED, with_next=True)
-            point = replace(_against(point, x, variance, kept, i, far), status=Status.FLAGGED)
+            points[-1] = replace(
+                _compare_with_kept(before, x, variance, kept, i - 1, far), status=Status.FLAGGED, with_next=True
+            )
+            point = replace(_compare_with_kept(point, x, variance, kept, i, far), status=Status.FLAGGED)
         else:
             kept.append(i)
         points.append(point)
-    return Series(found.quantity, _finished(points, found.others), scatter, far)
+    return Series(found.quantity, _confirm_flags(points, found.others), scatter, far)
 
 
-def _against(point: Point, x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float) -> Point:
-    """The point compared with the flights that are kept."""
+def _compare_with_kept(
+    point: Point, x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float
+) -> Point:
+    """Return the point compared with the flights that are kept."""
     mean, mean_variance = _mean(x, variance, kept)
     std = math.sqrt(variance[i] + mean_variance)
     limits = (mean - far * std, mean + far * std)
     return replace(point, expected=mean, std=std, limits=limits, departure=float((x[i] - mean) / std))
 
 
-def _same_side(one: Point, other: Point) -> bool:
+def _is_on_same_side(one: Point, other: Point) -> bool:
     return (one.departure or 0.0) * (other.departure or 0.0) > 0
 
 
@@ -214,7 +222,7 @@ def _mean(x: FloatArray, variance: FloatArray, kept: Sequence[int]) -> tuple[flo
     return float(weight @ x[list(kept)] / weight.sum()), float(1 / weight.sum())
 
 
-def _together(
+def _departs_together(
     x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float, each_of_two_std: float
 ) -> bool:
     """Whether the mean of this flight and the one before departs from those before both."""
@@ -226,13 +234,13 @@ def _together(
     return bool(np.all(each > each_of_two_std) or np.all(each < -each_of_two_std))
 
 
-def _finished(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, ...]:
-    """All flights in their order, each flag with whether the next flight confirms it."""
+def _confirm_flags(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, ...]:
+    """Return all flights in their order; each flag says whether the next flight confirms it."""
     done = {point.flight: point for point in others}
     for point, following in zip(points, [*points[1:], None], strict=True):
         confirmed = None
         if point.flagged and following is not None:
-            confirmed = following.flagged and _same_side(point, following)
+            confirmed = following.flagged and _is_on_same_side(point, following)
         done[point.flight] = replace(point, confirmed=confirmed)
     return tuple(done[i] for i in sorted(done))
 
@@ -241,13 +249,13 @@ def _finished(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, 
 
 
 def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
-    """Return the chance that honest intervals leave neighbouring flights as far apart as they are.
+    """Return the chance of steps as large as those between neighbouring flights if the intervals hold.
 
-    Quantities of a flight share errors (that of its mass), so a step from flight to flight counts once, by the mean
-    square of its quantities: its chance is the greater of those for equal and for independent quantities. Neighbouring
-    steps share a flight, so every other step is taken, and of the two ways to do so the one with the greater chance
-    counts. The result is the binomial chance that so many of n steps are beyond the middle one: a single large step is
-    a change, no scatter.
+    Quantities of a flight have common errors (that of its mass), so a step from flight to flight counts once, by the
+    mean square of its quantities: its chance is the greater of those for equal and for independent quantities.
+    Neighbouring steps have a flight in common, so every other step is used, and the larger result of the two choices
+    counts. The result is the binomial chance that so many of n steps exceed the middle one: a single large step is a
+    change and no scatter.
 
     Values and standard deviations are (n_quantities, n_flights), NaN where there is none.
 
@@ -273,9 +281,8 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
 def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSettings = DEFAULTS) -> tuple[float, float]:
     """Return the scatter between flights beyond their intervals as a fraction of the value, and its degrees of freedom.
 
-    With this scatter the median difference of neighbouring flights is that of normal deviates; it is 0 where the
-    intervals explain the differences. Values of one quantity of each gear are (n_gears, n_flights), NaN where there is
-    none.
+    With this scatter the median difference of neighbouring flights is that of normal deviates; it is 0 if the intervals
+    explain the differences. Values of one quantity of each gear are (n_gears, n_flights), NaN where there is none.
 
     >>> x = np.array([[100.0, 103, 98, 101, 96, 104]])
     >>> fraction, freedom = scatter_between(x, np.full(x.shape, 0.1))
@@ -294,7 +301,7 @@ def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSetti
     if not n:
         return 0.0, 1.0
     rank = (n - 1) // 2
-    # the median of so many |normal deviates| (Filliben 1975)
+    # This is the expected median of n absolute normal deviates (Filliben 1975).
     usual = float(ndtri((1 + (rank + 1 - 0.3175) / (n + 0.365)) / 2))
 
     def above(fraction: float) -> float:
@@ -306,7 +313,7 @@ def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSetti
 
 
 def _differences(value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Differences of neighbouring flights, their stated variance, and that of a scatter as large as the values."""
+    """Return differences of neighbouring flights, their variance, and that of a scatter as large as the values."""
     step, stated = np.diff(value), std[:, 1:] ** 2 + std[:, :-1] ** 2
     middle = np.array([np.nanmedian(row) if np.any(np.isfinite(row)) else 0.0 for row in value]).reshape(-1, 1)
     return step, stated, np.broadcast_to(2 * middle**2, step.shape)

@@ -1,6 +1,6 @@
-"""A result.json of `opid identify` as a flight: nothing else in the comparison of flights knows the file.
+"""Reading of a result.json of `opid identify` as a flight.
 
-The file is checked while it is read, and all its faults are listed in one message.
+The file is checked while it is read, and all its errors are listed in one message.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from opid.suspensions.result import SCHEMA
 RESULT_FILE = "result.json"
 
 ONE_GEAR = "gear"
-"""What the suspension of a single-gear result is called."""
+"""Name of the suspension of a single-gear result."""
 
 MOST_FAULTS = 6
-"""Faults of a file that are listed: a file that is something else has hundreds."""
+"""Number of errors of a file that are listed: a file of another kind has hundreds."""
 
 SINGLE_GEAR = "single gear"
-"""What the structure of a single-gear result is called; those of a body have the names of their kinds."""
+"""Name of the structure of a single-gear result; those of a body have the names of their kinds."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Quantity:
     Args:
         gear: the suspension that it belongs to; empty for the body.
         name: "stiffness", "damping", "friction", "gas", "mass", or the kind of a term of the law.
-        unit: of its values.
-        kind: of the law's term whose amplitude it is; empty for the others.
+        unit: unit of its values.
+        kind: kind of the law's term whose amplitude it is; empty for other quantities.
     """
 
     gear: str
@@ -63,17 +63,17 @@ class Flight:
     """One result.
 
     Args:
-        name: of its study's folder.
-        path: of its file.
-        date: of the runs; None if the result has none.
+        name: name of its study's folder.
+        path: path of its file.
+        date: date of the runs; None if the result has none.
         method: "model", "classical" or "paper".
         structure: kind of the structure.
         laws: {gear: kinds of the terms of its law}.
         values: {quantity: Estimate}.
         per_mass: whether its values are per unit of mass.
         recommended: whether its structure is recommended; always True for a single gear.
-        doubt: why its values are missing, per unit of mass, or doubtful; empty where its result does not say.
-        file: its file with the hash of what it holds.
+        doubt: why its values are missing, per unit of mass, or doubtful; empty if its result gives no reason.
+        file: its file with the hash of its content.
     """
 
     name: str
@@ -93,7 +93,7 @@ def read_flight(path: Path, name: str) -> Flight:
     """Read a result.json as the flight that is called `name`.
 
     Raises:
-        InputError: it cannot be read, is no result, or lacks what every result has; all faults in one message.
+        InputError: it cannot be read, is no result, or lacks a value of every result; all errors in one message.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -111,13 +111,13 @@ def read_flight(path: Path, name: str) -> Flight:
     if faults:
         more = [f"and {len(faults) - MOST_FAULTS} more"] if len(faults) > MOST_FAULTS else []
         listed = "; ".join([*faults[:MOST_FAULTS], *more])
-        raise InputError(f"{path} is no sound result: {listed}: write it anew with `opid identify`")
+        raise InputError(f"{path} is no valid result: {listed}: write it again with `opid identify`")
     return flight
 
 
 @dataclass(frozen=True)
 class _Table:
-    """A table of the file, read by its keys; its faults are collected, one sentence each."""
+    """A table of the file, read by its keys; its errors are collected, one sentence each."""
 
     content: Mapping[str, object]
     where: str
@@ -129,22 +129,22 @@ class _Table:
             if is_needed:
                 self.faults.append(f"{self.where}{key} is missing, {what} is needed")
             return default
-        # a JSON boolean is an int to Python
+        # A JSON boolean is an int in Python.
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
             self.faults.append(f"{self.where}{key} is {value!r} where {what} is needed")
             return default
         return value
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A text; it must be there unless there is a default."""
+        """Return a text; it must be there unless there is a default."""
         return str(self._get(key, str, "text", default or "", default is None))
 
     def is_true(self, key: str) -> bool:
-        """True or false; false where it is not there."""
+        """Return true or false; false if it is not there."""
         return bool(self._get(key, bool, "true or false", False, False))
 
     def number(self, key: str) -> float | None:
-        """A finite number, or None where there is none."""
+        """Return a finite number, or None if there is none."""
         value = self._get(key, (int, float), "a number", None, False)
         if value is not None and not math.isfinite(value):
             self.faults.append(f"{self.where}{key} is {value!r} where a finite number is needed")
@@ -152,17 +152,17 @@ class _Table:
         return None if value is None else float(value)
 
     def table(self, key: str) -> _Table:
-        """A table, which must be there."""
+        """Return a table, which must be there."""
         content = self._get(key, dict, "a table", None, True)
-        # the keys of a missing table are no further faults
+        # The keys of a missing table are no further errors.
         return _Table(content or {}, f"{self.where}{key}.", [] if content is None else self.faults)
 
     def optional(self, key: str) -> _Table | None:
-        """A table, or None where there is none."""
+        """Return a table, or None if there is none."""
         return None if self.content.get(key) is None else self.table(key)
 
     def tables(self, key: str, *, is_needed: bool = True) -> list[_Table]:
-        """Tables in a row."""
+        """Return a list of tables."""
         rows = self._get(key, list, "a list of tables", [], is_needed)
         found = []
         for number, row in enumerate(rows):
@@ -173,11 +173,11 @@ class _Table:
         return found
 
     def texts(self, key: str) -> list[str]:
-        """Texts in a row; none where they are not there."""
+        """Return a list of texts; empty if it is not there."""
         return [str(each) for each in self._get(key, list, "a list of names", [], False)]
 
     def day(self, key: str) -> date | None:
-        """A date, or None where there is none."""
+        """Return a date, or None if there is none."""
         value = self._get(key, str, "a date", None, False)
         try:
             return None if value is None else date.fromisoformat(value)
@@ -201,7 +201,7 @@ class _Table:
         return Estimate.normal(value, std)
 
     def amplitudes(self, key: str) -> dict[str, Estimate]:
-        """The amplitude of each kind of a law."""
+        """Return the amplitude of each kind of a law."""
         kinds, found = self.table(key), {}
         for kind in kinds.content:
             parameters = kinds.table(kind)
@@ -219,11 +219,11 @@ def _flight(path: Path, name: str, document: _Table) -> Flight:
     values = {Quantity("", "mass", "kg"): document.table("parameters").estimate("sprung_mass_kg")}
     laws: dict[str, tuple[str, ...]] = {}
     are_per_mass = []
-    for gear, kinds, per_mass, of_gear in _one_gear(document) if structure is None else _gears(document):
+    for gear, kinds, per_mass, of_gear in _read_one_gear(document) if structure is None else _read_gears(document):
         laws[gear] = tuple(sorted(kinds))
         are_per_mass.append(per_mass)
         values |= of_gear
-    kind, is_recommended, left = (SINGLE_GEAR, True, "") if structure is None else _of_structure(document, structure)
+    kind, is_recommended, left = (SINGLE_GEAR, True, "") if structure is None else _read_structure(document, structure)
     if not_determined := document.text("not_determined", default=""):
         doubt = f"it is not determined: {not_determined}"
     else:
@@ -232,18 +232,17 @@ def _flight(path: Path, name: str, document: _Table) -> Flight:
     return Flight(name, path, day, method, kind, laws, values, per_mass, is_recommended, doubt, read_file(path))
 
 
-def _of_structure(document: _Table, structure: _Table) -> tuple[str, bool, str]:
-    """Kind of the structure, whether it is recommended, and how much of the runs it leaves, in words.
+def _read_structure(document: _Table, structure: _Table) -> tuple[str, bool, str]:
+    """Return the kind of the structure, whether it is recommended, and its residual in words.
 
-    A structure may explain the runs that it was fitted to, and not a run that was left out: the greater residual
-    counts.
+    A structure may explain the runs that it was fitted to, but not a run that was left out: the larger residual counts.
     """
     kind = structure.text("kind")
     candidates = document.tables("candidates", is_needed=False)
     left = [structure.number("residual_over_noise")]
     left += [each.number("left_out_over_noise") for each in candidates if each.text("kind") == kind]
     most = max((each for each in left if each is not None), default=None)
-    # null means that none is recommended; older results do not have the key
+    # null means that no structure is recommended; older results do not have the key.
     is_recommended = "recommended" not in structure.content or structure.content["recommended"] is not None
     return kind, is_recommended, "" if most is None else f" ({most:.3g} times the noise)"
 
@@ -252,7 +251,7 @@ _Gear = tuple[str, Iterable[str], bool, dict[Quantity, Estimate]]
 """Name of a suspension, kinds of its law, whether its values are per unit of mass, and these."""
 
 
-def _one_gear(document: _Table) -> Iterator[_Gear]:
+def _read_one_gear(document: _Table) -> Iterator[_Gear]:
     law = document.table("law")
     per_mass = law.is_true("per_mass")
     if per_mass:
@@ -269,13 +268,13 @@ def _one_gear(document: _Table) -> Iterator[_Gear]:
     yield ONE_GEAR, kinds, per_mass, _values(ONE_GEAR, *linear, law.amplitudes("parameters"), gas, per_mass)
 
 
-def _gears(document: _Table) -> Iterator[_Gear]:
+def _read_gears(document: _Table) -> Iterator[_Gear]:
     seen: set[str] = set()
     for interface in document.tables("interfaces"):
         name = interface.text("name")
         if name in seen:
             continue
-        # interfaces that share one estimate are one series
+        # Interfaces with a common estimate are one series.
         alike = [name, *(other for other in interface.texts("shared_with") if other != name)]
         seen.update(alike)
         per_mass = interface.table("stiffness").text("unit") != "N/m"
@@ -292,14 +291,14 @@ def _gas(interface: _Table) -> Estimate:
 def _values(
     gear: str, stiffness: Estimate, damping: Estimate, amplitudes: Mapping[str, Estimate], gas: Estimate, per_mass: bool
 ) -> dict[Quantity, Estimate]:
-    """The quantities of a suspension; `gas` is pressure times volume of the gas that carries it."""
+    """Return the quantities of a suspension; `gas` is pressure times volume of the gas that carries it."""
     has_gas, (of_spring, of_damper) = gas.value is not None, ("1/s^2", "1/s") if per_mass else ("N/m", "N s/m")
-    # the stiffness of a gas strut changes with the weight of the flight, the amount of gas does not
+    # The stiffness of a gas strut changes with the weight of the flight, the amount of gas does not.
     first = (Quantity(gear, "gas", "N m"), gas) if has_gas else (Quantity(gear, "stiffness", of_spring), stiffness)
     values = dict([first, (Quantity(gear, "damping", of_damper), damping)])
     for kind, amplitude in amplitudes.items():
         if has_gas and kind in LAWS and LAWS[kind].quasi_static:
-            continue  # it is the weight, which the mass stands for
+            continue  # it is the weight, which the mass represents
         unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
         what = "friction" if kind in LAWS and LAWS[kind].is_friction else kind
         values[Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind)] = amplitude

@@ -22,8 +22,8 @@ class LeftOut:
     """A flight that is not compared.
 
     Args:
-        name: of the flight, or the folder of its study.
-        sentence: why it is left out.
+        name: name of the flight, or the folder of its study.
+        sentence: the reason, one sentence.
     """
 
     name: str
@@ -35,10 +35,10 @@ class Flights:
     """Results that may be compared, the earliest first.
 
     Args:
-        flights: two or more.
+        flights: two or more flights.
         dated: whether they are in the order of their dates.
         left_out: flights that are not among them.
-        notes: sentences on the order.
+        notes: notes on the order, one sentence each.
     """
 
     flights: tuple[Flight, ...]
@@ -51,13 +51,12 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
     """Read the results of several flights.
 
     Args:
-        paths: result.json files, or folders that hold one, or folders of such folders (of studies whose results stand
-            in them or one level below, like `out/result.json`).
+        paths: result.json files, or folders that hold one, or folders of such folders (of studies whose results are in
+            them or one level below, like `out/result.json`).
 
     Returns:
-        The flights by their dates, or as they were given where a date is missing. Left out, with a note, are those
-        that are not determined, those for which no structure was recommended, and those that are per unit of mass
-        where two others are not.
+        The flights by their dates, or in the given order if a date is missing. Flights that are not determined, those
+        without a recommended structure, and those per unit of mass if two others are not, are left out with a note.
 
     Raises:
         InputError: no result, one result only, a file that is no result, the same result twice, or results of
@@ -67,9 +66,9 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
     files, unfinished = _files_at(paths)
     twice = [str(file) for file, n in Counter(file.resolve() for file in files).items() if n > 1]
     if twice:
-        raise InputError(f"{listed(twice)}: given more than once, give each result once")
+        raise InputError(f"{list_names(twice)}: given more than once, give each result once")
     names = _names(files)
-    # the result of a study may stand beside its folder and have its name
+    # The result of a study may be beside its folder and have its name.
     without_result = [
         LeftOut(str(folder), f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there")
         for folder in unfinished
@@ -77,38 +76,38 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
     ]
     if len(files) < 2:
         others = "".join(f"; {each.sentence}" for each in without_result)
-        raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{others}")
+        raise InputError(f"{len(files)} result is given ({list_names(files)}): give two or more to compare{others}")
     flights = [read_flight(file, name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
     kept, left_out = _comparable(flights)
     _refuse_unlike(kept)
-    return replace(in_order(kept), left_out=(*without_result, *left_out))
+    return replace(put_in_order(kept), left_out=(*without_result, *left_out))
 
 
-def in_order(flights: Sequence[Flight]) -> Flights:
-    """Return flights in the order of their dates, or as they are given where a date is missing."""
+def put_in_order(flights: Sequence[Flight]) -> Flights:
+    """Return flights in the order of their dates, or in the given order if a date is missing."""
     without = [flight.name for flight in flights if flight.date is None]
     if without:
         note = (
-            f"{len(without)} of {len(flights)} results have no date ({listed(without)}): all are taken in the order "
-            "in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
+            f"{len(without)} of {len(flights)} results have no date ({list_names(without)}): all are taken in the "
+            "order in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
         )
         return Flights(tuple(flights), False, notes=(note,))
     ordered = sorted(flights, key=lambda flight: flight.date or date.min)
     days = Counter(flight.date for flight in ordered)
     notes = tuple(
-        f"{n} flights have the date {day} ({listed([f.name for f in ordered if f.date == day])}): they are taken in "
-        "the order in which they were given"
+        f"{n} flights have the date {day} ({list_names([f.name for f in ordered if f.date == day])}): they are taken "
+        "in the order in which they were given"
         for day, n in days.items()
         if n > 1
     )
     return Flights(tuple(ordered), True, notes=notes)
 
 
-def listed(names: Sequence[Any] | Mapping[str, Any]) -> str:
-    """Return names in a sentence; of more than six the first six and the number of the others.
+def list_names(names: Sequence[Any] | Mapping[str, Any]) -> str:
+    """Return names in a sentence; if there are more than six, the first six and the number of the others.
 
-    >>> listed("abcdefgh")
+    >>> list_names("abcdefgh")
     'a, b, c, d, e, f and 2 more'
     """
     words = [str(name) for name in names]
@@ -119,7 +118,7 @@ def listed(names: Sequence[Any] | Mapping[str, Any]) -> str:
 
 
 def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list[Path]]:
-    """The results, and folders beside them that hold a study without one."""
+    """Return the results, and folders beside them that hold a study without a result."""
     files, unfinished = [], []
     for path in map(Path, paths):
         if not path.exists():
@@ -147,7 +146,7 @@ def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list
 
 
 def _names(files: Sequence[Path]) -> list[str]:
-    """Name each result after the folder of its study, or by its whole path where two have that name."""
+    """Name each result after the folder of its study, or by its whole path if two have that name."""
     names = []
     for file in files:
         above = [part for part in file.resolve().parts[:-1] if part not in ("out", "result")]
@@ -160,7 +159,7 @@ def _names(files: Sequence[Path]) -> list[str]:
 
 
 def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]:
-    """The flights that can be compared with each other, and why each of the others is left out."""
+    """Return the flights that can be compared with each other, and why each of the others is left out."""
     reasons: dict[str, str] = {}
     for flight in flights:
         if all(each.value is None for each in flight.values.values()):
@@ -168,7 +167,7 @@ def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]
         elif flight.doubt and not (flight.recommended and any(each.std for each in flight.values.values())):
             reasons[flight.name] = flight.doubt
     kept = [flight for flight in flights if flight.name not in reasons]
-    # absolute values are compared where two flights have them, otherwise those per unit of mass
+    # Absolute values are compared if two flights have them, otherwise those per unit of mass.
     absolute = sum(not flight.per_mass for flight in kept)
     per_mass = absolute < 2 and len(kept) - absolute > 1
     for flight in kept:
@@ -209,4 +208,4 @@ def _refuse_unlike(flights: Sequence[Flight]) -> None:
         )
     gears = Counter(gear for flight in flights for gear in flight.laws)
     if not any(n > 1 for n in gears.values()):
-        raise InputError(f"the results have no gear in common ({listed(gears)}): give results of one structure")
+        raise InputError(f"the results have no gear in common ({list_names(gears)}): give results of one structure")

@@ -1,4 +1,4 @@
-"""Which law: candidates ranked without a fit, the pursuit among them, and sparse regression.
+"""Search for the law: candidates are ranked without a fit, then chosen by the pursuit or by sparse regression.
 
-The force without a law stands beside them, for what no term explains.
+The force without a law is compared with them, and shows effects that no term describes.
 """

@@ -1,8 +1,8 @@
-"""What each term that a law might have would do to the errors of a fit, to first order: laws ranked without a fit.
+"""Ranking of laws without a fit: the effect of each candidate term on the errors of a fit, to first order.
 
-The errors are differentiated by the amplitudes of all candidates, at a few inner scales each. These derivatives, less
-what everything else in the model can do, are the columns of a regression: which few of them leave least of the errors
-(a score test, Rao 1948, of many terms at once).
+The errors are differentiated by the amplitudes of all candidates, at a few inner scales each. The derivatives by
+everything else in the model are projected out of these columns, and the few columns that leave the smallest error are
+chosen (a score test, Rao 1948, of many terms at once).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from opid.suspensions.settings import SearchSettings
 
 @dataclass(frozen=True)
 class Proposal:
-    """A law that is worth a fit.
+    """A law that is proposed for a fit.
 
     Args:
-        law: with the values that the derivatives suggest.
-        bic: the criterion that it would reach to first order, less that of the fit it departs from.
-        n_more: terms more than the fitted law.
+        law: the law with start values from the derivatives.
+        bic: its information criterion to first order, minus that of the present fit.
+        n_more: number of its terms minus that of the fitted law.
     """
 
     law: Law
@@ -38,10 +38,10 @@ class Node:
     """A candidate at one set of its inner parameters.
 
     Args:
-        term: of unit amplitude.
+        term: the candidate with unit amplitude.
         column: (n,) derivative of the errors by its amplitude.
         slope: (n,) derivative of the column by the logarithm of its scale, or of its exponent; None for a kind without
-            either or with more beside it.
+            either or with further inner parameters.
     """
 
     term: Term
@@ -49,11 +49,11 @@ class Node:
     slope: FloatArray | None
 
 
-def stand_together(names: Iterable[str]) -> bool:
+def may_stand_together(names: Iterable[str]) -> bool:
     """Return whether kinds may be terms of one law that is searched.
 
-    One term remembers at most, and where that is friction, it is the only one: two of them imitate one another, and a
-    sum of large ones that cancel is no mechanics.
+    At most one term has memory, and if that is a friction, it is the only friction: two of them have nearly the same
+    effect, and a sum of large terms that cancel has no mechanical meaning.
     """
     kinds = [LAWS[name] for name in names]
     remembering = [kind for kind in kinds if kind.memory is not None]
@@ -63,21 +63,22 @@ def stand_together(names: Iterable[str]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class LawDictionary:
-    """Derivatives of the errors by the amplitudes of many terms, as far as nothing else does the same.
+    """Derivatives of the errors by the amplitudes of many terms, with all other derivatives projected out.
 
     Args:
-        law: that was fitted.
-        n_data: real numbers fitted, independent ones.
-        terms: of each column, with unit amplitude; an inner parameter of a fitted term has that term.
-        fitted: columns of each kind of the fitted law, its inner parameters beside it: taken together.
-        offered: columns of each other kind, one for each inner scale: one of them is taken.
-        slopes: of such a column, the one of its derivative by the logarithm of the scale.
-        total: squared errors, less what the fitted law does to them.
-        gram: (n_columns, n_columns) products of the columns, scaled to unit size.
+        law: the fitted law.
+        n_data: number of independent real numbers that were fitted.
+        terms: term of each column, with unit amplitude; the column of an inner parameter of a fitted term has that
+            term.
+        fitted: columns of each kind of the fitted law, with its inner parameters; they are used together.
+        offered: columns of each other kind, one for each inner scale, of which one is used.
+        slopes: for each such column, the column of its derivative by the logarithm of the scale.
+        total: squared errors without the effect of the fitted law.
+        gram: (n_columns, n_columns) products of the columns, scaled to unit norm.
         along: (n_columns,) products of columns and errors.
-        size: (n_columns,) of the columns before they were scaled.
-        settings: of the search.
-        further: laws that are fitted without a look at columns, for it would mislead.
+        size: (n_columns,) norms of the columns before they were scaled.
+        settings: settings of the search.
+        further: laws that are fitted without a ranking, because their columns would mislead.
     """
 
     law: Law
@@ -94,17 +95,17 @@ class LawDictionary:
     further: tuple[Law, ...] = ()
 
     def proposals(self) -> list[Proposal]:
-        """Return the laws near the fitted one, a term more or less, one or two exchanged, the most promising first.
+        """Return the laws near the fitted one, the best first: one term more or less, or one or two exchanged.
 
-        With b the errors less what the fitted law does to them and D the columns, the law of the terms S would leave
+        With b the errors without the effect of the fitted law, and D the columns, the law of the terms S would leave
         min_a |b + D_S a|^2.
         """
         return sorted((self.proposal(move) for move in self._moves()), key=lambda proposal: proposal.bic)
 
     def _moves(self) -> Iterator[tuple[str, ...]]:
-        return filter(stand_together, self._near())
+        return filter(may_stand_together, self._list_neighbours())
 
-    def _near(self) -> Iterator[tuple[str, ...]]:
+    def _list_neighbours(self) -> Iterator[tuple[str, ...]]:
         have, others = list(self.fitted), list(self.offered)
         if have:
             yield from combinations(have, len(have) - 1)
@@ -122,30 +123,30 @@ class LawDictionary:
         weights = -self._inverse(chosen) @ self.along[chosen]
         return self.total + float(self.along[chosen] @ weights), weights / self.size[chosen]
 
-    def most_promised(self) -> float:
+    def largest_expected_gain(self) -> float:
         """Return the fraction of the squared error that the best proposal would explain."""
         return 1.0 - float(np.exp(min((each.bic for each in self.proposals()), default=0.0) / self.n_data))
 
     def proposal(self, names: Sequence[str]) -> Proposal:
-        """Return what the law of some kinds would reach, and its start values."""
+        """Return the proposal for the law of some kinds, with its start values."""
         kept = [column for name in names for column in self.fitted.get(name, [])]
         new = [name for name in names if name in self.offered]
         picked: dict[str, int] = {}
-        # the scales of several new terms depend on one another
+        # The scales of several new terms depend on one another.
         for _ in range(1 if len(new) < 2 else 3):
             for name in new:
                 others = [column for other, column in picked.items() if other != name]
                 picked[name] = self._best([*kept, *others], self.offered[name])
-        cost, law = self._refined(names, kept, picked)
+        cost, law = self._refine(names, kept, picked)
         now, _ = self.left([column for group in self.fitted.values() for column in group])
-        # of exact data nothing is left but rounding, of either sign
+        # With exact data only rounding errors are left, of either sign.
         now = max(now, 1e-15 * self.total)
         n_more = sum(len(LAWS[name].parameters) for name in names) - self.law.vector.size
         bic = self.n_data * float(np.log(max(cost, 1e-9 * now) / now)) + n_more * float(np.log(self.n_data))
         return Proposal(law, bic, len(law.terms) - len(self.law.terms))
 
-    def _refined(self, names: Sequence[str], kept: Sequence[int], picked: dict[str, int]) -> tuple[float, Law]:
-        """The law of the picked scales and what it leaves, the scales moved along their derivatives."""
+    def _refine(self, names: Sequence[str], kept: Sequence[int], picked: dict[str, int]) -> tuple[float, Law]:
+        """Return the squared error and the law of the picked scales, shifted along their derivatives."""
         moved = {name: self.slopes[column] for name, column in picked.items() if column in self.slopes}
         while True:
             columns = [*kept, *picked.values(), *moved.values()]
@@ -155,7 +156,7 @@ class LawDictionary:
             far = [name for name, step in log_step.items() if abs(step) > self.settings.largest_log_step]
             if not far:
                 break
-            # not the neighbourhood in which a derivative tells anything
+            # The derivative does not hold so far away.
             moved = {name: column for name, column in moved.items() if name not in far}
         terms = []
         for name in names:
@@ -173,7 +174,7 @@ class LawDictionary:
         return np.asarray(np.linalg.pinv(gram, rcond=self.settings.nearly_parallel, hermitian=True), dtype=np.float64)
 
     def _best(self, base: Sequence[int], options: Sequence[int]) -> int:
-        """Which of the options lowers the error most beside the base."""
+        """Return the option that lowers the error most beside the base columns."""
         chosen, offered = np.array(base, dtype=np.int64), np.array(options, dtype=np.int64)
         products = self.gram[np.ix_(offered, chosen)]
         cross = products @ self._inverse(base)
@@ -195,13 +196,13 @@ def make_dictionary(
     """Return the dictionary of candidates beside a fitted law.
 
     Args:
-        law: that was fitted.
-        errors: (n,) what the fit leaves.
-        by_law: (n, n_values) derivatives of the errors by the values of the law, the inner ones in any measure.
-        others: (n, n_others) derivatives by everything else that a fit moves.
-        nodes: of each further kind.
-        settings: of the search.
-        n_data: what the errors amount to in independent real numbers; None for their number.
+        law: the fitted law.
+        errors: (n,) errors of the fit.
+        by_law: (n, n_values) derivatives of the errors by the values of the law, inner parameters in any unit.
+        others: (n, n_others) derivatives by all other fitted parameters.
+        nodes: nodes of each further kind.
+        settings: settings of the search.
+        n_data: number of independent real numbers in the errors; None for all.
     """
     columns, terms, target = list(by_law.T), list[Term](), np.array(errors)
     fitted: dict[str, list[int]] = {}
@@ -212,7 +213,7 @@ def make_dictionary(
     offered: dict[str, list[int]] = {}
     slopes: dict[int, int] = {}
     for name, row in nodes.items():
-        dense = _between(row, settings.n_between)
+        dense = _interpolate_nodes(row, settings.n_between)
         offered[name] = list(range(len(columns), len(columns) + len(dense)))
         columns += [node.column for node in dense]
         terms += [node.term for node in dense]
@@ -234,18 +235,18 @@ def make_dictionary(
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis of columns of any size.
+    """Return an orthonormal basis of columns of any norm.
 
     Args:
         columns: (n, n_columns).
     """
     size = np.linalg.norm(columns, axis=0)
-    # what moves nothing has no direction
+    # A column of zeros has no direction.
     return np.linalg.qr(columns[:, size > 0] / size[size > 0])[0]
 
 
-def _between(nodes: Sequence[Node], n_between: int) -> list[Node]:
-    """Nodes at scales between the given ones: cubic Hermite in the logarithm of the scale."""
+def _interpolate_nodes(nodes: Sequence[Node], n_between: int) -> list[Node]:
+    """Return nodes at scales between the given ones, by cubic Hermite interpolation in the logarithm of the scale."""
     dense: list[Node] = []
     for node, after in pairwise(nodes):
         if node.slope is None or after.slope is None:

@@ -1,8 +1,8 @@
-"""The laws of a driven model as the search takes them: candidates beside a fit, other laws fitted, runs left out.
+"""The search problem for laws of a driven model: candidates beside a fit, fits of other laws, runs that are left out.
 
-What a fit found stands for a force over the travel, whatever its terms are called. A spring about its unloaded length
-has an origin that is not where the suspension rests: other terms about another origin that make nearly the same force
-are fitted from there, and the origin is one more unknown.
+Different terms can describe nearly the same force over the travel. The origin of a spring about its unloaded length is
+not where the suspension rests: terms about another origin that make nearly the same force are also fitted, with the
+origin as one more unknown.
 """
 
 from __future__ import annotations
@@ -17,23 +17,31 @@ from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.repeatability import part_of
 from opid.mechanics.weight import depends_on_travel, find_rest
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.fit import NO_FIT, Fit, carrying, is_same_minimum, law_key, left_out_ratio, refit
+from opid.suspensions.fitting.fit import (
+    NO_FIT,
+    Fit,
+    is_same_minimum,
+    law_key,
+    left_out_ratio,
+    make_carrying_column,
+    refit,
+)
 from opid.suspensions.fitting.noise import is_noise, measure_whiteness
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.pursuit import LawStep
-from opid.suspensions.model.law_parameters import faint_terms, has_slope, offered_terms, pulls_at_a_stop
+from opid.suspensions.model.law_parameters import faint_terms, has_slope, list_terms, pulls_at_a_stop
 from opid.suspensions.model.unknowns import Group
 from opid.suspensions.settings import OriginSettings, SearchSettings
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
-    """What was asked about the laws near a fit, for several attempts lead to one fit.
+class _Answers:
+    """Stored answers about the laws near a fit, because several attempts lead to the same fit.
 
     Args:
-        fit: of any laws.
-        dictionaries: by the kinds that may enter.
-        refits: by the laws of all groups, see `law_key`.
+        fit: a fitted model.
+        dictionaries: the dictionaries, by the kinds that a law may have.
+        refits: fits of other laws, by the key of the laws of all groups, see `law_key`.
     """
 
     fit: Fit
@@ -46,46 +54,45 @@ class DrivenLaws:
     """A `LawProblem` of fits of a driven model.
 
     Args:
-        settings: of the search.
-        least_promise: a fit ends when the next step promises less; None for that of the settings of the fit.
-        asked: what was asked before: it is not simulated and not fitted again.
+        settings: settings of the search.
+        least_promise: as in `fit_model`; None for the value of the settings.
+        asked: stored answers, which are not simulated or fitted again.
     """
 
     settings: SearchSettings
     least_promise: float | None = None
-    asked: list[_Asked] = field(default_factory=list, compare=False)
+    asked: list[_Answers] = field(default_factory=list, compare=False)
 
-    def _asked_at(self, fit: Fit, *, of_one_model: bool) -> _Asked:
-        """What was asked where a fit ended; of no other model, where a fit from there is meant."""
+    def _find_answers(self, fit: Fit, *, of_one_model: bool) -> _Answers:
+        """Return the stored answers at the minimum of a fit; with `of_one_model` only those of the same model."""
         for each in reversed(self.asked):
-            if is_same_minimum(fit, each.fit) and (not of_one_model or _are_of_one_model(fit, each.fit)):
+            if is_same_minimum(fit, each.fit) and (not of_one_model or _is_of_one_model(fit, each.fit)):
                 return each
-        self.asked.append(_Asked(fit))
+        self.asked.append(_Answers(fit))
         return self.asked[-1]
 
     def dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit, all of them simulated at once."""
-        known, kinds = self._asked_at(fit, of_one_model=False).dictionaries, tuple(kinds)
+        known, kinds = self._find_answers(fit, of_one_model=False).dictionaries, tuple(kinds)
         if kinds not in known:
             known[kinds] = self._dictionaries(fit, kinds)
         return known[kinds]
 
     def rank_as(self, fit: Fit, other: Fit) -> None:
-        """Rank the candidates beside a fit as they were ranked with fewer readings of the same runs.
+        """Rank the candidates beside a fit as they were ranked with fewer samples of the same runs.
 
-        They are not simulated anew: each of them would lower the squared error by as many times more as there are
-        readings more.
+        They are not simulated again: the squared error and its reductions grow in proportion to the number of samples.
 
         Args:
-            fit: with all readings.
-            other: of the same laws.
+            fit: the fit with all samples.
+            other: the fit of the same laws with fewer samples.
         """
         if fit.model.runs is other.model.runs:
             return
         more = sum(run.n_samples for run in fit.model.runs) / sum(run.n_samples for run in other.model.runs)
-        for kinds, known in self._asked_at(other, of_one_model=False).dictionaries.items():
+        for kinds, known in self._find_answers(other, of_one_model=False).dictionaries.items():
             scaled = {group: replace(each, n_data=round(more * each.n_data)) for group, each in known.items()}
-            self._asked_at(fit, of_one_model=False).dictionaries.setdefault(kinds, scaled)
+            self._find_answers(fit, of_one_model=False).dictionaries.setdefault(kinds, scaled)
 
     def _dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         model, offered = fit.model, {}
@@ -94,13 +101,13 @@ class DrivenLaws:
             if group.has_origin:
                 new = [kind for kind in new if not LAWS[kind].is_about_rest]
             elif model.is_carried:
-                # a column of gas carries what is known, and takes the place of all springs: see `_carriers`
+                # A column of gas carries the known weight and replaces all springs, see `_carriers`.
                 new = [kind for kind in new if not LAWS[kind].quasi_static]
             offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
         try:
             errors = model.evaluate(fit.theta, candidates=offered)
         except UnboundedResponseError:
-            # a model so near its bounds has no neighbours to offer
+            # The model is too near its bounds to be simulated with candidates.
             return {}
         no_prior = np.zeros((errors.stacked.size - fit.n_data, errors.candidates.shape[1]))
         columns, index, found = np.concatenate([errors.candidates, no_prior]), 0, {}
@@ -114,34 +121,34 @@ class DrivenLaws:
             dictionary = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
             found[name] = replace(dictionary, further=tuple(_carriers(fit, number, law, kinds)))
         if fit.ratio > fit.model.settings.verdicts.refused:
-            # no law mends what a wrong structure leaves
-            promised = sum(each.most_promised() for each in found.values())
-            return found if promised > self.settings.good_fraction else {}
+            # No law explains the residual of a wrong structure.
+            expected = sum(each.largest_expected_gain() for each in found.values())
+            return found if expected > self.settings.good_fraction else {}
         return found
 
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
-        """Fit other laws from where a fit stands; None where they make no suspension."""
-        known = self._asked_at(fit, of_one_model=True).refits
+        """Fit other laws, beginning at a fit; None if they are impossible or cannot be fitted."""
+        known = self._find_answers(fit, of_one_model=True).refits
         key = law_key({**fit.laws, **laws})
         if key not in known:
             found = refit(fit, dict(laws), least_promise=self.least_promise)
-            known[key] = None if found is None or cannot_be(found) else found
+            known[key] = None if found is None or is_impossible(found) else found
         return known[key]
 
     def left_out(self, fit: Fit) -> float | None:
-        """Return what is left of each run as a fit of the others predicts it, m/s^2."""
+        """Return the rms error of each run in its prediction by a fit of the others, m/s^2."""
         ratio = left_out_ratio(fit)
         return None if ratio is None else fit.model.level * ratio
 
     def confirms(self, fit: Fit, than: Fit) -> bool:
-        """Return True: runs left out cost as much as a search, so they are asked once, when it has ended."""
+        """Return True: fits without one run take as long as a search, so they are made once, after the search."""
         return True
 
     def _faint(self, kind: str, fit: Fit, group: Group, rest_m: float) -> list[Term]:
-        """Terms too weak to move anything."""
+        """Return terms that are too weak to change the motion."""
         attachments = group.members
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, attachments), strict=True))
-        # while a model is wrong its slow travel may be far off: the measured one is not
+        # While a model is wrong, its slow travel may be far off; the measured travel is not.
         rms = np.sqrt(np.mean(fit.model.motion_rms[list(attachments)] ** 2, axis=0))
         rms *= self.settings.most_measured_rms
         return faint_terms(
@@ -156,8 +163,8 @@ class DrivenLaws:
         )
 
 
-def _are_of_one_model(fit: Fit, other: Fit) -> bool:
-    """Whether two fits of the same runs and parameters have the same noise, and runs that are alike by as much."""
+def _is_of_one_model(fit: Fit, other: Fit) -> bool:
+    """Whether two fits of the same runs and parameters have the same noise and repeatability."""
     mine, theirs = fit.model, other.model
     return (
         all(np.array_equal(a, b) for a, b in zip(mine.noise, theirs.noise, strict=True))
@@ -168,12 +175,12 @@ def _are_of_one_model(fit: Fit, other: Fit) -> bool:
 
 
 def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator[Law]:
-    """Laws with a column of gas that carries the weight in place of all springs, as stiff as they are."""
+    """Yield laws in which a column of gas of the same stiffness replaces all springs and carries the weight."""
     model = fit.model
     if not model.is_carried or any(term.kind.quasi_static for term in law.terms):
         return
     if is_noise(fit) and measure_whiteness(fit).white:
-        # a fit of a column of gas is long, and there is nothing left to explain
+        # A fit of a column of gas takes long, and nothing is left to be explained.
         return
     springs = tuple(term for term in law.terms if part_of(term.kind) == "spring" and not term.kind.is_stop)
     travel, velocity = (
@@ -183,30 +190,30 @@ def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator
     stiffness += float(np.mean(Law(springs, law.rest_m).gradient(travel, velocity)[0]))
     for kind in kinds:
         if LAWS[kind].quasi_static and stiffness > 0.0:
-            column = carrying(kind, model.weight, stiffness)
+            column = make_carrying_column(kind, model.weight, stiffness)
             yield Law((column, *(term for term in law.terms if term not in springs)))
 
 
 def _node(term: Term, columns: FloatArray) -> Node:
-    # by the logarithm of the inner parameter, for unit amplitude
+    # The slope is the derivative by the logarithm of the inner parameter, for unit amplitude.
     slope = columns[:, 1] * term.inner[0] / term.amplitude if has_slope(term.kind) else None
     return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)
 
 
-def cannot_be(fit: Fit) -> bool:
-    """Return whether no answer can have the laws of a fit.
+def is_impossible(fit: Fit) -> bool:
+    """Return whether the laws of a fit are physically impossible.
 
-    They feed energy in, pull at a stop, leave no place to rest, or are about a rest that no run comes near.
+    They feed energy in, pull at a stop, have no stable rest position, or have one that no run comes near.
     """
     no_strut = feeds_energy(fit) or any(map(pulls_at_a_stop, fit.laws.values())) or gives_way_at_rest(fit)
     return no_strut or is_far_from_rest(fit)
 
 
 def is_far_from_rest(fit: Fit) -> bool:
-    """Return whether all runs move a suspension far from where it rests, held off by a spring to the ground.
+    """Return whether a spring to the ground holds a suspension far from its rest position in all runs.
 
-    Where the ground lies no accelerometer tells. So a law can be about any travel, with other terms and another
-    stiffness at rest: a cube about one travel is a cube and a square about another.
+    Accelerometers do not measure the height of the ground. A law can therefore be about any travel, with other terms
+    and another stiffness at rest: a cubic term about one travel is a cubic and a quadratic term about another.
     """
     farthest = fit.model.settings.search.farthest_mean_rms
     for group, law in zip(fit.model.groups, fit.laws.values(), strict=True):
@@ -219,11 +226,11 @@ def is_far_from_rest(fit: Fit) -> bool:
 
 
 def gives_way_at_rest(fit: Fit) -> bool:
-    """Return whether the suspensions push the body away from where it rests: nothing rests there.
+    """Return whether the tangent stiffness of the suspensions at rest is negative, so that the rest is not stable.
 
-    The tangent stiffness of all of them, at rest in the first run, is compared with its mean over the motion of the
-    runs: in a gap it may be near zero, on either side. Where the mean is negative, too, the noise is larger than the
-    springs, and nothing is said.
+    It is that of all suspensions at rest in the first run, compared with the mean over the motion of the runs: in a gap
+    it may be near zero, with either sign. If the mean is negative, too, the noise exceeds the springs and the result is
+    False.
     """
     at_rest, over_motion = 0.0, 0.0
     for attachment, each in enumerate(fit.model.resting_interfaces(fit.theta, 0)):
@@ -235,7 +242,7 @@ def gives_way_at_rest(fit: Fit) -> bool:
 
 
 def feeds_energy(fit: Fit) -> bool:
-    """Return whether a damper beside a law that remembers is negative: both make up for a delay between sensors."""
+    """Return whether a damper beside a law with memory is negative: both compensate for a delay between sensors."""
     least_std = fit.model.settings.search.least_damping_std
     for group, first in zip(fit.model.groups, fit.model.first_of_group, strict=True):
         remembers = any(term.kind.memory is not None for term in group.law.terms)
@@ -245,9 +252,9 @@ def feeds_energy(fit: Fit) -> bool:
 
 
 def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | None = None) -> list[LawStep[Fit]]:
-    """Return fits of laws about another origin that make nearly the force of a fit; none is kept yet.
+    """Return fits of laws about another origin with nearly the same force as a fit; none is kept yet.
 
-    Terms of the given kinds may take the place of those that depend on the travel.
+    Terms of the given kinds may replace those that depend on the travel.
     """
     settings, steps = fit.model.settings.origin, list[LawStep[Fit]]()
     if not any(map(depends_on_travel, fit.laws.values())):
@@ -255,7 +262,7 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
     try:
         travel = static_travel(fit)
     except NO_FIT:
-        # springs that would not carry the body
+        # The springs cannot carry the body.
         return []
     if travel is None:
         return []
@@ -273,12 +280,12 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
 
 
 def static_travel(fit: Fit) -> FloatArray | None:
-    """Return how far straight springs of the tangent stiffness would give way under the body, (n_attachments,) m.
+    """Return the static travel of linear springs of the tangent stiffness under the body, (n_attachments,) m.
 
-    From the unloaded length; None where no weight acts.
+    It is measured from the unloaded length; None if no weight acts.
 
     Raises:
-        UnboundedResponseError: springs that cannot carry it.
+        UnboundedResponseError: springs that cannot carry the body.
     """
     model, body = fit.model, fit.model.body
     if body.fall is None:
@@ -293,9 +300,9 @@ def static_travel(fit: Fit) -> FloatArray | None:
 
 
 def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings) -> list[Law]:
-    """Laws of one kind of spring about another origin, those nearest to the fitted force first.
+    """Return laws of one kind of spring about another origin, those nearest to the fitted force first.
 
-    Of two that are as near, the one is taken whose force about its origin balances the weight.
+    Of two that are equally near, the one whose force about its origin balances the weight comes first.
     """
     first, law = fit.model.first_of_group[fit.model.groups.index(group)], fit.laws[group.name]
     stiffness = float(fit.theta[first])
@@ -304,21 +311,21 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
     straight = np.stack([np.ones_like(z), z], axis=1)
     force = stiffness * z + law.force(z, 0.0)
     weight = distance_m * (stiffness + float(law.gradient(0.0, 0.0)[0]))
-    bent = _without(straight, force)
+    bent = _remove_columns(straight, force)
     kept = tuple(term for term in law.terms if not depends_on_travel(Law((term,))))
     found: dict[tuple[str, bool], tuple[float, float, Law]] = {}
 
     def imitate(fraction: float, term: Term) -> None:
-        """Keep the law of a term whose origin lies this fraction of the distance away, where none before is nearer."""
+        """Keep the law of a term with its origin at this fraction of the distance if it is nearer than those before."""
         rest_m = distance_m * fraction
         spring = Law((term,), rest_m)
         whole = spring.force(z, 0.0)
-        shape = _without(straight, whole)
+        shape = _remove_columns(straight, whole)
         size = float(shape @ shape)
         if size <= settings.least_bend**2 * float(whole @ whole):
             return
         amplitude = float(shape @ bent) / size
-        # about where it rests a law says nothing of the weight
+        # A law about its rest position does not depend on the weight.
         beside = np.linalg.lstsq(straight, force - amplitude * whole, rcond=None)[0][1]
         carried = beside * rest_m + amplitude * float(Law((term,)).force(rest_m, 0.0))
         missing = (carried - weight) / (settings.balance_std * weight) if rest_m else 0.0
@@ -337,15 +344,15 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
     return [each for _, _, each in sorted(found.values(), key=lambda entry: entry[0])]
 
 
-def _without(columns: FloatArray, values: FloatArray) -> FloatArray:
-    """What columns do not make of some values."""
+def _remove_columns(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the residual of values after a least-squares fit of the columns."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
 def _springs(kinds: Sequence[str], travel_rms: float, n_scales: int) -> Iterator[Term]:
-    """Terms of unit amplitude that depend on the travel and have no origin of their own."""
+    """Yield terms of unit amplitude that depend on the travel and have no origin of their own."""
     for kind in kinds:
-        for term in offered_terms(kind, travel_rms=travel_rms, velocity_rms=1.0, n_scales=n_scales):
+        for term in list_terms(kind, travel_rms=travel_rms, velocity_rms=1.0, n_scales=n_scales):
             is_spring = not any(parameter.role == "lag" for parameter in term.kind.parameters)
             if is_spring and not term.kind.is_about_rest and depends_on_travel(Law((term,))):
                 yield term

@@ -1,7 +1,7 @@
-"""The force without a law, over the motion that the fitted model reconstructs, beside the law that was chosen.
+"""The force without a law, over the motion that the fitted model reconstructs, compared with the chosen law.
 
-The measured force on the body is averaged over cells of travel and velocity. What the law leaves of it there, in
-standard errors, shows what no term of the library can: a memory, a stop, a law of another kind.
+The measured force on the body is averaged over cells of travel and velocity. Its departure from the law, in standard
+errors, shows effects that no term of the library describes: a memory, a stop, a law of another kind.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class ForcePoints:
     Args:
         travel: (n,) from where the suspension rests in the reference run, m.
         velocity: (n,) z', m/s.
-        force_per_mass: (n,) on the body, per unit of reference mass, m/s^2.
-        fitted: (n,) what the fitted stiffness, damping and law make of it, m/s^2.
+        force_per_mass: (n,) force on the body per unit of the reference mass, m/s^2.
+        fitted: (n,) force of the fitted stiffness, damping and law, m/s^2.
     """
 
     travel: FloatArray
@@ -39,10 +39,10 @@ class ForceSection:
 
     Args:
         position: (n,) middle of each bin, m or m/s.
-        mean: (n,) measured force per unit of reference mass, less that of stiffness and damping and with the motion
-            across taken to zero by the law, m/s^2; NaN where too few samples are.
-        standard_error: (n,) of the mean.
-        law: (n,) what the law gives there.
+        mean: (n,) measured force per unit of the reference mass, minus that of stiffness and damping, and corrected by
+            the law to zero of the other coordinate, m/s^2; NaN where there are too few samples.
+        standard_error: (n,) standard error of the mean.
+        law: (n,) force of the law there.
     """
 
     position: FloatArray
@@ -56,19 +56,19 @@ class ForceSurface:
     """Measured force per unit of reference mass over cells of travel and velocity, and the law's.
 
     Args:
-        law_name: of the law.
-        travel_edges: (n + 1,) of the cells, m.
-        velocity_edges: (n + 1,) of the cells, m/s.
+        law_name: name of the law.
+        travel_edges: (n + 1,) edges of the cells, m.
+        velocity_edges: (n + 1,) edges of the cells, m/s.
         count: (n, n) samples in each cell, travel along the first axis.
-        mean: (n, n) mean measured force, m/s^2; NaN where fewer than 20 samples are.
-        standard_error: (n, n) of the mean, from the white noise of the reading.
+        mean: (n, n) mean measured force, m/s^2; NaN where there are fewer than 20 samples.
+        standard_error: (n, n) standard error of the mean, from the white noise of the reading.
         law: (n, n) mean force of stiffness, damping and law on the same samples.
         along_travel: section near zero velocity.
         along_velocity: section near zero travel.
         largest_standard_errors: largest departure of mean from law, in its standard errors.
         largest_percent: largest departure among the cells where it exceeds three standard errors, in % of the rms
-            force; 0 where none does.
-        expected_standard_errors: largest departure that chance alone makes in so many cells, once in 20 times.
+            force; 0 if none does.
+        expected_standard_errors: largest departure that chance alone exceeds in so many cells once in 20 cases.
     """
 
     law_name: str
@@ -93,8 +93,8 @@ class ForceSurface:
 def force_points(fit: Fit, attachment: int) -> ForcePoints:
     """Return the measured force of one suspension per unit of reference mass on the reconstructed motion.
 
-    What the sensors read beyond the prediction, less its mean, is shared out over the suspensions as forces that would
-    make it; a sensor that sees one suspension alone gives the force of that one.
+    The readings minus the prediction, without their mean, are explained by additional forces of the suspensions; a
+    sensor that responds to one suspension only gives the force of that one.
     """
     model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if attachment in group.members)
     law, (z, v) = list(fit.laws.values())[number], fit.motion(attachment)
@@ -106,7 +106,7 @@ def force_points(fit: Fit, attachment: int) -> ForcePoints:
     fitted = fit.theta[first] * z + fit.theta[first + 1] * v + law.force(z, v)
     missed = []
     for index, prediction in enumerate(fit.errors.predictions):
-        read = model.corrected(fit.theta, index)[1].value
+        read = model.correct(fit.theta, index)[1].value
         apart = read - prediction.acceleration[:, : read.shape[1]]
         solved = np.linalg.pinv(model.mobility(fit.theta, index).reading[: read.shape[1], : model.body.n_interfaces])
         missed.append((apart - apart.mean(axis=0)) @ solved[attachment])
@@ -125,7 +125,7 @@ def force_surface(fit: Fit, attachment: int) -> ForceSurface:
     index = [np.digitize(x, e) - 1 for x, e in zip((points.travel, points.velocity), edges, strict=True)]
     inside = np.all([(p >= 0) & (p < n_cells) for p in index], axis=0)
     cell = np.where(inside, index[0] * n_cells + index[1], -1)
-    # second differences hold the noise and nothing that a law could have missed
+    # Second differences contain the noise and no errors of the law.
     noise = float(np.std(np.diff(points.force_per_mass - points.fitted, 2)) / np.sqrt(6))
     count, mean, error, fitted = (
         x.reshape(n_cells, n_cells) for x in _averages(points, cell, n_cells**2, noise, settings)
@@ -153,7 +153,7 @@ def force_surface(fit: Fit, attachment: int) -> ForceSurface:
 def _averages(
     points: ForcePoints, cell: np.ndarray, n_cells: int, noise: float, settings: SurfaceSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Count, mean force, standard error and mean law of each cell."""
+    """Return count, mean force, standard error and mean law of each cell."""
     inside = cell >= 0
     number = np.bincount(cell[inside], minlength=n_cells).astype(np.float64)
     divisor = np.where(number >= settings.least_count, number, np.nan)
@@ -185,7 +185,7 @@ class VisitedForce:
     Args:
         travel: (n,) z, m.
         velocity: (n,) z', m/s.
-        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 where the mass is not determined.
+        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 if the mass is not determined.
         nonlinear_force: (n,) f(z, z') alone.
         per_mass: whether the forces are per unit of mass.
     """
@@ -210,8 +210,8 @@ def visited_force(
     """Evaluate an identified restoring force at the visited cells of the plane.
 
     Args:
-        travel: (n,) where the runs were, m.
-        velocity: (n,) likewise, m/s.
+        travel: (n,) travel of the runs, m.
+        velocity: (n,) velocity of the runs, m/s.
         law: the nonlinear law.
         stiffness: K2 (or K2/M2).
         damping: C2 (or C2/M2).

@@ -1,9 +1,9 @@
-"""Which law: add, exchange or drop the term that lowers the error most, until nothing improves it enough.
+"""Search for the law: add, exchange or drop the term that lowers the error most, until no change is large enough.
 
-One search for one gear, several interfaces and the test bench. What is searched on is a `LawProblem`: it gives the
-columns of candidates beside a fit (`opid.suspensions.law_search.dictionary`), fits other laws, and predicts what was
-left out. All candidates are ranked without a fit, the best few are fitted. A larger law must earn its place by the
-information criterion, by the error and by the prediction of what was left out.
+The same search serves one gear, several interfaces and the test bench. It works on a `LawProblem`, which gives the
+columns of candidates beside a fit (`opid.suspensions.law_search.dictionary`), fits other laws, and predicts data that
+were left out. All candidates are ranked without a fit, and the best few are fitted. A larger law must be better by the
+information criterion, by the error and by the prediction of data that were left out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.weight import depends_on_travel
-from opid.suspensions.law_search.dictionary import LawDictionary, stand_together
+from opid.suspensions.law_search.dictionary import LawDictionary, may_stand_together
 from opid.suspensions.settings import SearchSettings
 
 logger = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ class LawFit(Protocol):
 
     @property
     def laws(self) -> Mapping[str, Law]:
-        """By the name of the group."""
+        """The laws by the name of the group."""
 
     @property
     def law_name(self) -> str:
@@ -43,34 +43,34 @@ class LawFit(Protocol):
 
     @property
     def n_data(self) -> int:
-        """Real numbers fitted, independent ones."""
+        """Number of independent real numbers that were fitted."""
 
     @property
     def error_rms(self) -> float:
-        """What is left, in the unit of the data."""
+        """Rms of the residual, in the unit of the data."""
 
 
 F = TypeVar("F", bound=LawFit)
 
 
 class LawProblem(Protocol[F]):
-    """What laws are searched on."""
+    """The problem on which laws are searched."""
 
     @property
     def settings(self) -> SearchSettings:
-        """Of the search."""
+        """Settings of the search."""
 
     def dictionaries(self, fit: F, kinds: Sequence[str]) -> dict[str, LawDictionary]:
-        """Return the candidates beside a fit by the name of the group; empty where there are none."""
+        """Return the candidates beside a fit by the name of the group; empty if there are none."""
 
     def refit(self, fit: F, laws: Mapping[str, Law]) -> F | None:
-        """Fit other laws from where a fit stands; None where they cannot be fitted."""
+        """Fit other laws, beginning at a fit; None if they cannot be fitted."""
 
     def left_out(self, fit: F) -> float | None:
-        """Return what is left of data that the rest predicts, as `error_rms`; None where nothing is left out."""
+        """Return the rms error of data predicted from the other data, as `error_rms`; None if nothing is left out."""
 
     def confirms(self, fit: F, than: F) -> bool:
-        """Return whether data left out confirm a law that is better than one of no more terms; True if not asked."""
+        """Return whether data left out confirm that a law is better than one of no more terms; True without a test."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +78,11 @@ class LawStep(Generic[F]):
     """One law that was tried.
 
     Args:
-        fit: of it.
-        kept: whether the search went on from here; the last step that was kept is the choice.
-        method: what proposed it: "equation", "given", "pursuit", "origin" or "sparse regression".
-        left_out: what is left of data that the rest predicts, as `error_rms` of the fit; None where it was not asked
-            for.
+        fit: the fit of the law.
+        kept: whether the search continued from here; the last step that was kept is the choice.
+        method: the method that proposed it: "equation", "given", "pursuit", "origin" or "sparse regression".
+        left_out: rms error of data predicted from the other data, as `error_rms` of the fit; None if it was not
+            computed.
     """
 
     fit: F
@@ -98,13 +98,13 @@ class LawStep(Generic[F]):
 
 @dataclass(frozen=True)
 class _Move:
-    """Other laws for some groups, and the criterion they would reach less that of the fit.
+    """Other laws for some groups, and their information criterion minus that of the fit.
 
     Args:
-        laws: of the groups that change, by their names.
-        bic: the criterion, less that of the fit; to first order.
-        n_more: terms more than the fit has.
-        always: whether it is fitted besides the number of moves that a round allows.
+        laws: the laws of the groups that change, by their names.
+        bic: the criterion minus that of the fit, to first order.
+        n_more: number of terms minus that of the fit.
+        always: whether it is fitted in addition to the number of moves that a round allows.
     """
 
     laws: dict[str, Law]
@@ -133,11 +133,11 @@ def search_laws(
     """Return the ladder of fitted laws; the last one with `kept` is the choice.
 
     Args:
-        problem: what laws are searched on.
-        start: a fit to grow from.
-        kinds: that may enter; those of `library` where left out.
-        method: what led to the start.
-        rejected: names of the laws of all groups that are not tried again, see `far_behind`.
+        problem: the problem on which laws are searched.
+        start: the fit to start from.
+        kinds: the kinds that a law may have; those of `library` if left out.
+        method: the method that led to the start.
+        rejected: names of the laws of all groups that are not tried again, see `find_far_behind`.
         progress: called with the name of each law before it is fitted.
     """
     say = progress or (lambda step: None)
@@ -145,7 +145,7 @@ def search_laws(
     ladder, current = [LawStep(start, True, method)], start
     tried = {_names(start)}
     for _ in range(problem.settings.n_rounds):
-        fits = _fitted(problem, current, kinds, tried, rejected, say)
+        fits = _fit_moves(problem, current, kinds, tried, rejected, say)
         best = current
         for fit in fits:
             best = fit if _replaces(problem, fit, best) else best
@@ -160,17 +160,17 @@ def chosen(ladder: Sequence[LawStep[F]]) -> LawStep[F]:
     """Return the step that a search ended on.
 
     Args:
-        ladder: of `search_laws`.
+        ladder: the result of `search_laws`.
     """
     return [step for step in ladder if step.kept][-1]
 
 
-def far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
-    """Return the names of laws, of all groups, that leave so much more than the choice that no other rate mends it.
+def find_far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
+    """Return the names of laws, of all groups, whose error is so much larger that no other rate can change the choice.
 
     Args:
-        ladder: of `search_laws`, of one rate.
-        settings: what counts as so much more.
+        ladder: the result of `search_laws` at one rate.
+        settings: the threshold of the error.
     """
     most = (1 + settings.far_fraction) * chosen(ladder).fit.error_rms
     least: dict[tuple[str, ...], float] = {}
@@ -179,12 +179,12 @@ def far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tu
     return {names for names, error_rms in least.items() if error_rms > most}
 
 
-def surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
-    """Return the names of laws, of all groups, so unlikely beside the choice that no other fit need confirm it.
+def find_surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
+    """Return the names of laws, of all groups, that are so unlikely that no other fit has to confirm the choice.
 
     Args:
-        ladder: of `search_laws`, of one rate.
-        settings: what counts as so unlikely.
+        ladder: the result of `search_laws` at one rate.
+        settings: the threshold of the criterion.
     """
     most = chosen(ladder).fit.bic + settings.surely_behind_bic
     least: dict[tuple[str, ...], float] = {}
@@ -194,10 +194,10 @@ def surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set
 
 
 def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
-    """Return whether fitted laws take the place of others: of as many terms the likelier, more of them by a margin.
+    """Return whether fitted laws replace others: the likelier ones of as many terms, laws of more terms by a margin.
 
     Args:
-        fit: the laws that may take the place.
+        fit: the laws that may replace the others.
         than: the others.
         settings: the margins.
     """
@@ -211,38 +211,39 @@ def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
 
 
 def _n_inner(fit: LawFit) -> int:
-    """Number of inner parameters of all laws."""
+    """Return the number of inner parameters of all laws."""
     return sum(law.vector.size - len(law.terms) for law in fit.laws.values())
 
 
 def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
-    """Whether a fit is better by its criterion and by data left out, or a larger one is not."""
+    """Whether a fit is better by its criterion and by data left out; a smaller one also if the larger is not better."""
     if n_terms(fit) < n_terms(than):
         return not _replaces(problem, than, fit)
     return is_better(fit, than, problem.settings) and problem.confirms(fit, than)
 
 
 def n_terms(fit: LawFit) -> int:
-    """Return the number of terms of all laws, an origin that is not where a suspension rests among them.
+    """Return the number of terms of all laws; an origin that is not the rest position counts as one.
 
     Args:
-        fit: of the laws.
+        fit: the fit of the laws.
     """
     return sum(len(law.terms) + bool(law.terms and law.rest_m) for law in fit.laws.values())
 
 
 def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> tuple[LawStep[F], ...]:
-    """Return the ladder with left-out errors: of the choice, its closest rivals and, if near, the best of fewer terms.
+    """Return the ladder with left-out errors of the choice, of its closest rivals, and of the best law of fewer terms.
 
-    The smaller laws are chosen instead where they predict what was left out as well, and leave hardly more of all data:
-    a law that was too large would mend little, and one that rests elsewhere in each run is not seen whole in any.
+    The law of fewer terms is considered only if its error is hardly larger, because an unnecessary term lowers the
+    error little. It is chosen if it predicts the data that were left out as well. A law whose runs rest at different
+    positions is not seen completely in any single run, so this prediction alone does not decide.
     """
     steps = list(ladder)
     choice = max(index for index, step in enumerate(steps) if step.kept)
     fit, close = steps[choice].fit, problem.settings.alike_bic
     smaller = [k for k, step in enumerate(steps) if n_terms(step.fit) < n_terms(fit)]
     below = min(smaller, key=lambda k: steps[k].fit.bic) if smaller else None
-    # a law that is the choice and more besides is no rival
+    # A law with all terms of the choice and further ones is no rival.
     rivals = [
         k
         for k, step in enumerate(steps)
@@ -250,7 +251,7 @@ def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> t
     ]
     most = (1 + problem.settings.overfit_fraction) * fit.error_rms
     if below is not None and steps[below].fit.error_rms >= most:
-        # whatever it leaves of runs left out, a law that mends so much stays
+        # A law that lowers the error so much is kept, whatever its error on runs left out.
         below = None
     for k in [choice, *([] if below is None else [below]), *rivals]:
         if steps[k].left_out is None:
@@ -258,7 +259,7 @@ def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> t
     if below is not None:
         with_it, without = steps[choice].left_out, steps[below].left_out
         if with_it is not None and without is not None and without <= with_it:
-            # the last one that was kept is the choice
+            # The last step that was kept is the choice.
             steps.append(replace(steps.pop(below), kept=True))
     return tuple(steps)
 
@@ -270,13 +271,13 @@ def add_neighbours(
     kinds: Sequence[str] | None = None,
     known: Collection[tuple[str, ...]] = (),
 ) -> tuple[LawStep[F], ...]:
-    """Return the ladder with what a reader asks next: linear suspensions, and the rejected laws that come closest.
+    """Return the ladder with linear suspensions and the closest rejected laws added, for comparison in the report.
 
     Args:
-        problem: what was searched on.
-        ladder: of `search_laws`; the choice stays.
-        kinds: that may enter; those of `library` where left out.
-        known: names of the laws of all groups that the reader is shown anyway; they count among the closest.
+        problem: the problem on which laws were searched.
+        ladder: the result of `search_laws`; the choice stays.
+        kinds: the kinds that a law may have; those of `library` if left out.
+        known: names of the laws of all groups that are reported anyway; they count among the closest.
     """
     best = chosen(ladder).fit
     tried = {_names(step.fit) for step in ladder}
@@ -290,13 +291,13 @@ def add_neighbours(
 
 
 def alternatives(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tuple[str, ...]:
-    """Say which other laws of a ladder explain the runs as well as the chosen one, a sentence each.
+    """Return the other laws of a ladder that explain the runs as well as the chosen one, one sentence each.
 
-    A law that is the chosen one and more besides is no alternative.
+    A law with all terms of the chosen one and further ones is no alternative.
 
     Args:
-        ladder: of `search_laws`.
-        settings: what counts as alike.
+        ladder: the result of `search_laws`.
+        settings: the difference of criteria below which laws cannot be distinguished.
     """
     best = chosen(ladder).fit
     found: dict[str, str] = {}
@@ -315,12 +316,12 @@ def alternatives(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tupl
         if not gone:
             continue
         new = [term for term in theirs.terms if term.name not in names[0]]
-        motions = " and ".join(sorted({_moved_by(term) for term in (*gone, *new)}))
+        motions = " and ".join(sorted({_describe_motion(term) for term in (*gone, *new)}))
         what, lost = " and ".join(map(_words, new)), " and ".join(term.name for term in gone)
         where = f"at {group!r}: " if group else ""
         found[step.law_name] = where + (
             f"{what} in place of {lost} explains the runs as well (BIC {behind:+.0f}): the visited {motions} do not "
-            "tell them apart"
+            "distinguish them"
             if new
             else f"the runs are explained as well without {lost} (BIC {behind:+.0f}): the visited {motions} do not "
             "show it"
@@ -333,11 +334,11 @@ def _names(fit: LawFit) -> tuple[str, ...]:
 
 
 def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
-    """Laws near the fitted ones: each group by itself, and the best of every group at once."""
+    """Return laws near the fitted ones: changes of one group, and the best changes of all groups together."""
     dictionaries = problem.dictionaries(fit, kinds)
     every = {group: dictionary.proposals() for group, dictionary in dictionaries.items()}
     moves = [_Move({group: each.law}, each.bic, each.n_more) for group, row in every.items() for each in row]
-    # what helps each group at once: those that drop a term, those that keep their number, and those that add one
+    # Joint moves of all groups: any change, only changes that add no term, and only changes that add one.
     for wanted in ((-1, 0, 1), (-1, 0), (1,)):
         best = {group: next((each for each in row if each.n_more in wanted), None) for group, row in every.items()}
         joint = {
@@ -351,36 +352,36 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
     for group, law in fit.laws.items():
         moves += [_Move({group: other}, 0.0, 0) for other in _limits(law, kinds)]
-        # no column tells what these promise
+        # No column shows the expected improvement of these laws.
         moves += [_Move({group: other}, 0.0, 0, always=True) for other in relatives(law, kinds)]
         dictionary = dictionaries.get(group)
         moves += [] if dictionary is None else [_Move({group: other}, -math.inf, 0) for other in dictionary.further]
-    possible = (move for move in moves if all(stand_together(law.parameters) for law in move.laws.values()))
+    possible = (move for move in moves if all(may_stand_together(law.parameters) for law in move.laws.values()))
     return sorted(possible, key=lambda move: move.bic)
 
 
 def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
-    """Laws with a term's limits in its place: it imitates them so well that no derivative asks for the exchange."""
+    """Yield laws in which the limits of a term replace it: it is so similar to them that no derivative shows this."""
     for term in law.terms:
         others = tuple(each for each in law.terms if each is not term)
         if term.kind.quasi_static:
-            # what is known of the weight holds straight springs at none beside it
+            # Beside gas, the known weight holds linear springs at zero.
             yield Law(others, law.rest_m)
-        # of others that depend on the travel the origin stays where it is
+        # If other terms depend on the travel, the origin does not change.
         about = 0.0 if any(map(depends_on_travel, (Law((each,)) for each in others))) else law.rest_m
         for name, values in term.kind.limits(term.values, about):
             if name in kinds and name not in law.parameters:
-                # what the term took from a friction that remembers was that of its limit
-                alone = tuple(each for each in others if stand_together((each.name, name)))
+                # Terms that may not stand beside the limit are dropped: their force belongs to the limit.
+                alone = tuple(each for each in others if may_stand_together((each.name, name)))
                 yield Law((*alone, Term(name, values)), law.rest_m - about * LAWS[name].is_about_rest)
 
 
 def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
-    """Yield laws with another friction that remembers, of the same force and travel: their columns look much alike.
+    """Yield laws with another friction with memory, of the same force and travel: their columns are nearly the same.
 
     Args:
-        law: with or without memory.
-        kinds: that may take its place.
+        law: a law with or without memory.
+        kinds: the kinds that may replace its friction.
     """
     for term in law.terms:
         if term.kind.memory is None or not term.kind.is_friction:
@@ -388,15 +389,15 @@ def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
         others = tuple(each for each in law.terms if each is not term)
         for name in kinds:
             kind = LAWS[name]
-            # many states are long to follow: sliders that slip one after the other are tried where a law fits that
-            # bends as gradually, with as many parameters
+            # A simulation with many states takes long: joints of sliders are tried only in place of a term with as many
+            # parameters, whose force bends as gradually.
             is_short = len(kind.elements) == 1 or len(term.values) == len(kind.parameters)
             if kind.memory is not None and kind.is_friction and is_short and name not in law.parameters:
                 values = (*term.values[:2], *(parameter.default for parameter in kind.parameters[2:]))
                 yield Law((*others, Term(name, values)), law.rest_m)
 
 
-def _fitted(
+def _fit_moves(
     problem: LawProblem[F],
     current: F,
     kinds: Sequence[str],
@@ -407,7 +408,7 @@ def _fitted(
     """Fit the laws one step away that may be better, or no worse by a margin; larger ones if no other will do."""
     known, fits = problem.settings, list[F]()
     found = _moves(problem, current, kinds)
-    # what the error margin asks of a larger law, so that a smaller one has its chance
+    # This is the reduction that the error margin requires of a larger law; a smaller law may be worse by as much.
     in_error = -2 * current.n_data * float(np.log1p(-known.error_margin / len(current.laws)))
     doubt = -2 * current.n_data * float(np.log1p(-known.first_order_error))
     for grow in (False, True):
@@ -418,7 +419,7 @@ def _fitted(
                 in_error if move.n_more < 0 else known.bic_margin if move.n_more == 0 else -known.bic_margin
             )
             name = move.name(current)
-            # from afar a smaller law may have ended elsewhere
+            # A smaller law that was tried from another fit may have ended at another minimum.
             is_tried = name in rejected or (name in tried and move.n_more >= 0)
             if (move.n_more > 0) != grow or is_tried or move.bic > allowed:
                 continue
@@ -435,8 +436,8 @@ def _fitted(
     return fits
 
 
-def _moved_by(term: Term) -> str:
-    """What the force of a term depends on, by its name in a sentence."""
+def _describe_motion(term: Term) -> str:
+    """Return what the force of a term depends on, as a word of a sentence."""
     travel, velocity = np.linspace(-1e-2, 1e-2, 21), np.linspace(-0.1, 0.1, 21)
     by_travel, by_velocity = Law((Term(term.name, (1.0, *term.inner)),)).gradient(travel, velocity)
     if np.any(by_travel) and np.any(by_velocity):

@@ -1,1 +1,1 @@
-"""The driven body as a function of one vector: the body, its runs, the unknowns, and the errors of prediction."""
+"""The driven body as a function of one vector: the body, its runs, the unknowns, and the prediction errors."""

@@ -1,12 +1,12 @@
-"""A body on suspensions whose unsprung sides are measured, as a function of what is not known of it.
+"""A body on suspensions whose unsprung sides are measured, as a function of its unknown parameters.
 
 Per unit of a reference mass the body obeys M q'' = - sum over attachments of j_s F_s, with
 
     M = unit + sum_k theta_k part_k + theta_1 theta_2 product + mu (known + loading),
 
-mu one over the reference mass: what is known in kg fixes the scale. An attachment is where a force acts on the body:
-an interface, or a spring inside. A rigid airframe has heave, roll and pitch about the origin of coordinates as degrees
-of freedom: there M is linear in mass, static moments and moments of inertia, and a point mass adds m j j^T,
+mu one over the reference mass: masses known in kg fix the scale. An attachment is where a force acts on the body: an
+interface, or a spring inside. A rigid airframe has heave, roll and pitch about the origin of coordinates as degrees of
+freedom: there M is linear in mass, static moments and moments of inertia, and a point mass adds m j j^T,
 j = (1, y, -x).
 """
 
@@ -26,17 +26,17 @@ RIGID = ("x_cg_m", "y_cg_m", "rxx_m2", "ryy_m2")
 
 
 class ImpossibleBodyError(NotDeterminedError):
-    """Free factors that make a mass matrix which is not positive definite."""
+    """Free factors give a mass matrix that is not positive definite."""
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate of an interface or a sensor that is known to a tolerance.
+    """A coordinate of an interface or a sensor with a known standard deviation.
 
     Args:
         name: "x_m[left]", "sensor_y_m[nose]", ...
         attachment: number of the attachment of the interface, or of the sensor.
-        of_sensor: whether it is a coordinate of the sensor, else of the suspension.
+        of_sensor: whether it is a coordinate of the sensor; otherwise of the suspension.
         derivative: (n_dof,) derivative of the row j by it.
         std: standard deviation of the coordinate, m.
     """
@@ -53,9 +53,9 @@ class Inside:
     """A spring and damper inside of the body, or from the body to the ground.
 
     Args:
-        name: of the joint.
-        stiffness_n_per_m: known stiffness; None where it is to be found.
-        damping_n_s_per_m: known damping, likewise.
+        name: name of the joint.
+        stiffness_n_per_m: known stiffness; None if it is unknown.
+        damping_n_s_per_m: known damping; None if it is unknown.
     """
 
     name: str
@@ -65,22 +65,22 @@ class Inside:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What is known of a body, and what is to be found.
+    """The known and the unknown properties of a body.
 
     Args:
         dof: names of the degrees of freedom.
         unit: (n_dof, n_dof) part of the mass matrix that has no free factor, per unit of the reference mass.
-        names: of the free factors theta.
-        parts: (n_parts, n_dof, n_dof) what each multiplies.
-        known: (n_dof, n_dof) mass matrix of what is known in kg.
+        names: names of the free factors theta.
+        parts: (n_parts, n_dof, n_dof) matrices that the factors multiply.
+        known: (n_dof, n_dof) mass matrix of all masses known in kg.
         rows: (n_attachments, n_dof) j of each attachment, interfaces first.
-        readings: (n_sensors, n_dof) what each sensor on the body reads of q'', n_sensors at most n_attachments.
-        inside: of each attachment behind the interfaces.
-        coordinates: those that are known to a tolerance.
+        readings: (n_sensors, n_dof) readings of the sensors for unit q'', n_sensors at most n_attachments.
+        inside: springs of the attachments that are no interfaces.
+        coordinates: coordinates with a known standard deviation.
         absolute: whether `unit` is in kg already, so that mu is 1.
-        product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
-        fall: (n_dof,) acceleration of the body in free fall, m/s^2; None where no weight acts.
-        piston_area_m2: of the strut of a gear alone; 0 where it is not stated.
+        product: (n_dof, n_dof) matrix that the product of the first two factors multiplies; None for none.
+        fall: (n_dof,) acceleration of the body in free fall, m/s^2; None if no weight acts.
+        piston_area_m2: piston area of the strut of a gear alone; 0 if it is not stated.
     """
 
     dof: tuple[str, ...]
@@ -131,7 +131,7 @@ class Mobility:
             without a sensor.
         by_accelerance: (n_directions, n_attachments, n_attachments) derivatives of A by the free factors, mu and the
             coordinates.
-        by_reading: the same of R.
+        by_reading: (n_directions, n_attachments, n_attachments) the same derivatives of R.
     """
 
     accelerance: FloatArray
@@ -143,7 +143,7 @@ class Mobility:
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
     """Return the accelerances of a body at its attachments under a loading, (n_dof, n_dof) kg.
 
-    `shifts` are the true coordinates less the stated ones, m.
+    `shifts` are the true coordinates minus the stated ones, m.
 
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
@@ -179,10 +179,10 @@ def rigid_body(
     names: Sequence[str] = (),
     tolerance_m: float = 0.0,
 ) -> Body:
-    """Return a rigid airframe in heave, roll and pitch, of which mass, centre of gravity and inertias are free.
+    """Return a rigid airframe in heave, roll and pitch with unknown mass, centre of gravity and inertias.
 
     Positions are (x, y) in m, x forward and y to the left: of each interface; of the sensor above each interface,
-    then of further ones. They are known to `tolerance_m`, one standard deviation; 0 is exactly.
+    then of further sensors. Their standard deviation is `tolerance_m`; 0 means that they are exact.
 
     >>> body = rigid_body([(3.0, 0.0), (-1.0, 1.5), (-1.0, -1.5)])
     >>> body.mass(np.array([0.0, 0.0, 1.0, 2.0]), 0.0, np.zeros((3, 3)))
@@ -199,11 +199,11 @@ def rigid_body(
     parts[2, 1, 1] = parts[3, 2, 2] = 1.0
     unit = np.zeros((3, 3))
     unit[0, 0] = 1.0
-    # an airframe whose left and right are alike has no product of inertia about its own centre of gravity
+    # A symmetric airframe has no product of inertia about its own centre of gravity.
     product = np.zeros((3, 3))
     product[1, 2] = product[2, 1] = -1.0
     n_more = max(0, len(seen) - len(rows))
-    # a further sensor sits at an attachment without a spring
+    # A further sensor is at an attachment without a spring.
     inside = tuple(Inside(f"sensor {k + 1}", 0.0, 0.0) for k in range(n_more))
     return Body(
         ("heave", "roll", "pitch"),
@@ -220,7 +220,7 @@ def rigid_body(
 
 
 def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
-    """Coordinates of the interfaces, then of their sensors."""
+    """Return the coordinates of the interfaces, then of their sensors."""
     return tuple(
         Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", attachment, of_sensor, derivative, tolerance_m)
         for of_sensor in (False, True)
@@ -242,10 +242,10 @@ def own_body(
     unknown: Sequence[str] = (),
     unknown_mass: Sequence[str] = (),
 ) -> Body:
-    """Return a user's own structure, hung on interfaces whose other side is measured.
+    """Return a user's own structure on interfaces whose other side is measured.
 
-    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground. What the mass matrix
-    says of an unknown mass is a guess; where nothing else is known, ratios to the first of them are found.
+    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground. An unknown mass has a
+    start value in the mass matrix; if no mass or spring is known, ratios to the first unknown mass are found.
 
     Raises:
         InputError: an unknown degree of freedom or joint, one named twice, or a joint with a law.
@@ -281,7 +281,7 @@ def own_body(
 
 
 def _joints(structure: Structure, unknown: Sequence[str]) -> Iterator[tuple[Inside, FloatArray]]:
-    """The joints, each with its row."""
+    """Yield the joints, each with its row."""
     names = [joint.name for joint in structure.joints]
     for name in unknown:
         if name not in names:
@@ -295,7 +295,7 @@ def _joints(structure: Structure, unknown: Sequence[str]) -> Iterator[tuple[Insi
 
 
 def _matrices(structure: Structure) -> Iterator[tuple[Inside, FloatArray]]:
-    """The stiffness and damping matrices as springs and dampers along their eigenvectors."""
+    """Yield the stiffness and damping matrices as springs and dampers along their eigenvectors."""
     for what, matrix in (("stiffness", structure.stiffness), ("damping", structure.damping)):
         values, vectors = np.linalg.eigh(matrix)
         spring, least = what == "stiffness", 1e-12 * np.abs(values).max(initial=0.0)

@@ -1,13 +1,13 @@
 """Prediction errors of a body on driven suspensions, and their derivatives, as functions of one vector.
 
-The noise below the suspensions drives the model too. Every reading on the body therefore corrects the simulated motion
-by as much as the noise levels make right (`opid.mechanics.driven`), so that the errors are white for the true model
-whatever the law. The lines of a band of them are compared: what sensors do below and above does not matter.
+The noise below the suspensions drives the model, too. Every reading on the body therefore corrects the simulated motion
+by an amount that follows from the noise levels (`opid.mechanics.driven`), so that the errors are white for the true
+model, whatever the law. Only the lines in a band are compared: the readings below and above it do not matter.
 
-How likely they are needs the spectral density of both noises: there a run has the mean slopes of its laws.
+The likelihood needs the spectral density of both noises, for which each law is replaced by its mean slopes.
 
-A gear alone is a body with one interface, M2 its mass. The equations are the same for any number; only a column of gas,
-which carries what rests on it, needs one suspension alone.
+A gear alone is a body with one interface, M2 its mass. The equations are the same for any number of interfaces; only a
+column of gas, which carries the weight, needs a single suspension.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from opid.suspensions.model.unknowns import (
     Unknowns,
     add_departures,
     add_rest,
-    known_before,
+    compare_with_prior,
     put_at_rest,
     sort_out,
 )
 
-# the reading of an attachment that has no sensor: nothing is learnt from it
+# noise of an attachment without a sensor, whose reading is then ignored
 _NO_SENSOR_M_PER_S2 = 1e6
-# of free motions: so much louder are the sensors on the body, and so much quieter those below
+# factor on the noise on the body, and divisor of the noise below, for free motions
 _DEAF = 1e4
 
 
 @dataclass(frozen=True, eq=False)
 class ProcessNoise:
-    """What moves the body and no sensor measured: forces of others, and motion that the model does not know.
+    """Process noise: unmeasured forces on the body, and motion that the model does not describe.
 
     Args:
         fraction: its rms acceleration over that of the readings of a run; 0 for none.
-        corner_hz: above this frequency its spectral density falls, Hz.
-        levels: of each run (n_sensors, n_lines) how large the errors are, band by band; empty where all are 1.
+        corner_hz: frequency above which its spectral density decreases, Hz.
+        levels: for each run (n_sensors, n_lines) relative size of the errors, band by band; empty if all are 1.
     """
 
     fraction: float = 0.0
@@ -68,11 +68,11 @@ class Errors:
     """Whitened prediction errors of all runs at one vector.
 
     Args:
-        stacked: (n_data + n_priors,) real and imaginary parts of the lines, then the departures from what was known.
-        jacobian: (n_data + n_priors, n_unknowns); no rows where it was not asked for.
-        lines: one complex array (n_sensors * n_lines,) a run, one sensor after the other.
-        predictions: of each run, without derivatives.
-        candidates: derivatives by the amplitudes and inner values of further terms, (n_data, n_values), if asked for.
+        stacked: (n_data + n_priors,) real and imaginary parts of the lines, then the departures from prior values.
+        jacobian: (n_data + n_priors, n_unknowns) derivatives; no rows if they were not requested.
+        lines: one complex array (n_sensors * n_lines,) for each run, one sensor after the other.
+        predictions: prediction of each run, without derivatives.
+        candidates: (n_data, n_values) derivatives by the amplitudes and inner values of further terms, if requested.
     """
 
     stacked: FloatArray
@@ -84,17 +84,17 @@ class Errors:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model(Unknowns):
-    """Prediction errors and their derivatives as functions of one vector (see `Unknowns` for what stands in it).
+    """Prediction errors and their derivatives as functions of one vector (see `Unknowns` for its entries).
 
     Args:
-        noise: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
-        most_noise: the noise in the band may be so many times as large; 1 where it was stated or spectra tell it.
-        louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
-            the sensors below: it stands for what the model does not know yet.
-        process: what moves the body and no sensor measured.
-        is_held: whether, while a fit comes from afar, a column of gas carries all of the weight.
-        forgets: whether the first periods are not compared, whatever the law: a joint of sliders begins with what each
-            of them held, and no reading tells. Fits are compared by what they leave of the same readings.
+        noise: noise of the sensors below the suspensions, (n_interfaces,), and on the body, (n_sensors,), m/s^2.
+        most_noise: factor by which the noise in the band may be larger; 1 if it was stated or if spectra show it.
+        louder: factor on the noise that moves the suspensions during continuation; it stands for errors of parameters
+            that are still wrong.
+        process: process noise.
+        is_held: whether, during continuation, a column of gas carries all of the weight.
+        forgets: whether the first periods are not compared, because the initial forces of the sliders of a joint are
+            unknown. Fits are compared with each other only if they use the same samples.
     """
 
     noise: tuple[FloatArray, FloatArray]
@@ -106,15 +106,15 @@ class Model(Unknowns):
 
     @cached_property
     def coarse(self) -> Model:
-        """The model of the same runs at a coarse rate; itself where theirs is."""
+        """The model of the same runs at a coarse rate; itself if their rate is coarse already."""
         runs = tuple(run.coarse for run in self.runs)
         return self if all(a is b for a, b in zip(runs, self.runs, strict=True)) else replace(self, runs=runs)
 
     @cached_property
     def free(self) -> Model:
-        """The model of the free motion: what sensors on the body read does not correct it, and drives are exact.
+        """The model of the free motion: readings on the body do not correct it, and the drive is exact.
 
-        Its errors are in the same unit.
+        Its errors have the same unit.
         """
         below, above = self.noise
         runs = tuple(replace(run, error_level=run.error_level / _DEAF) for run in self.runs)
@@ -122,12 +122,12 @@ class Model(Unknowns):
 
     @property
     def level(self) -> float:
-        """The noise that is assumed, as white noise of one level on all sensors, m/s^2."""
+        """The assumed noise, as white noise of one level on all sensors, m/s^2."""
         return noise_level(self.noise)
 
     @property
     def n_known_of_laws(self) -> int:
-        """How much of stiffness and laws was known before the data: exponents, and what carries the weight."""
+        """Number of priors of stiffness and laws: those of exponents and of the carried weight."""
         exponents = [parameter for group in self.groups for parameter in group.law.parameter_list if parameter.known]
         return len(exponents) + 2 * len(self.carriers)
 
@@ -138,10 +138,9 @@ class Model(Unknowns):
 
     @cached_property
     def _fades(self) -> tuple[FloatArray, ...]:
-        """By how much each sample of a run counts, 1 in the mean square; empty where all count alike.
+        """Weight of each sample of a run, with mean square 1; empty if all samples have the same weight.
 
-        Errors that come of what sliders held at first last until the motion has dragged along all that it does drag
-        along.
+        Errors due to unknown initial forces of sliders last until the motion has made all of them slide that it can.
         """
         if not self.forgets:
             return ()
@@ -151,7 +150,7 @@ class Model(Unknowns):
         fades = []
         for run in self.runs:
             last = min(int(unknown_s * run.fs), int(known.most_unknown_fraction * run.n_samples))
-            # errors grow from nothing over the last fifth, so that no line sees an edge
+            # The weight rises from zero over the last fifth, so that the errors have no edge.
             fade = np.clip((np.arange(1, run.n_samples + 1) - 0.8 * last) / max(0.2 * last, 1.0), 0.0, 1.0)
             fade = 0.5 - 0.5 * np.cos(np.pi * fade)
             fades.append(fade / np.sqrt(np.mean(fade**2)))
@@ -163,12 +162,12 @@ class Model(Unknowns):
         n = sum(run.n_samples for run in self.runs)
         return sum(fade.size / float(fade.max()) ** 2 for fade in self._fades) / n if self._fades else 1.0
 
-    def _compared(self, index: int, errors: FloatArray) -> FloatArray:
+    def _fade_errors(self, index: int, errors: FloatArray) -> FloatArray:
         return errors * self._fades[index] if self._fades else errors
 
     @cached_property
     def is_weighed(self) -> NDArray[np.bool_]:
-        """Which of the departures from what was known count for a model: all but those of how a run begins."""
+        """Which departures from prior values enter the criterion of a model: all except those of initial states."""
         first = self.first_fault
         weighed = np.ones(self.n_shared - first + self.n_own * len(self.runs) + self.n_known_of_laws, dtype=bool)
         for index in range(len(self.runs)):
@@ -184,24 +183,24 @@ class Model(Unknowns):
         of_reference, slopes = self.interfaces(theta, candidates)
         rest = self._rest(theta, index, of_reference)
         resting = put_at_rest(of_reference, rest)
-        suspensions = self.departed(resting, theta, index)
+        suspensions = self.apply_departures(resting, theta, index)
         moved = self.mobility(theta, index)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
-        below, above = self.corrected(theta, index)
+        below, above = self.correct(theta, index)
         n_sensors = above.value.shape[1]
         start, covariance = state_at_start(self, theta, index)
         prediction = predict(
             suspensions,
             moved.accelerance,
-            _widened(below.value, n_attachments),
-            _widened(above.value, n_attachments),
+            _widen(below.value, n_attachments),
+            _widen(above.value, n_attachments),
             fs=run.fs,
             noise=self.noise_in(theta, run),
             start=start,
             start_covariance=covariance,
             accelerance_directions=moved.by_accelerance[kept],
-            # a sensor at its interface reads what acts there: the predictor then need not tell the two apart
+            # A sensor at its interface reads the acceleration there, so that the predictor need not distinguish them.
             reading=None if self._is_plain else moved.reading,
             reading_directions=None if self._is_plain else moved.by_reading[kept],
             drive_directions=below.directions(n_attachments),
@@ -217,13 +216,13 @@ class Model(Unknowns):
                 change = change.copy()
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
-            lines = run.transform(self._compared(index, change)).transpose(1, 0, 2) / self._levels(index)
+            lines = run.transform(self._fade_errors(index, change)).transpose(1, 0, 2) / self._levels(index)
             if self.n_departures:
                 add_departures(self, lines, resting, theta, index, by)
             if rest is not None:
                 add_rest(self, lines, rest, of_reference, theta, index, by)
             further = sort_out(self, lines, suspensions, slopes, (*below.by, *above.by), index, by, candidates or {})
-        # a hundred times larger than the rest, and used up
+        # The sensitivity is no longer needed, and a hundred times larger than everything else.
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
 
     @cached_property
@@ -236,21 +235,21 @@ class Model(Unknowns):
 
     @property
     def _n_starts(self) -> int:
-        """Directions of the start state that the predictor has."""
+        """Number of directions of the initial state in the predictor."""
         return (4 if self.ground else 2) * self.body.n_attachments
 
     def _noise_of_readings(self, theta: FloatArray, run: DrivenRun) -> tuple[FloatArray, FloatArray]:
-        """The noise behind the gains, as the run is sampled.
+        """Return the noise of the corrected readings at the rate of the run.
 
-        The noise is that of a reading: a large gain must not make the errors look small. White noise sampled finer has
-        the same density only at a higher level; of runs sampled coarser the drive alone is averaged.
+        The noise is that of the readings: a large gain must not make the errors look small. White noise that is sampled
+        finer has the same density only with a larger rms; in runs that are sampled coarser only the drive is averaged.
         """
         below, above = (side * np.sqrt(run.finer) for side in self.noise)
         gains = self.gains(theta)
         return below / gains[0] / np.sqrt(run.stride), above / gains[1]
 
     def noise_in(self, theta: FloatArray, run: DrivenRun) -> Noise:
-        """Return the noise of all attachments in a run; an AC coupling that was undone adds up its own."""
+        """Return the noise of all attachments in a run; an AC coupling that was undone integrates its noise."""
         levels = self._noise_of_readings(theta, run)
         values, rows = self.fault_values(theta), []
         for side, level, n_all, absent in (
@@ -278,8 +277,8 @@ class Model(Unknowns):
             self.process.corner_hz,
         )
 
-    def simulated(self, theta: FloatArray) -> tuple[Prediction, ...]:
-        """Return the free motion of each run: what sensors on the body read does not correct it.
+    def simulate(self, theta: FloatArray) -> tuple[Prediction, ...]:
+        """Return the free motion of each run, which the readings on the body do not correct.
 
         Args:
             theta: the vector.
@@ -290,7 +289,7 @@ class Model(Unknowns):
         return self.free.evaluate(theta, sensitivity=False).predictions
 
     def _levels(self, index: int) -> FloatArray:
-        """How large the errors of a run are, (n_sensors, n_lines) or one number for all."""
+        """Return the relative size of the errors of a run, (n_sensors, n_lines) or one number for all."""
         level = self.runs[index].error_level
         return level * self.process.levels[index] if self.process.levels else np.full((1, 1), level)
 
@@ -302,7 +301,7 @@ class Model(Unknowns):
         run: DrivenRun,
         by_fault: Sequence[tuple[str, int, FloatArray]],
     ) -> None:
-        """Add what a gain does to the innovations by way of their spread: all gains together change nothing."""
+        """Add the effect of a gain on the innovations through their spread: all gains together change nothing."""
         kinds = {fault.name: fault for fault in self.faults}
         n_sensors, gains = len(self.sensors.sprung), self.gains(theta)
         own = (self._noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
@@ -323,9 +322,10 @@ class Model(Unknowns):
         sensitivity: bool = True,
         candidates: Mapping[int, Sequence[Term]] | None = None,
     ) -> Errors:
-        """Return errors, Jacobian and predictions at a vector; of each run the lines of one sensor after the other.
+        """Return errors, Jacobian and predictions at a vector; for each run the lines of one sensor after the other.
 
-        Candidates are further terms by number of the group, too weak to move anything: their derivatives are given.
+        Candidates are further terms by the number of the group, too weak to change the motion; their derivatives are
+        returned.
 
         Raises:
             UnboundedResponseError: a suspension that grows without bound.
@@ -337,12 +337,12 @@ class Model(Unknowns):
         for index, run in enumerate(self.runs):
             prediction, by, more = self._predict(theta, index, sensitivity, candidates)
             innovation = prediction.innovation[: len(self.sensors.sprung)]
-            lines.append((run.transform(self._compared(index, innovation)) / self._levels(index)).ravel())
+            lines.append((run.transform(self._fade_errors(index, innovation)) / self._levels(index)).ravel())
             predictions.append(prediction)
             if sensitivity:
                 blocks += _real_rows(by)
                 further += _real_rows(more)
-        departure, by_prior = known_before(self, theta, is_held=self.is_held)
+        departure, by_prior = compare_with_prior(self, theta, is_held=self.is_held)
         stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
         jacobian = np.concatenate([*blocks, by_prior if sensitivity else by_prior[:0]])
         columns = np.concatenate(further) if further else np.empty((0, 0))
@@ -364,7 +364,7 @@ class Model(Unknowns):
             density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
             if self.process.fraction:
                 density = density + spectral_density(self.process, run, straight)
-            # of the readings themselves, before their gains were taken out
+            # The density is that of the readings before they were divided by their gains.
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
             spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1])))
             spread += 2 * float(np.sum(np.log(np.broadcast_to(self._levels(index), (above.size, run.omega.size)))))
@@ -376,8 +376,8 @@ def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
     return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
 
 
-def _widened(samples: FloatArray, n_attachments: int) -> FloatArray:
-    """A column for every attachment: nothing drives or reads those behind."""
+def _widen(samples: FloatArray, n_attachments: int) -> FloatArray:
+    """Return samples with a column for every attachment; attachments that are no interfaces have zeros."""
     if samples.shape[1] == n_attachments:
         return samples
     return np.concatenate([samples, np.zeros((len(samples), n_attachments - samples.shape[1]))], axis=1)
@@ -389,7 +389,7 @@ def _real_rows(by: ComplexArray) -> list[FloatArray]:
 
 
 def state_at_start(unknowns: Unknowns, theta: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
-    """Return the state at a run's first sample and its covariance: what is fitted is known exactly."""
+    """Return the state at a run's first sample and its covariance; fitted entries are taken as exact."""
     body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[index]
     n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
     start, std = np.zeros((n_rows, body.n_attachments)), np.zeros((n_rows, body.n_attachments))
@@ -406,7 +406,7 @@ def state_at_start(unknowns: Unknowns, theta: FloatArray, index: int) -> tuple[F
         for k, sensor in enumerate(unknowns.sensors.unsprung):
             rows = np.arange(2, 5) * body.n_attachments + k
             if sensor.corner_hz:
-                # what an AC coupling took from the path is not known
+                # The slow motion that an AC coupling removed from the path is unknown.
                 far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
                 covariance[rows, rows] = np.square(far)
             else:
@@ -419,11 +419,11 @@ class Straight:
     """A run with the mean slopes of its laws, on the lines that are compared.
 
     Args:
-        omega: of the lines, rad/s.
-        moved: what forces do to the body.
+        omega: (n_lines,) angular frequencies, rad/s.
+        moved: accelerances of the body.
         spring: (n_lines, n_attachments) force on the body by travel, with the mean slopes of the laws.
         ground: (n_attachments,) stiffness of the springs to the ground.
-        system: (n_lines, n_attachments, n_attachments) what gives the travel from accelerations.
+        system: (n_lines, n_attachments, n_attachments) matrix that relates travel to accelerations.
     """
 
     omega: FloatArray
@@ -446,7 +446,7 @@ def straighten(unknowns: Unknowns, theta: FloatArray, index: int, prediction: Pr
         by_z, by_v = suspension.law.gradient(z, v)
         spring[:, k] = suspension.stiffness + by_z.mean() + 1j * omega * (suspension.damping + by_v.mean())
         if suspension.law.has_memory:
-            stiffness, damping = _of_memories(suspension.law, z, v, unknowns.runs[index].fs)
+            stiffness, damping = _linearise_memories(suspension.law, z, v, unknowns.runs[index].fs)
             spring[:, k] += stiffness + 1j * omega * damping
     square = (omega**2)[:, np.newaxis, np.newaxis]
     # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
@@ -470,7 +470,7 @@ def transmissibility(unknowns: Unknowns, straight: Straight) -> ComplexArray:
 
 
 def spectral_density(process: ProcessNoise, run: DrivenRun, straight: Straight) -> ComplexArray:
-    """Return what unmeasured forces make of the density of the readings, (n_lines, n_sensors, n_sensors)."""
+    """Return the spectral density of the readings due to process noise, (n_lines, n_sensors, n_sensors)."""
     rms, omega, ground = process.acceleration_rms(run), straight.omega, straight.ground
     n = rms.size
     travel = np.linalg.solve(straight.system, np.broadcast_to(np.eye(len(ground))[:, :n], (omega.size, len(ground), n)))
@@ -484,16 +484,17 @@ def spectral_density(process: ProcessNoise, run: DrivenRun, straight: Straight) 
 def straight_equivalent(model: Model, run: int, motion: Prediction) -> Callable[[FloatArray], FloatArray]:
     """Return a function of the vector: stiffness and damping over the mass of a run, frequency, damping ratio.
 
-    Their force departs least from that of springs, damper and law, in the mean square over the motion (statistical
-    linearisation, Roberts & Spanos 1990, Random vibration and statistical linearization, ch. 5).
+    They belong to the linear suspension whose force is nearest to that of springs, damper and law, in the mean square
+    over the motion (statistical linearisation, Roberts & Spanos 1990, Random vibration and statistical linearization,
+    ch. 5).
 
     Args:
-        model: of one gear.
-        run: its index.
-        motion: of that run.
+        model: the model of one gear.
+        run: index of the run.
+        motion: predicted motion of that run.
 
     Returns:
-        Of a vector (4,) 1/s^2, 1/s, Hz and 1; frequency and damping ratio are NaN where it does not spring back.
+        A function that returns (4,) 1/s^2, 1/s, Hz and 1; frequency and damping ratio are NaN for a negative stiffness.
     """
     z, v = motion.travel[:, 0], motion.velocity[:, 0]
     nearest, fs = np.linalg.pinv(np.stack([z, v], axis=1)), model.runs[run].fs
@@ -514,9 +515,9 @@ def straight_equivalent(model: Model, run: int, motion: Prediction) -> Callable[
     return of_vector
 
 
-def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
-    """Stiffness and damping that come nearest to what the terms with memory do along a motion."""
+def _linearise_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
+    """Return the stiffness and damping whose force is nearest to that of the terms with memory along a motion."""
     columns, force = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1), force_along(law.remembering, z, v, fs)
-    # a memory that turns over too fast to be followed is none that holds
+    # A memory that turns over too fast to be followed is taken as zero.
     found = np.linalg.lstsq(columns, np.where(np.isfinite(force), force, 0.0), rcond=None)[0]
     return float(found[0]), float(found[1])

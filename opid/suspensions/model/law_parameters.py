@@ -1,4 +1,4 @@
-"""The parameters of a law as an optimiser moves them: positive ones as logarithms, scales kept where they are seen."""
+"""The parameters of a law in the form for an optimiser: positive ones as logarithms, scales within visible bounds."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def from_free(law: Law, free: FloatArray) -> tuple[Law, FloatArray]:
     """Return the law of the same terms with these free values, and the derivatives of its vector by them.
 
     Args:
-        law: says which terms.
-        free: (n_parameters,) as of `to_free`.
+        law: a law with the same terms.
+        free: (n_parameters,) values as returned by `to_free`.
 
     >>> from opid.mechanics.laws.law import default_law
     >>> law = default_law("arctan_velocity")
@@ -45,7 +45,7 @@ def from_free(law: Law, free: FloatArray) -> tuple[Law, FloatArray]:
     ([400.0, 0.02], [1.0, 0.02])
     """
     is_positive = positive(law)
-    # a runaway scale is a straight line or a step: kept finite, reported as indistinguishable
+    # A scale that runs away gives a straight line or a step: it is kept finite and reported as indistinguishable.
     vector = np.where(is_positive, np.exp(np.clip(np.where(is_positive, free, 0.0), -60, 60)), free)
     return law.with_vector(vector), np.where(is_positive, vector, 1.0)
 
@@ -53,15 +53,15 @@ def from_free(law: Law, free: FloatArray) -> tuple[Law, FloatArray]:
 def free_bounds(
     law: Law, *, travel_rms: float, velocity_rms: float, rests_apart_m: float = 0.0, slide_beyond: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper bounds of `to_free`, (n_parameters,) each, infinite but for scales and exponents.
+    """Return the lower and upper bounds of `to_free`, (n_parameters,) each, infinite except for scales and exponents.
 
     Args:
         law: any law.
         travel_rms: rms of z, m.
         velocity_rms: rms of z', m/s.
-        rests_apart_m: how far runs rest from each other: springs are visited there, too. Stops, gas and what remembers
-            tell their scale by the motion.
-        slide_beyond: the travel after which a friction that remembers slides may be this many times the longest that
+        rests_apart_m: distance between the rest positions of the runs, m: springs are visited there, too. Scales of
+            stops, gas and terms with memory depend on the motion only.
+        slide_beyond: the travel after which a friction with memory slides may be this many times the longest one that
             can be seen.
     """
     lower = np.full(law.vector.size, -np.inf)
@@ -81,15 +81,15 @@ def free_bounds(
 
 
 def reference(parameter: Parameter, travel_rms: float, velocity_rms: float) -> float:
-    """Return the rms motion that an inner parameter is compared with: of travel, of velocity, or their ratio."""
+    """Return the rms motion that an inner parameter is compared with: travel, velocity, or their ratio."""
     travel, velocity = max(travel_rms, 1e-12), max(velocity_rms, 1e-12)
     return {"m/s": velocity, "s": travel / velocity}.get(parameter.unit, travel)
 
 
 def has_slope(kind: Kind) -> bool:
-    """Return whether a kind has one positive inner parameter to be found: its columns are moved along its logarithm.
+    """Return whether a kind has one unknown positive inner parameter, so that columns have a slope by its logarithm.
 
-    Others may follow that are known roughly beforehand.
+    Further inner parameters may follow if they are known approximately beforehand.
 
     Args:
         kind: any kind.
@@ -113,20 +113,20 @@ def faint_terms(
     settings: SearchSettings,
     rest_m: float = 0.0,
 ) -> list[Term]:
-    """Return the terms of `offered_terms` with amplitudes too weak to move anything, without stops beyond the travel.
+    """Return the terms of `list_terms` with amplitudes too weak to change the motion, without stops beyond the travel.
 
     Args:
         kind: name in `opid.laws.LAWS`.
         travel: (n,) z, m.
         velocity: (n,) z', m/s.
-        travel_rms: over which scales are laid out, m.
-        velocity_rms: the same of the velocity, m/s.
-        noise: what the force is faint beside, m/s^2.
-        settings: of the search.
-        rest_m: from where on the terms the travel is measured, m.
+        travel_rms: rms travel that the scales are based on, m.
+        velocity_rms: rms velocity that the scales are based on, m/s.
+        noise: noise beside which the force is small, m/s^2.
+        settings: settings of the search.
+        rest_m: position on the terms from which the travel is measured, m.
     """
     found = []
-    for term in offered_terms(
+    for term in list_terms(
         kind,
         travel_rms=travel_rms,
         velocity_rms=velocity_rms,
@@ -144,7 +144,7 @@ def faint_terms(
 
 
 def pulls_at_a_stop(law: Law) -> bool:
-    """Return whether a stop of a law pulls where it should push: something else gives way, and no stop is there.
+    """Return whether a stop of a law pulls instead of pushing: something else yields there, and it is no stop.
 
     Args:
         law: any law.
@@ -152,30 +152,30 @@ def pulls_at_a_stop(law: Law) -> bool:
     return any(term.kind.is_stop and term.amplitude < 0.0 for term in law.terms)
 
 
-def not_reached(way_m: float) -> str:
-    """Return what is said of a stop that was not reached, the sentence that begins with its name.
+def describe_unreached_stop(distance_m: float) -> str:
+    """Return the message about a stop that was not reached, a sentence that begins with the name of the stop.
 
     Args:
-        way_m: how far the motion went towards it, m.
+        distance_m: how far the motion went towards it, m.
     """
     return (
-        f"was not reached, for the motion went only {1e3 * way_m:.3g} mm towards it: its gap and its stiffness are "
-        "withheld; leave it out, or record a motion that runs into it"
+        f"was not reached, because the motion went only {1e3 * distance_m:.3g} mm towards it: its gap and its "
+        "stiffness are withheld; leave it out, or record a motion that reaches it"
     )
 
 
-def way_to_stop(term: Term, travel: FloatArray) -> float:
+def distance_to_stop(term: Term, travel: FloatArray) -> float:
     """Return how far a motion goes towards a stop, m.
 
     Args:
         term: the stop.
-        travel: (n,) from the origin of the law, m.
+        travel: (n,) travel from the origin of the law, m.
     """
     is_compressed = float(term.evaluate(np.array(-1e3 * term.inner[0]), np.array(0.0))[1]) > 0.0
     return float(np.max(-travel if is_compressed else travel))
 
 
-def offered_terms(
+def list_terms(
     kind: str,
     *,
     travel_rms: float,
@@ -185,23 +185,23 @@ def offered_terms(
     lags: Sequence[float] = SearchSettings.lags,
     exponents: Sequence[float] = (),
 ) -> list[Term]:
-    """Return terms of unit amplitude of a kind, its inner parameters over the range in which this motion shows them.
+    """Return terms of unit amplitude of a kind, with inner parameters over the range in which this motion shows them.
 
     Args:
         kind: name in `opid.laws.LAWS`.
         travel_rms: rms of z, m.
         velocity_rms: rms of z', m/s.
-        n_scales: scales that are offered, evenly in their logarithm.
-        fractions: between which of that range the scales lie, in its logarithm.
-        lags: that are offered, over the ratio of the rms motions.
-        exponents: that are offered; that of the default law where there are none.
+        n_scales: number of scales, in logarithmic steps.
+        fractions: fractions of that range, in its logarithm, between which the scales lie.
+        lags: lags, over the ratio of the rms motions.
+        exponents: exponents; that of the default law if there are none.
 
     >>> [term.inner for term in offered_terms("cubic_stiffness", travel_rms=1e-3, velocity_rms=1e-2, n_scales=3)]
     [()]
     """
     inner = LAWS[kind].parameters[1:]
     roles, offered = {parameter.role for parameter in inner}, []
-    # what is known beforehand is begun with
+    # A parameter that is known beforehand begins at its known value.
     is_power = any(parameter.role == "exponent" and not parameter.known for parameter in inner)
     for lag in travel_rms / velocity_rms * np.array(lags) if "lag" in roles else np.zeros(1):
         for fraction in np.linspace(*fractions, n_scales) if "scale" in roles else np.zeros(1):

@@ -1,7 +1,7 @@
-"""One run as the model takes it: what drives the body, what is read on it, and how either moves with sensors' faults.
+"""One run in the form of the model: the drive of the body, the readings on it, and their corrections for sensor faults.
 
-A sensor of gain g, AC-coupling corner f_c and delay records s; leaks l_k come in from other axes. What it should have
-read is ((s + w_c S) - sum_k a_k (l_k + w_c L_k)) / g at t + delay, with w_c = 2 pi f_c and S, L_k the integrals.
+A sensor with gain g, AC-coupling corner f_c and a delay records s; l_k are further axes that leak in. The corrected
+reading is ((s + w_c S) - sum_k a_k (l_k + w_c L_k)) / g at t + delay, with w_c = 2 pi f_c and S, L_k the integrals.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ class BandLines:
     """Lines of a band.
 
     Args:
-        n_samples: that are taken of the record.
-        omega: (n_lines,) rad/s.
-        finer: how many times finer the record is sampled, so that a step of the model is short enough.
+        n_samples: number of samples of the record that are used.
+        omega: (n_lines,) angular frequencies, rad/s.
+        finer: factor by which the record is sampled finer, so that a step of the model is short enough.
     """
 
     n_samples: int
     omega: FloatArray
     finer: int
 
-    def prepared(self, samples: FloatArray) -> FloatArray:
-        """Return a record cut, without its mean, and sampled finer where needed."""
+    def prepare(self, samples: FloatArray) -> FloatArray:
+        """Return a record that is cut, without its mean, and sampled finer if needed."""
         centred = samples[: self.n_samples] - samples[: self.n_samples].mean(axis=0)
-        return centred if self.finer == 1 else sampled_finer(centred, self.finer)
+        return centred if self.finer == 1 else sample_finer(centred, self.finer)
 
 
 def band_lines(
@@ -48,13 +48,13 @@ def band_lines(
     """Return the lines of a band of a record.
 
     Args:
-        n_samples: of the record.
+        n_samples: number of samples of the record.
         fs: sampling rate, Hz.
-        band_hz: lowest and highest line, Hz; cut at 0.4 fs; that of the settings where left out.
+        band_hz: lowest and highest line, Hz, cut at 0.4 fs; that of the settings if left out.
         settings: how runs are prepared.
 
     Raises:
-        InputError: a band that is none or has fewer than 20 lines.
+        InputError: an invalid band, or one with fewer than 20 lines.
 
     >>> band_lines(1000, fs=100.0, band_hz=(1.0, 5.0)).omega.size
     41
@@ -82,12 +82,12 @@ def band_lines(
 
 
 def lowest_rate_hz(highest_hz: float, settings: RunSettings) -> float:
-    """Return how many steps a second the model needs at least for lines up to a highest one, Hz."""
+    """Return the lowest step rate of the model for lines up to a highest one, Hz."""
     return min(settings.lowest_rate_hz, settings.rate_over_band * highest_hz)
 
 
 def band_indices(omega: FloatArray, per_octave: float, least_lines: int) -> NDArray[np.int64]:
-    """Return the number of the band of each line: fractions of octaves that hold some lines at least.
+    """Return the number of the band of each line; bands are fractions of octaves with at least `least_lines` lines.
 
     The lines ascend; the last band may hold fewer.
 
@@ -103,29 +103,29 @@ def band_indices(omega: FloatArray, per_octave: float, least_lines: int) -> NDAr
     return found
 
 
-def sampled_finer(samples: FloatArray, by: int) -> FloatArray:
-    """Return a record with more samples, a band-limited one between the given ones."""
+def sample_finer(samples: FloatArray, by: int) -> FloatArray:
+    """Return a record with more samples, band-limited between the given ones."""
     return np.asarray(signal.resample_poly(samples, by, 1, axis=0, padtype="line"))
 
 
-def places_of(omega: FloatArray, n_samples: int, fs: float) -> slice:
+def find_lines(omega: FloatArray, n_samples: int, fs: float) -> slice:
     """Return the indices of the lines of a band among all lines of the transform."""
     first = round(float(omega[0]) / (2 * np.pi) * n_samples / fs)
     return slice(first, first + omega.size)
 
 
-def at_lines(samples: FloatArray, omega: FloatArray, fs: float) -> ComplexArray:
+def transform_lines(samples: FloatArray, omega: FloatArray, fs: float) -> ComplexArray:
     """Return Fourier lines along the last axis, scaled so that unit white noise has unit parts."""
     n = samples.shape[-1]
-    return fft.rfft(samples)[..., places_of(omega, n, fs)] / np.sqrt(n / 2)
+    return fft.rfft(samples)[..., find_lines(omega, n, fs)] / np.sqrt(n / 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """The channels of one side with the faults of their sensors taken out.
+    """The channels of one side, corrected for the faults of their sensors.
 
     Args:
-        value: (m, n_channels) m/s^2; at half steps below the suspensions.
+        value: (m, n_channels) accelerations, m/s^2; at half steps below the suspensions.
         by: derivatives by the faults: name, number of the channel, (m,) column.
     """
 
@@ -133,7 +133,7 @@ class Corrected:
     by: tuple[tuple[str, int, FloatArray], ...]
 
     def directions(self, n_attachments: int) -> FloatArray | None:
-        """Return the derivatives for the predictor, (m, n_faults, n_attachments); None where there are none."""
+        """Return the derivatives for the predictor, (m, n_faults, n_attachments); None if there are none."""
         if not self.by:
             return None
         found = np.zeros((len(self.value), len(self.by), n_attachments))
@@ -150,14 +150,14 @@ class DrivenRun:
         unsprung: (n, n_interfaces) accelerations below the suspensions, mean removed, m/s^2.
         sprung: (n, n_sensors) accelerations of the body, mean removed, m/s^2.
         leaks: (n, n_leaks) further axes that leak in, mean removed, m/s^2.
-        omega: (n_lines,) lines of the residual that count, rad/s.
+        omega: (n_lines,) lines of the residual that are compared, rad/s.
         recorded_fs: rate of these arrays, Hz.
         loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg.
-        finer: how many times finer than recorded the arrays are sampled, so that a step of the model is short enough.
-        stride: samples from one step of the model to the next: 1, or more on the way to a fit.
-        settings: how it was prepared.
-        error_level: how large the errors of this run are over those of the others, where a model is wrong: they are
-            weighed by its inverse, so that no run rules the others by its strength.
+        finer: factor by which the arrays are sampled finer than recorded, so that a step of the model is short enough.
+        stride: number of samples from one step of the model to the next: 1, or more at a coarse rate.
+        settings: settings of the preparation.
+        error_level: size of the errors of this run relative to the others, for a wrong model. They are weighted by its
+            inverse, so that no run dominates the others by its strength.
     """
 
     unsprung: FloatArray
@@ -170,26 +170,26 @@ class DrivenRun:
     stride: int
     settings: RunSettings
     error_level: float = 1.0
-    # what was made of the records so far
+    # stored results for these records
     _sides: dict[Side, FloatArray] = field(init=False, default_factory=dict)
     _parts: dict[tuple[Side, tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
     _splines: dict[tuple[tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
 
     @property
     def fs(self) -> float:
-        """Steps of the model in a second, Hz."""
+        """Steps of the model per second, Hz."""
         return self.recorded_fs / self.stride
 
     @cached_property
     def shared_fraction(self) -> float:
-        """Fraction of the power of the body's first sensor, in the band, that goes along with the first one below."""
+        """Fraction of the power of the body's first sensor, in the band, that is coherent with the first one below."""
         block = int(min(4 * np.pi * self.recorded_fs / self.omega[0], len(self.sprung) / 4))
         return self._coherent(self.sprung[:, :1], self.unsprung[:, :1], self.recorded_fs, block)
 
-    def goes_with_drive(self, samples: FloatArray) -> float:
-        """Return the fraction of the power of samples of the model, in the band, that goes along with what drives it.
+    def coherent_fraction(self, samples: FloatArray) -> float:
+        """Return the fraction of the power of samples of the model, in the band, that is coherent with the drive.
 
-        NaN where the run is too short to tell.
+        NaN if the run is too short.
 
         Args:
             samples: (n_samples, n_channels).
@@ -209,10 +209,10 @@ class DrivenRun:
 
     @cached_property
     def coarse(self) -> DrivenRun:
-        """The run at about the lowest rate, if its lines allow that: it leads near a fit in a fraction of the time.
+        """The run at about the lowest rate that its lines allow, for fits in a fraction of the time.
 
-        Fewer readings are compared, unfiltered, so that model and sensors still tell of the same instants; below the
-        suspensions the samples between them serve the half steps, without what steps so long take for the band.
+        Fewer readings are compared, without a filter, so that model and sensors still refer to the same instants. Below
+        the suspensions the samples between them give the half steps, after a filter against aliasing into the band.
         """
         highest_hz = float(self.omega[-1]) / (2 * np.pi)
         lowest_hz = max(
@@ -227,13 +227,13 @@ class DrivenRun:
         )
         return replace(self, omega=lines.omega, stride=2 * by)
 
-    def sampled_finer(self, by: int) -> DrivenRun:
-        """Return the run with more steps of the model, for motion that turns over within one of its own."""
+    def sample_finer(self, by: int) -> DrivenRun:
+        """Return the run with more steps of the model, for friction that turns over within one of its steps."""
         return replace(
             self,
-            unsprung=sampled_finer(self.unsprung, by),
-            sprung=sampled_finer(self.sprung, by),
-            leaks=sampled_finer(self.leaks, by) if self.leaks.size else np.empty((by * len(self.leaks), 0)),
+            unsprung=sample_finer(self.unsprung, by),
+            sprung=sample_finer(self.sprung, by),
+            leaks=sample_finer(self.leaks, by) if self.leaks.size else np.empty((by * len(self.leaks), 0)),
             recorded_fs=by * self.recorded_fs,
             finer=by * self.finer,
         )
@@ -251,13 +251,13 @@ class DrivenRun:
         return tuple(found)
 
     def strongest_piece(self, length_s: float) -> DrivenRun:
-        """Return the piece of about this length in which the body moves most; the run itself where it has no two.
+        """Return the piece of about this length in which the body moves most.
 
-        A piece lasts four periods of the lowest line at least. Where the band is too narrow for a piece, the run stays
-        whole, too.
+        A piece lasts at least four periods of the lowest line. The run itself is returned if it has fewer than two
+        pieces, or if the band is too narrow for a piece.
 
         Args:
-            length_s: of the piece, s.
+            length_s: length of the piece, s.
         """
         length_s = max(length_s, 4 * 2 * np.pi / float(self.omega[0]))
         n_pieces = int(self.n_samples / self.fs / length_s)
@@ -273,8 +273,8 @@ class DrivenRun:
     def ground_at_start(self) -> tuple[FloatArray, FloatArray]:
         """Position, velocity and offset of the ground below each suspension at the first sample, and their covariance.
 
-        Integrated twice from there, the measured acceleration makes a path that stays near its mean height: by as much
-        as the settings say and as what a parabola leaves of it speaks for.
+        The measured acceleration, integrated twice from there, gives a path that stays near its mean height. Its
+        standard deviation about it follows from the settings and from what a parabola leaves of the path.
 
         Returns:
             (3, n_interfaces) in m, m/s and m/s^2; and (n_interfaces, 3, 3).
@@ -293,14 +293,14 @@ class DrivenRun:
     @property
     def lines(self) -> slice:
         """Indices of the lines of the band among all lines of the transform."""
-        return places_of(self.omega, self.n_samples, self.fs)
+        return find_lines(self.omega, self.n_samples, self.fs)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
         """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts."""
-        return at_lines(samples, self.omega, self.fs)
+        return transform_lines(samples, self.omega, self.fs)
 
-    def corrected(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
-        """Return the accelerations of a side with the faults of the sensors, values by name, taken out.
+    def correct(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
+        """Return the accelerations of a side, corrected for the faults of the sensors, whose values are given by name.
 
         At half steps, (2 n - 1, n_interfaces), below the suspensions; at steps, (n, n_sensors), on the body.
         """
@@ -330,12 +330,12 @@ class DrivenRun:
         own: Mapping[str, tuple[str, int]],
         faults: Mapping[str, float],
     ) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """One corrected channel, and its derivatives by its own faults."""
+        """Return one corrected channel, and its derivatives by its own faults."""
         gain = faults[own["gain"][0]] if "gain" in own else 1.0
         lag_s = faults[own["lag"][0]] if "lag" in own else 0.0
         omega_c = 2 * np.pi * (faults[own["corner"][0]] if "corner" in own else corner_hz)
 
-        def undone(source: tuple[str, int], order: int = 0) -> FloatArray:
+        def undo_coupling(source: tuple[str, int], order: int = 0) -> FloatArray:
             part = self._part(side, source, 0, lag_s, order)
             return part + omega_c * self._part(side, source, 1, lag_s, order) if omega_c else part
 
@@ -344,13 +344,12 @@ class DrivenRun:
         leaked = {what: faults[own[what][0]] for what in leaking}
 
         def total(order: int = 0) -> FloatArray:
-            return (
-                undone(signal_of, order) - sum(leaked[what] * undone(leak, order) for what, leak in leaking.items())
-            ) / gain
+            leaks = sum(leaked[what] * undo_coupling(leak, order) for what, leak in leaking.items())
+            return (undo_coupling(signal_of, order) - leaks) / gain
 
         value, by = total(), {}
         for what, leak in leaking.items():
-            by[what] = -undone(leak) / gain
+            by[what] = -undo_coupling(leak) / gain
         if "gain" in own:
             by["gain"] = -value / gain
         if "corner" in own:
@@ -363,17 +362,17 @@ class DrivenRun:
         return value, by
 
     def _part(self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, order: int) -> FloatArray:
-        """A recorded column or its integral as a side takes it, delayed or differentiated in time."""
+        """Return a recorded column or its integral at the samples of a side, delayed or differentiated in time."""
         if lag_s == 0.0 and order == 0:
             key = (side, source, integrals)
             if key not in self._parts:
-                self._parts[key] = self._taken(side, self._column(source, integrals))
+                self._parts[key] = self._resample(side, self._column(source, integrals))
             return self._parts[key]
         if (source, integrals) not in self._splines:
             column = self._column(source, integrals)
             self._splines[source, integrals] = ndimage.spline_filter1d(column, 5, mode="mirror")
         samples = _shift_spline(self._splines[source, integrals], lag_s * self.recorded_fs, order)
-        return self._taken(side, samples * self.recorded_fs**order)
+        return self._resample(side, samples * self.recorded_fs**order)
 
     def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
         name, index = source
@@ -384,10 +383,10 @@ class DrivenRun:
         return np.asarray(integral - self._drift(integral))
 
     def _drift(self, acceleration: FloatArray) -> FloatArray:
-        """The straight line in an acceleration whose path, integrated twice, stays nearest to a straight line itself.
+        """Return the straight line in an acceleration without which its double integral is nearest to a straight line.
 
-        The mean of a reading that was taken away, and the start of the filter of an AC coupling, which nobody knows,
-        become such a line when the coupling is undone: of 0.3 m/s^2 in 40 s where the body moved by 1 m/s^2.
+        When an AC coupling is undone, the mean that was removed from the reading, and the unknown initial state of the
+        coupling's filter, become such a line: of 0.3 m/s^2 in 40 s for a body that moved by 1 m/s^2.
         """
         time = np.linspace(-1.0, 1.0, acceleration.size)
         path = acceleration
@@ -398,13 +397,13 @@ class DrivenRun:
         return np.asarray(offset + slope * time)
 
     def _whole(self, side: Side) -> FloatArray:
-        """All columns of a side as they were recorded."""
+        """Return all columns of a side as they were recorded, at the samples of the model."""
         if side not in self._sides:
-            self._sides[side] = self._taken(side, self.unsprung if side == "unsprung" else self.sprung)
+            self._sides[side] = self._resample(side, self.unsprung if side == "unsprung" else self.sprung)
         return self._sides[side]
 
-    def _taken(self, side: Side, samples: FloatArray) -> FloatArray:
-        """Samples as the model takes them on a side: at half steps below the suspensions, at steps on the body."""
+    def _resample(self, side: Side, samples: FloatArray) -> FloatArray:
+        """Return the samples of the model on a side: at half steps below the suspensions, at steps on the body."""
         if side == "sprung":
             return np.ascontiguousarray(samples[:: self.stride][: self.n_samples])
         if self.stride == 1:
@@ -437,11 +436,11 @@ def driven_run(
         fs: sampling rate, Hz.
         loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg; a number for one gear.
         leaks: (n, n_leaks) further axes that leak into the sensors, m/s^2.
-        band_hz: lowest and highest line to compare, Hz; cut at 0.4 fs; that of the settings where left out.
+        band_hz: lowest and highest line to compare, Hz, cut at 0.4 fs; that of the settings if left out.
         settings: how runs are prepared.
 
     Raises:
-        InputError: arrays of different lengths, or a band that is none or has fewer than 20 lines.
+        InputError: arrays of different lengths, an invalid band, or one with fewer than 20 lines.
     """
     settings = settings or RunSettings()
     lower, upper = (_columns(samples) for samples in (unsprung, sprung))
@@ -452,9 +451,9 @@ def driven_run(
         )
     lines = band_lines(len(lower), fs=fs, band_hz=band_hz, settings=settings)
     return DrivenRun(
-        unsprung=lines.prepared(lower),
-        sprung=lines.prepared(upper),
-        leaks=lines.prepared(across) if across.size else np.empty((lines.n_samples * lines.finer, 0)),
+        unsprung=lines.prepare(lower),
+        sprung=lines.prepare(upper),
+        leaks=lines.prepare(across) if across.size else np.empty((lines.n_samples * lines.finer, 0)),
         omega=lines.omega,
         recorded_fs=float(fs) * lines.finer,
         loading=np.atleast_2d(np.asarray(loading, dtype=np.float64)),
@@ -465,12 +464,12 @@ def driven_run(
 
 
 def _shift_spline(coefficients: FloatArray, steps: float, order: int) -> FloatArray:
-    """A quintic spline, or its derivative, so many steps later; beyond its ends it is held, and its derivative zero."""
+    """Return a quintic spline, or its derivative, shifted by some steps; beyond its ends it is constant."""
     n, piece = coefficients.size, interpolate.BSpline.basis_element(np.arange(-3, 4), extrapolate=False)
     near = np.arange(-2, 4)
 
     def at(index: NDArray[np.int64], fraction: float, order: int) -> FloatArray:
-        # mirrored at both ends, as the coefficients were made
+        # The spline is mirrored at both ends, as for the computation of the coefficients.
         taken = np.abs(n - 1 - np.abs(n - 1 - np.abs(index[:, np.newaxis] + near)))
         return np.asarray(coefficients[taken] @ piece(fraction - near, order))
 

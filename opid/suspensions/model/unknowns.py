@@ -1,10 +1,10 @@
-"""One vector of unknowns of all runs: what stands where in it, and what the suspensions and sensors are at its values.
+"""The vector of unknowns of all runs: its layout, and the suspensions and sensors at its values.
 
-What is known of the entries before the data, and how derivatives by what the interfaces are in one run become those by
-the entries, is said here, too.
+The module also holds the prior knowledge of the entries, and the conversion of derivatives by the parameters of the
+interfaces in one run to those by the entries.
 
-A gear alone is a body with one interface, M2 its mass. The equations are the same for any number; only a column of gas,
-which carries what rests on it, needs one suspension alone.
+A gear alone is a body with one interface, M2 its mass. The equations are the same for any number of interfaces; only a
+column of gas, which carries the weight, needs a single suspension.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from opid.suspensions.sensor_facts import Fault, Sensors
 from opid.suspensions.settings import Settings
 
 GROUND = "ground_stiffness_per_mass"
-"""What the unknown of a spring to the ground is called."""
+"""Name of the unknown of a spring to the ground."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Group:
     Args:
         name: "left", or "left, right"; "" for one gear.
         members: indices of its interfaces.
-        law: says which terms, per unit of the reference mass.
+        law: a law with the terms to be fitted, per unit of the reference mass.
         ground: whether springs act between the body and the ground at these interfaces.
-        origin_m: about how far the origin of the law lies from where the interfaces rest in the reference run, m; the
-            vector then says where they rest on it. None where it lies there.
+        origin_m: approximate distance of the origin of the law from the rest position in the reference run, m; the
+            vector then has the rest position as an entry. None if the origin is the rest position.
     """
 
     name: str
@@ -71,34 +71,34 @@ class Group:
 
     @property
     def n_head(self) -> int:
-        """Entries of the vector before those of the law."""
+        """Number of entries of the vector before those of the law."""
         return len(self.head)
 
-    def called(self, what: str) -> str:
+    def name_of(self, what: str) -> str:
         """Return the name of one of its parameters."""
         return f"{what}[{self.name}]" if self.name else what
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What all runs have in common, what each has for itself, and where it stands in one vector.
+    """The unknowns that all runs have in common, those of each run, and their layout in one vector.
 
-    Of each group stiffness, damping, [ground stiffness], [rest on its law] and law (positive entries as logarithms);
-    stiffness and damping of each spring inside that is to be found; free factors of the mass; [1 / reference mass];
-    faults of sensors; coordinates; then of each run travel and velocity of each interface at its start, and by how much
-    springs, damping and friction of each group depart from those of all runs.
+    The vector holds, for each group, stiffness, damping, [ground stiffness], [rest position on its law] and law
+    (positive entries as logarithms); stiffness and damping of each unknown spring inside; free factors of the mass;
+    [1 / reference mass]; faults of sensors; coordinates; then, for each run, initial travel and velocity of each
+    interface, and the departures of springs, damping and friction of each group from those of all runs.
 
     Args:
         runs: the runs.
         body: the body.
-        groups: which interfaces share what.
-        sensors: what is known of the sensors, and which of their faults are free.
+        groups: the groups of interfaces that share a suspension.
+        sensors: facts known of the sensors, and their free faults.
         mass_free: whether one over the reference mass is fitted.
-        motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s), roughly.
-        settings: of the estimator.
-        repeatability: relative standard deviation of springs, damping and friction from run to run; 0 where they are
-            the same in all.
-        held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
+        motion_rms: (n_interfaces, 2) approximate rms travel (m) and velocity (m/s).
+        settings: settings of the estimator.
+        repeatability: relative standard deviation of springs, damping and friction from run to run; 0 if they are the
+            same in all runs.
+        held_inverse_mass: one over the reference mass if it is not fitted, 1/kg; 0 for ratios alone.
     """
 
     runs: tuple[DrivenRun, ...]
@@ -113,11 +113,11 @@ class Unknowns:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the shared parameters."""
+        """Names of the shared parameters."""
         names: list[str] = []
         for group in self.groups:
-            names += [group.called(head) for head in group.head]
-            names += [f"{group.called('law')}[{i}]" for i in range(group.law.vector.size)]
+            names += [group.name_of(head) for head in group.head]
+            names += [f"{group.name_of('law')}[{i}]" for i in range(group.law.vector.size)]
         for _, spring in self.searched:
             names += [f"stiffness_per_mass[{spring}]", f"damping_per_mass[{spring}]"]
         names += [*self.body.names, *(["inverse_mass"] if self.mass_free else [])]
@@ -131,7 +131,7 @@ class Unknowns:
 
     @cached_property
     def searched(self) -> tuple[tuple[int, str], ...]:
-        """Attachments and names of the springs inside whose stiffness is to be found."""
+        """Attachments and names of the unknown springs inside."""
         inside = enumerate(self.body.inside, start=self.body.n_interfaces)
         return tuple((attachment, spring.name) for attachment, spring in inside if spring.stiffness_n_per_m is None)
 
@@ -153,22 +153,22 @@ class Unknowns:
 
     @property
     def n_own(self) -> int:
-        """Entries of the vector that each run has for itself."""
+        """Number of entries of the vector for each run."""
         return 2 * self.body.n_interfaces + self.n_departures
 
     @property
     def n_departures(self) -> int:
-        """Entries of the vector that say by how much the groups depart in one run."""
+        """Number of departures of the groups in one run."""
         return len(PARTS) * len(self.groups) * (self.repeatability > 0.0)
 
     def indices_of_run(self, index: int) -> tuple[slice, slice]:
-        """Return where the start of a run and its departures stand in the vector."""
+        """Return the indices of the initial state of a run, and of its departures."""
         first = self.n_shared + self.n_own * index
         middle = first + 2 * self.body.n_interfaces
         return slice(first, middle), slice(middle, first + self.n_own)
 
     def departures(self, theta: FloatArray, index: int) -> tuple[Departure, ...]:
-        """Return by how much each group departs in a run from what it is in all."""
+        """Return the departures of each group in a run from the parameters of all runs."""
         if not self.n_departures:
             return (Departure(),) * len(self.groups)
         values = theta[self.indices_of_run(index)[1]].reshape(-1, len(PARTS))
@@ -176,7 +176,7 @@ class Unknowns:
 
     @property
     def own_load(self) -> float:
-        """What a body on one suspension weighs without a loading, with its sign; 0 where no weight acts.
+        """Weight of a body on one suspension without a loading, with its sign; 0 if no weight acts.
 
         Per unit of the reference mass, m/s^2; in N where the body is given in kg.
         """
@@ -184,20 +184,20 @@ class Unknowns:
 
     @property
     def weight(self) -> float:
-        """What the suspension of one gear carries at rest in the reference run, per unit of the reference mass, m/s^2.
+        """Force that one gear carries at rest in the reference run, per unit of the reference mass, m/s^2.
 
-        It is 0 where no weight acts, and for bodies, of which gears carry shares not known.
+        It is 0 if no weight acts, and for bodies, because the fractions that their gears carry are unknown.
         """
         return abs(self.own_load) if self.body.n_attachments == 1 else 0.0
 
     @property
     def is_carried(self) -> bool:
-        """Whether it is known what a column of gas would carry: it pushes outwards, so the axis must count so."""
+        """Whether the load of a column of gas is known; the axis must count outwards, as the gas pushes."""
         return self.body.n_attachments == 1 and self.own_load < 0.0
 
     @cached_property
     def carriers(self) -> tuple[tuple[int, int], ...]:
-        """Groups whose law has a term that carries the weight, and where the term stands in the vector."""
+        """Groups whose law has a term that carries the weight, and the index of the term in the vector."""
         if not self.is_carried:
             return ()
         found, index = [], self.law_indices(0).start
@@ -213,26 +213,26 @@ class Unknowns:
 
     @property
     def first_coordinate(self) -> int:
-        """Where the coordinates stand in the vector."""
+        """Index of the first coordinate in the vector."""
         return self.n_shared - len(self.body.coordinates)
 
     @property
     def first_fault(self) -> int:
-        """Where the faults of sensors stand in the vector."""
+        """Index of the first fault of a sensor in the vector."""
         return self.first_coordinate - len(self.faults)
 
     @property
     def first_factor(self) -> int:
-        """Where the free factors of the mass stand in the vector."""
+        """Index of the first free factor of the mass in the vector."""
         return self.first_fault - self.mass_free - len(self.body.names)
 
     @property
     def first_inside(self) -> int:
-        """Index of the first spring inside that is to be found."""
+        """Index of the first unknown spring inside."""
         return self.first_factor - 2 * len(self.searched)
 
     def law_indices(self, number: int) -> slice:
-        """Return where the law of a group stands in the vector."""
+        """Return the indices of the law of a group in the vector."""
         first = self.first_of_group[number] + self.groups[number].n_head
         return slice(first, first + self.groups[number].law.vector.size)
 
@@ -243,7 +243,7 @@ class Unknowns:
         return 1.0 if self.body.absolute else self.held_inverse_mass
 
     def mobility(self, theta: FloatArray, index: int) -> Mobility:
-        """Return what forces do to the body in one run."""
+        """Return the accelerances of the body in one run."""
         first = self.first_factor
         factors, shifts = theta[first : first + len(self.body.names)], theta[self.first_coordinate : self.n_shared]
         return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[index].loading)
@@ -262,7 +262,7 @@ class Unknowns:
         return gains
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return lower and upper bounds of the vector, infinite but for scales, damping, faults and coordinates."""
+        """Return lower and upper bounds of the vector, infinite except for laws, faults, coordinates and departures."""
         lower = np.full(self.n_shared + self.n_own * len(self.runs), -np.inf)
         upper = -lower
         for number, group in enumerate(self.groups):
@@ -283,7 +283,7 @@ class Unknowns:
             if fault.kind == "gain":
                 lower[k] = max(lower[k], self.settings.faults.least_gain)
             elif fault.kind == "corner":
-                # however sharply a corner is stated: the sensor may have none
+                # Even if a corner is stated with a small standard deviation, the sensor may have none.
                 lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
         for index in range(len(self.runs)):
             own = self.indices_of_run(index)[1]
@@ -294,14 +294,17 @@ class Unknowns:
         return lower, upper
 
     def _rests_apart(self, travel_rms: float, velocity_rms: float) -> float:
-        """About how far runs of other loadings rest from the reference run, m: there they visit the law, too."""
+        """Return the approximate distance between the rest positions of runs of other loadings, m.
+
+        These runs visit the law there, too.
+        """
         if self.body.fall is None or not any(run.loading.any() for run in self.runs):
             return 0.0
         static_m = GRAVITY_M_PER_S2 * (travel_rms / velocity_rms) ** 2
         return self.settings.fit.usual_mass_fraction * static_m
 
     def largest_steps(self) -> FloatArray:
-        """Return how far each entry may move in a step."""
+        """Return the largest change of each entry in one step."""
         caps = np.full(self.n_shared + self.n_own * len(self.runs), np.inf)
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
             caps[self.law_indices(number)][positive(group.law)] = self.settings.fit.largest_log_step
@@ -314,7 +317,7 @@ class Unknowns:
         return tuple(law for law, _ in self._laws(theta))
 
     def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
-        """The law of each group, and what its entries move by (see `from_free`)."""
+        """Yield the law of each group, and the derivatives of its vector by the entries (see `from_free`)."""
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
             rest_m = float(theta[first + group.n_head - 1]) if group.has_origin else 0.0
             if group.law.terms:
@@ -326,7 +329,7 @@ class Unknowns:
     def interfaces(
         self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
     ) -> tuple[list[Interface], list[FloatArray]]:
-        """Return all suspensions at a vector, and what their laws' entries move by (see `from_free`)."""
+        """Return all suspensions at a vector, and the derivatives of their laws by the entries (see `from_free`)."""
         suspensions: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_attachments
         slopes: list[FloatArray] = []
         for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
@@ -348,12 +351,12 @@ class Unknowns:
         return suspensions, slopes
 
     def rest(self, theta: FloatArray, index: int, *, straight: bool = False) -> Rest | None:
-        """Return where the suspensions of a run rest; None where that is without consequence for the motion.
+        """Return the rest position of the suspensions in a run; None if it does not affect the motion.
 
-        With `straight` it is told even where no law depends on the travel.
+        With `straight` it is returned even if no law depends on the travel.
 
         Raises:
-            UnboundedResponseError: springs that cannot carry what the run's loading weighs.
+            UnboundedResponseError: springs that cannot carry the weight of the run's loading.
         """
         return self._rest(theta, index, self.interfaces(theta)[0], straight=straight)
 
@@ -370,24 +373,24 @@ class Unknowns:
         if not stiffer:
             return find_rest(suspensions, self.body.rows, load)
         held = np.array([-stiffer * self.own_load])
-        return find_rest(self.departed(list(suspensions), theta, index), self.body.rows, load, held)
+        return find_rest(self.apply_departures(list(suspensions), theta, index), self.body.rows, load, held)
 
     def stiffer(self, theta: FloatArray, index: int) -> float:
-        """Return by how much the springs of one gear depart in a run.
+        """Return the departure of the springs of one gear in a run.
 
-        It is 0 for bodies, of which gears carry shares not known.
+        It is 0 for bodies, because the fractions of the weight that their gears carry are unknown.
         """
         if not self.n_departures or self.body.n_attachments > 1:
             return 0.0
         return self.departures(theta, index)[0].spring
 
     def resting_interfaces(self, theta: FloatArray, index: int) -> list[Interface]:
-        """Return all suspensions as they are in a run, where they rest in it."""
+        """Return all suspensions at their rest position in a run, with the departures of that run."""
         suspensions, _ = self.interfaces(theta)
-        return self.departed(put_at_rest(suspensions, self._rest(theta, index, suspensions)), theta, index)
+        return self.apply_departures(put_at_rest(suspensions, self._rest(theta, index, suspensions)), theta, index)
 
-    def departed(self, suspensions: list[Interface], theta: FloatArray, index: int) -> list[Interface]:
-        """Return suspensions as they are in a run."""
+    def apply_departures(self, suspensions: list[Interface], theta: FloatArray, index: int) -> list[Interface]:
+        """Return suspensions with the departures of a run."""
         if not self.n_departures:
             return suspensions
         changed = list(suspensions)
@@ -396,24 +399,24 @@ class Unknowns:
                 changed[attachment] = departure.of(suspensions[attachment])
         return changed
 
-    def corrected(self, theta: FloatArray, index: int) -> tuple[Corrected, Corrected]:
-        """Return the drive and the readings of a run with the faults of the sensors taken out."""
+    def correct(self, theta: FloatArray, index: int) -> tuple[Corrected, Corrected]:
+        """Return the drive and the readings of a run, corrected for the faults of the sensors."""
         values = self.fault_values(theta)
         run = self.runs[index]
-        return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
+        return run.correct("unsprung", self.sensors, values), run.correct("sprung", self.sensors, values)
 
 
 def put_at_rest(suspensions: list[Interface], rest: Rest | None) -> list[Interface]:
-    """Return suspensions where they rest in a run."""
+    """Return suspensions at their rest position in a run."""
     if rest is None:
         return suspensions
     return [resting(suspension, float(travel)) for suspension, travel in zip(suspensions, rest.travel, strict=True)]
 
 
-def known_before(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
-    """Return the departures from what was known before the data, each over its standard deviation, and their Jacobian.
+def compare_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the departures from prior values, each over its standard deviation, and their Jacobian.
 
-    First those of faults of sensors, of coordinates, and of roughly how a run begins, then those of the laws.
+    Those of sensor faults, of coordinates, and of initial states and departures of runs come first, then those of laws.
     """
     known = [(fault.nominal, fault.std) for fault in unknowns.faults]
     known += [(0.0, coordinate.std) for coordinate in unknowns.body.coordinates]
@@ -425,19 +428,19 @@ def known_before(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tup
     first = theta.size - std.size
     jacobian = np.zeros((std.size, theta.size))
     jacobian[np.arange(std.size), first + np.arange(std.size)] = 1 / std
-    of_laws, by_laws = _known_of_laws(unknowns, theta, is_held=is_held)
+    of_laws, by_laws = _compare_laws_with_prior(unknowns, theta, is_held=is_held)
     return np.concatenate([(theta[first:] - nominal) / std, of_laws]), np.concatenate([jacobian, by_laws])
 
 
-def _known_of_laws(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
-    """How far exponents are from what is known of them, and what carries the weight from a column of gas alone."""
+def _compare_laws_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the departures of exponents from prior values, and of the carried weight from that of gas alone."""
     left, rows = [], []
 
     def add(value: float, slopes: dict[int, float], std: float, *, is_loose: bool = False) -> None:
         size, slope_factor = value / std, 1.0 / std
         if is_loose:
-            # Student's t of one degree of freedom: what the runs contradict is given up
-            size, slope_factor = _loosely(size, slope_factor)
+            # The prior is Student's t with one degree of freedom: it is given up if the runs contradict it.
+            size, slope_factor = _weigh_loosely(size, slope_factor)
         left.append(size)
         rows.append(np.zeros(theta.size))
         for index, slope in slopes.items():
@@ -468,16 +471,16 @@ def _known_of_laws(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> t
 
 
 def _carried(unknowns: Unknowns, theta: FloatArray) -> tuple[float, float]:
-    """What gas that carries all of the weight pushes with, and the derivative by one over the mass.
+    """Return the force of gas that carries all of the weight, and its derivative by one over the mass.
 
-    The air outside pushes back on the piston: per unit of the reference mass, m/s^2 and N.
+    It includes the force of the air outside on the piston. Per unit of the reference mass, m/s^2; the derivative in N.
     """
     air_n = ATMOSPHERE_PA * unknowns.body.piston_area_m2
     mu = unknowns.inverse_mass(theta)
     return unknowns.weight + air_n * mu, air_n
 
 
-def _loosely(size: float, slope_factor: float) -> tuple[float, float]:
+def _weigh_loosely(size: float, slope_factor: float) -> tuple[float, float]:
     """Return the root of minus twice a log density with long tails, sqrt(2 log(1 + x^2/2)), and its derivative."""
     cost = float(np.sqrt(2.0 * np.log1p(0.5 * size**2)))
     return float(np.copysign(cost, size)), slope_factor * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
@@ -492,14 +495,14 @@ def add_rest(
     index: int,
     by: ComplexArray,
 ) -> None:
-    """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
+    """Add the derivatives of the lines by stiffness, law, mass and departures through the rest position of a run."""
     firsts = np.cumsum([0, *(suspension.n_parameters for suspension in suspensions)])
     by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
     stiffer = unknowns.stiffer(theta, index)
     for number, (suspension, travel) in enumerate(zip(suspensions, rest.travel, strict=True)):
         moved = np.tensordot(-rest.compliance[:, number], by_travel, axes=1)
         force = (1.0 + stiffer) * by_parameters(suspension, travel)
-        force[2] = travel  # the spring to the ground is none of the strut's
+        force[2] = travel  # the departure of the strut's springs does not apply to the spring to the ground
         change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
         if unknowns.n_departures and len(suspensions) == 1:
             own = suspension.stiffness * travel + float(suspension.law.static_force(travel)[0])
@@ -517,7 +520,7 @@ def add_departures(
     index: int,
     by: ComplexArray,
 ) -> None:
-    """Turn derivatives by what suspensions have in a run into those by what they have in all, and by departures."""
+    """Convert derivatives by the parameters of a run into those by the common parameters, and by departures."""
     firsts = np.cumsum([0, *(suspension.n_parameters for suspension in suspensions)])
     row = unknowns.indices_of_run(index)[1].start
     for group, departure in zip(unknowns.groups, unknowns.departures(theta, index), strict=True):
@@ -540,7 +543,7 @@ def sort_out(
     by: ComplexArray,
     candidates: Mapping[int, Sequence[Term]],
 ) -> ComplexArray:
-    """Add the derivatives by the suspensions' parameters to those by the vector; return the candidates'."""
+    """Add the derivatives by the suspensions' parameters to those by the vector; return those by the candidates."""
     firsts = np.cumsum([0, *(suspension.n_parameters for suspension in suspensions)])
     further: list[ComplexArray] = []
     for number, (group, first) in enumerate(zip(unknowns.groups, unknowns.first_of_group, strict=True)):

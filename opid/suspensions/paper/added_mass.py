@@ -1,7 +1,7 @@
 """Boundary perturbation: runs whose sprung masses differ by a known amount give the absolute scale.
 
 Iwaniec & Uhl (2007, eqs. 9-10) take one peak of |T| from each of two runs and solve two equations,
-M2 = dM r/(r - 1). One least-squares problem over all lines of all runs uses everything that was measured.
+M2 = dM r/(r - 1). One least-squares problem over all lines of all runs uses all of the data.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class PeakMatch:
         reference: peak of the reference run.
         changed: peak of the run with the changed mass.
         credible: whether the mass change can cause the shift.
-        reason: why or why not, in one sentence.
+        reason: the reason, one sentence.
     """
 
     reference: Peak
@@ -157,8 +157,8 @@ def absolute_parameters(
 
     Args:
         fit: a fit of all runs with a free `inverse_mass`.
-        mass_changes_kg: of the runs, kg.
-        settings: from which significance on the mass is seen.
+        mass_changes_kg: mass changes of the runs, kg.
+        settings: the significance above which the mass is determined.
 
     Raises:
         InputError: a fit without a free mass.
@@ -169,11 +169,11 @@ def absolute_parameters(
     mu, mu_std = fit.inverse_mass, fit.std_of("inverse_mass")
     if not mu > settings.mass_seen_above * mu_std:
         opposite = mu < -settings.mass_seen_above * mu_std
-        raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit)
+        raise NotDeterminedError(_why_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit)
     if 1 + mu * min(mass_changes_kg) < settings.least_remainder:
         raise NotDeterminedError(
-            f"the fit gives a sprung mass of {1 / mu:.0f} kg and a run is said to be {-min(mass_changes_kg):g} kg "
-            "lighter, which would leave next to nothing: check mass_change_kg (kg, of the mass on this gear)",
+            f"the fit gives a sprung mass of {1 / mu:.0f} kg, but a run is stated to be {-min(mass_changes_kg):g} kg "
+            "lighter, which would leave almost no mass: check mass_change_kg (kg, of the mass on this gear)",
             fit,
         )
     return _absolute(fit)
@@ -203,7 +203,7 @@ def _absolute(fit: JointFit) -> AddedMass:
 
 def _judge(reference: Peak, changed: Peak, mass_change_kg: float, largest_fraction: float) -> tuple[bool, str]:
     shift = changed.frequency_hz / reference.frequency_hz
-    # each peak may be off by half a line
+    # Each peak may have an error of half a line.
     slack = 0.5 * (reference.resolution_hz + changed.resolution_hz) / reference.frequency_hz
     removed = -mass_change_kg if mass_change_kg else 0.0
     direction = "up" if shift > 1 else "down"
@@ -217,13 +217,13 @@ def _judge(reference: Peak, changed: Peak, mass_change_kg: float, largest_fracti
         done = "removed" if removed > 0 else "added"
         return False, f"{moves}: at least {100 * fraction:.0f} % of the sprung mass would have to be {done}"
     if abs(shift - 1) <= slack:
-        return False, f"{moves}: less than the spacing of the lines, so nothing can be learned from the shift"
+        return False, f"{moves}: less than the spacing of the lines, so the shift gives no information"
     return True, f"{moves}, as {100 * fraction:.0f} % of the sprung mass would move it"
 
 
-def _unseen(mu: float, mu_std: float, largest: float, opposite: bool) -> str:
+def _why_unseen(mu: float, mu_std: float, largest: float, opposite: bool) -> str:
     upper = mu + 1.96 * mu_std
-    bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the change even acts in the opposite sense"
+    bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the effect even has the opposite sign"
     if opposite:
         return (
             f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "

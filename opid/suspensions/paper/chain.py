@@ -47,14 +47,14 @@ class PreparedRun:
     """One run, checked, mended and integrated, with which every step of the chain begins.
 
     Args:
-        name: of the run.
-        mass_change_kg: against the reference, kg.
+        name: name of the run.
+        mass_change_kg: mass minus that of the reference, kg.
         fs: sampling rate, Hz.
-        time_s: (n,) s.
+        time_s: (n,) time, s.
         unsprung: (n,) x1'', single spikes mended, m/s^2.
-        sprung: (n,) x2'', likewise.
-        findings: what the health check found in the pair.
-        noise_floor: of the unsprung and the sprung channel, m/s^2.
+        sprung: (n,) x2'', single spikes mended, m/s^2.
+        findings: findings of the health check of the pair.
+        noise_floor: noise of the unsprung and of the sprung channel, m/s^2.
         surface: restoring-force points.
         lines: the run's transform.
     """
@@ -76,16 +76,16 @@ class RunEvidence(PreparedRun):
     """Results of all steps of the chain for one run, in their order.
 
     Args:
-        motion: relative motion, soundly integrated.
+        motion: relative motion, integrated with a high-pass filter.
         motion_mean_removed: relative motion exactly as the paper describes it.
         binned: the restoring-force points, averaged over cells.
         slices: stiffness curve and damping curve.
         slice_fits: an arctangent on each.
         surface_fit: stiffness and damping arctangents on all points.
         T: transmissibility as measured.
-        T_without_force: that of the linear suspension beneath the law (conditioned).
-        T_subtracted: the paper's, the force of the law subtracted from the acceleration.
-        peaks: of |T|.
+        T_without_force: transmissibility of the linear suspension without the law (conditioned).
+        T_subtracted: the paper's transmissibility, with the force of the law subtracted from the acceleration.
+        peaks: peaks of |T|.
         complex_fit: complex least squares on `T_without_force`.
         spectral_fit: errors in variables on the run's transform.
     """
@@ -111,8 +111,8 @@ class PeakPair:
     Args:
         run_name: the run with the changed mass.
         match: the pair and whether it is credible.
-        as_printed: from magnitudes.
-        sign_restored: from T = -|T|.
+        as_printed: the result from magnitudes.
+        sign_restored: the result from T = -|T|.
     """
 
     run_name: str
@@ -143,7 +143,7 @@ class PaperChain:
 
     @property
     def strongest_pair(self) -> PeakPair | None:
-        """The credible pair with the largest |T|, or the largest at all; None without a pair."""
+        """The credible pair with the largest |T|, or the pair with the largest |T|; None without a pair."""
         return max(self.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), default=None)
 
 
@@ -165,7 +165,7 @@ def compute_chain(
         inverse_mass: 1/M2 of the reference, 1/kg; 0 where the mass is not determined.
         ground: whether the ground spring is free (else it is 0).
         band_hz: lines that are used, Hz; cut at `highest_fraction_of_rate` of the sampling rate.
-        settings: every other number that was chosen.
+        settings: all other settings.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -183,12 +183,12 @@ def prepare_runs(study: Study, settings: PaperSettings, say: Callable[[str], Non
     findings = [check_channels(run.recording, [pair], pair, run=run.name) for run in study.runs]
     say("restoring force")
     return tuple(
-        _prepared(study, run, (*run.findings, *found), settings)
+        _prepare_run(study, run, (*run.findings, *found), settings)
         for run, found in zip(study.runs, findings, strict=True)
     )
 
 
-def _prepared(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
+def _prepare_run(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
     fs, high_pass_hz = study.fs, settings.high_pass_hz
     pair = [remove_spikes(samples, fs=fs)[0] for samples in study.accelerations(run)]
     band_hz, change_kg = settings.band_at(fs), run.mass_change_kg
@@ -215,12 +215,12 @@ def chain_of(
 ) -> PaperChain:
     """Run the steps of the paper on prepared runs, see `compute_chain`."""
     say("runs")
-    # the force per unit of its own mass is another one in a run of another mass
+    # A run of another mass has another force per unit of its own mass.
     found = tuple(
         _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
     )
     static = float(np.mean([_static_transmissibility(run.T, settings.static_hz) for run in found]))
-    # the noise of the sprung channel dominates the equation above resonance
+    # The noise of the sprung channel dominates the equation above resonance.
     noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
         runs=found,
@@ -237,7 +237,7 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
     motion = relative_motion(run.unsprung, run.sprung, fs=fs, high_pass_hz=settings.high_pass_hz)
     measured, conditioned, subtracted = _transmissibilities(run, motion, law, settings.block_s)
     low, high = run.lines.band_hz
-    # blocks of finite length do not resolve lines below two of their own
+    # A block does not resolve lines below two of its own.
     complex_fit = complex_least_squares(
         conditioned, band_hz=(max(low, 2 / settings.block_s), high), ground=settings.ground
     )
@@ -270,11 +270,11 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
 def _transmissibilities(
     run: PreparedRun, motion: Motion, law: Law, block_s: float
 ) -> tuple[Transmissibility, Transmissibility, Transmissibility]:
-    """Transmissibility as measured, with the force of the law taken out, and with it subtracted."""
+    """Return the transmissibility as measured, conditioned on the force of the law, and with it subtracted."""
     inside, fs = motion.interior, run.fs
     unsprung, sprung = run.unsprung[inside], run.sprung[inside]
     force = law.force(motion.displacement, motion.velocity)[inside]
-    # fewer than some five overlapping blocks do not distinguish the force from the motion
+    # Fewer than about five overlapping blocks do not distinguish the force from the motion.
     nperseg = min(round(block_s * fs), unsprung.size // 3)
     return (
         transmissibility(unsprung, sprung, fs=fs, nperseg=nperseg),
@@ -284,7 +284,7 @@ def _transmissibilities(
 
 
 def _static_transmissibility(T: Transmissibility, up_to_hz: float) -> float:
-    """Read |T| at the lowest lines, two of them at the least."""
+    """Return |T| at the lowest lines, at least two of them."""
     low = (T.frequency_hz > 0) & (T.frequency_hz <= max(up_to_hz, 2.5 * T.frequency_hz[1]))
     return float(np.median(np.abs(T.value[low])))
 

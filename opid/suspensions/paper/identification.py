@@ -1,9 +1,8 @@
 """Identify a suspension by the paper's chain (Iwaniec & Uhl 2007), mended or as printed.
 
-The law is found by the one search for laws (`opid.suspensions.law_search.pursuit`) over the lines of the equation of
-the sprung mass. Columns of candidates are derivatives of the residual of the equation. Every law that is worth it is
-fitted to all runs at once, from the values that the columns suggest and from the time-domain fit of the
-restoring-force surface.
+The law is found by the common search for laws (`opid.suspensions.law_search.pursuit`) over the lines of the equation of
+the sprung mass. Columns of candidates are derivatives of the residual of the equation. Every promising law is fitted to
+all runs at once, from the start values of the columns and from the time-domain fit of the restoring-force surface.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from opid.suspensions.paper.result import (
     ratios_of,
     straight_terms,
     warnings_of,
-    warnings_of_the_logs,
+    warnings_of_logs,
 )
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, JointFit, differentiate, fit_equation
@@ -61,16 +60,16 @@ def identify_by_paper(
     Args:
         study: the runs; the first one with no mass change is the reference.
         method: "classical" or "paper".
-        law: a law to fit (`opid.laws.LAWS`, sums joined by "+"); searched when left out.
+        law: the law to be fitted (`opid.laws.LAWS`, sums joined by "+"); it is searched if left out.
         band_hz: lines of the equation, Hz; cut at 0.4 of the sampling rate.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
         ground: whether a ground spring K3 is fitted (else it is 0).
-        settings: everything else that was chosen.
+        settings: all other settings.
         progress: called with the name of each step as it begins.
 
     Returns:
-        The identification; where the runs do not determine the absolute scale, `not_determined` says why and the
-        ratios to the mass are given.
+        The identification; if the runs do not determine the absolute scale, `not_determined` says why and the ratios to
+        the mass are given.
 
     Raises:
         InputError: an unknown method or law, two channels that make no pair, or runs that are too short.
@@ -81,7 +80,7 @@ def identify_by_paper(
     settings = replace(settings, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground)
     runs = prepare_runs(study, settings, say)
     say("law")
-    ladder = _tried_laws(runs, settings)
+    ladder = _try_laws(runs, settings)
     joint = chosen(ladder).fit
     chain = chain_of(runs, joint.law, joint.inverse_mass, settings, say)
     say("added mass")
@@ -91,7 +90,7 @@ def identify_by_paper(
     return _refuse(result) if result.residual_over_noise > settings.verdicts.refused else _conclude(result)
 
 
-def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LawStep[JointFit], ...]:
+def _try_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LawStep[JointFit], ...]:
     lines, surfaces = [run.lines for run in runs], [run.surface for run in runs]
     changes = {run.mass_change_kg for run in runs}
     mu = 1 / (settings.start_mass_over_change * (max(changes) - min(changes))) if len(changes) > 1 else None
@@ -110,9 +109,9 @@ def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[L
 def _without_numbers(
     study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LawStep[JointFit], ...], settings: PaperSettings
 ) -> PaperIdentification:
-    """Return the result without parameters, which are concluded from the evidence that it holds."""
+    """Return the result without parameters, which follow from the evidence that it holds."""
     joint, nothing = chosen(ladder).fit, np.empty(0)
-    added, reason = _scaled(joint, chain, settings)
+    added, reason = _scale_by_mass(joint, chain, settings)
     return PaperIdentification(
         study=study,
         method=method,
@@ -133,7 +132,7 @@ def _without_numbers(
     )
 
 
-def _scaled(joint: JointFit, chain: PaperChain, settings: PaperSettings) -> tuple[AddedMass | None, str | None]:
+def _scale_by_mass(joint: JointFit, chain: PaperChain, settings: PaperSettings) -> tuple[AddedMass | None, str | None]:
     """Return the absolute parameters, or why there are none."""
     if "inverse_mass" not in joint.names:
         return None, (
@@ -148,7 +147,7 @@ def _scaled(joint: JointFit, chain: PaperChain, settings: PaperSettings) -> tupl
 
 def _conclude(result: PaperIdentification) -> PaperIdentification:
     """Give the values of the joint fit with intervals and warnings."""
-    result, settings = _widened(result), result.settings
+    result, settings = _widen(result), result.settings
     joint, added = result.joint, result.added_mass
     gain = gain_like_fraction(joint, settings)
     ratios = ratios_of(joint, gain=gain, equal_gains=settings.equal_gains)
@@ -163,21 +162,21 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
     laws = law_estimates_of(law, law_std)
     result = replace(result, parameters=parameters, ratios=ratios, law=law, law_estimates=laws)
     force = _force_of(result, stiffness, damping, per_mass=added is None)
-    return _withheld(replace(result, restoring_force=force, warnings=tuple(warnings_of(result))))
+    return _withhold_intervals(replace(result, restoring_force=force, warnings=tuple(warnings_of(result))))
 
 
-def _widened(result: PaperIdentification) -> PaperIdentification:
-    """Widen the covariance by what the model leaves beyond noise, for the ratios and for the mass."""
+def _widen(result: PaperIdentification) -> PaperIdentification:
+    """Widen the covariance by the residual beyond noise, for the ratios and for the mass."""
     factor = max(1.0, result.residual_over_noise / result.settings.verdicts.doubtful)
     joint = replace(result.joint, covariance=result.joint.covariance * factor**2)
     if result.added_mass is None:
         return replace(result, joint=joint)
-    added, reason = _scaled(joint, result.chain, result.settings)
+    added, reason = _scale_by_mass(joint, result.chain, result.settings)
     return replace(result, joint=joint, added_mass=added, not_determined=reason)
 
 
-def _withheld(result: PaperIdentification) -> PaperIdentification:
-    """Take away the intervals of values that a straight term is confounded with, and keep the values."""
+def _withhold_intervals(result: PaperIdentification) -> PaperIdentification:
+    """Remove the intervals of values that a straight term is confounded with, and keep the values."""
     parameters, ratios, laws = result.parameters, result.ratios, result.law_estimates
     for term in straight_terms(result):
         parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
@@ -190,16 +189,16 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
     """Withhold the numbers of a model that does not explain the runs, and keep the ratios of the first run alone."""
     runs, ratios = result.chain.runs, result.ratios
     reason = (
-        f"the fitted model leaves {result.residual_over_noise:.0f} times the sensor noise unexplained, so every number "
-        "of it would be a guess: check the channels (swapped, upside down, in another unit) and the mass changes, "
+        f"the fitted model leaves {result.residual_over_noise:.0f} times the sensor noise unexplained, so no number is "
+        "reported: check the channels (swapped, upside down, in another unit) and the mass changes, "
         f"{'let the law be searched, ' * (result.settings.law is not None)}or take another band"
     )
     if len(runs) > 1 and len({run.mass_change_kg for run in runs}) == 1:
         frequencies = [run.spectral_fit.natural_frequency_hz for run in runs]
         reason = (
-            "all runs are said to have the same sprung mass, so only ratios to it could be determined, and they do not "
-            f"even behave alike (natural frequencies {min(frequencies):.3f} to {max(frequencies):.3f} Hz): check "
-            "mass_change_kg; the ratios given are those of the first run alone"
+            "all runs are stated to have the same sprung mass, but they have different natural frequencies "
+            f"({min(frequencies):.3f} to {max(frequencies):.3f} Hz): check mass_change_kg; the ratios given are those "
+            "of the first run alone"
         )
         ratios = ratios_of(runs[0].spectral_fit, gain=0.0, equal_gains=result.settings.equal_gains)
     return replace(result, ratios=ratios, added_mass=None, not_determined=reason, warnings=tuple(warnings_of(result)))
@@ -209,7 +208,7 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
     """Give the result of the printed formula for the strongest pair of peaks: no damping and no intervals."""
     pair = result.chain.strongest_pair
     warnings = [
-        *warnings_of_the_logs(result),
+        *warnings_of_logs(result),
         "the printed formula ignores damping and the sign of T above resonance: it is shown for comparison, and it "
         "has no intervals; use --method classical for an answer",
     ]
@@ -263,7 +262,7 @@ class EquationLaws:
 
     @property
     def settings(self) -> SearchSettings:
-        """Settings of the search: candidates are few, so each one that may be better is fitted."""
+        """Settings of the search: there are few candidates, so each one that may be better is fitted."""
         return SearchSettings(
             bic_margin=self.known.bic_margin,
             error_margin=self.known.noise_margin,
@@ -276,7 +275,7 @@ class EquationLaws:
     def dictionaries(self, fit: JointFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit."""
         offered = [term for kind in kinds if kind not in fit.law.parameters for term in self._faint(kind, fit)]
-        # scales moved by a thousandth give the derivative by their logarithm
+        # Scales that are changed by a thousandth give the derivative by their logarithm.
         moved = [Term(term.name, (term.amplitude, *(1.001 * scale for scale in term.inner))) for term in offered]
         residual, by_law, by_others, by_terms = differentiate(self.runs, fit, [*offered, *moved])
         nodes: dict[str, list[Node]] = {}
@@ -286,7 +285,7 @@ class EquationLaws:
         return {"": make_dictionary(fit.law, residual, by_law, by_others, nodes, self.settings, n_data=fit.n_data)}
 
     def refit(self, fit: JointFit | None, laws: Mapping[str, Law]) -> JointFit:
-        """Fit another law from the values that it has, and from those of the surface."""
+        """Fit another law from its present values, and from those of the surface."""
         return fit_law(
             self.runs,
             self.surfaces,
@@ -304,7 +303,7 @@ class EquationLaws:
         return True
 
     def _faint(self, kind: str, fit: JointFit) -> list[Term]:
-        """Terms of a kind that are too weak to move anything."""
+        """Return terms of a kind that are too weak to change the motion."""
         travel, velocity = (
             np.concatenate([getattr(run, name) for run in self.runs]) for name in ("travel", "velocity")
         )
@@ -332,7 +331,7 @@ def search_law(
         runs: one `EquationLines` a run.
         surfaces: one `RestoringForce` a run, for start values.
         inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
-        settings: candidates, margins, how many terms there may be, and whether the ground spring is free.
+        settings: candidates, margins, the most terms of a law, and whether the ground spring is free.
 
     Raises:
         InputError: an unknown candidate.

@@ -1,12 +1,12 @@
 """Restoring-force surfaces, and laws fitted to their points.
 
 The sprung mass obeys M2 x2'' = -C2 z' - K2 z - K3 x2 - f(z, z') (Iwaniec & Uhl 2007, eq. 2), so -x2'' is the restoring
-force per unit mass. Drawn over the travel z and the rate z' it shows the law before any law is assumed (Masri &
+force per unit mass. Plotted over the travel z and the rate z' it shows the law before any law is assumed (Masri &
 Caughey 1979).
 
 The paper models both curves by f/M2 = a z + arctan(d b (z + c z')) (eq. 3): a slope, an amplitude and an inner scale.
-There the amplitude is fixed at pi/2 m/s^2; here it is fitted. Whether an arctangent is *seen* depends on how far the
-motion bends it: below a third of its scale it is a straight line, and only amplitude/scale is known.
+There the amplitude is fixed at pi/2 m/s^2; here it is fitted. An arctangent can be seen only if the motion is large
+enough: below a third of its scale it is a straight line, and only amplitude/scale is known.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.least_squares import (
     SeparableFit,
     clustered_covariance,
+    fit_separable,
     independent_samples,
-    separable_fit,
     unit_law,
 )
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
@@ -34,7 +34,7 @@ from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 
 @dataclass(frozen=True, eq=False)
 class RestoringForce:
-    """The scattered restoring-force surface of one run: one point a sample.
+    """The scattered restoring-force surface of one run, with one point for each sample.
 
     Args:
         travel: (n,) relative displacement z = x2 - x1, m.
@@ -65,7 +65,7 @@ class BinnedSurface:
         counts: (n_travel, n_velocity) points in each cell.
         mean: (n_travel, n_velocity) mean force per mass, m/s^2; NaN where a cell has too few points.
         scatter: (n_travel, n_velocity) standard deviation within the cell, m/s^2; NaN in the same cells.
-        min_count: points below which a cell is left empty.
+        min_count: number of points below which a cell is left empty.
     """
 
     travel_edges: FloatArray
@@ -223,12 +223,12 @@ def slice_curve(
 
 @dataclass(frozen=True, eq=False)
 class TermVerdict:
-    """How well one term of a law can be distinguished from the straight terms beside it.
+    """How well one term of a law can be distinguished from the linear terms.
 
     Args:
         name: kind of the term.
-        departure: rms departure of the term from its best fit by the straight terms, over its own rms (0: straight).
-        evidence: twice the gain in log-likelihood by this term, counted in independent samples.
+        departure: rms departure of the term from its best fit by the linear terms, over its own rms (0: straight).
+        evidence: twice the gain in log-likelihood by this term, for independent samples.
         distinguishable: whether the data show the term.
         statement: the same in words.
     """
@@ -274,7 +274,7 @@ def fit_slice(curve: SliceCurve, *, settings: PaperSettings = DEFAULTS) -> LawFi
 
     Args:
         curve: the points of the slice.
-        settings: over which time residuals are correlated, and from when a term is seen.
+        settings: the time over which residuals are correlated, and the significance of a term.
 
     >>> u = np.linspace(-0.2, 0.2, 4000)
     >>> y = 3 * u + 0.2 * 2 / np.pi * np.arctan(u / 0.02) + 1e-3 * np.random.default_rng(0).standard_normal(u.size)
@@ -307,7 +307,7 @@ def fit_surface(
     Args:
         surface: the points.
         law_name: any law of `opid.laws.LAWS` or a sum; "linear" fits the straight terms alone.
-        settings: over which time residuals are correlated, and from when a term is seen.
+        settings: the time over which residuals are correlated, and the significance of a term.
 
     Raises:
         InputError: an unknown law.
@@ -334,10 +334,10 @@ def _fit(
     cluster: FloatArray,
     settings: PaperSettings,
 ) -> LawFit:
-    """Fit by separable least squares; standard deviations and verdicts hold for a residual that is correlated."""
+    """Fit by separable least squares; standard deviations and verdicts hold for a correlated residual."""
     columns = np.stack(list(straight.values()), axis=1)
     n_straight = columns.shape[1]
-    fit = separable_fit(columns, law, motion, y)
+    fit = fit_separable(columns, law, motion, y)
     starts = motion.start_columns(fit.law)
     jacobian = np.concatenate([columns, motion.parameter_gradient(fit.law), starts], axis=1)
     covariance = clustered_covariance(jacobian, fit.residual, np.floor(cluster).astype(np.int64))
@@ -356,7 +356,7 @@ def _fit(
 def _verdicts(
     columns: FloatArray, fit: SeparableFit, motion: Motion, y: FloatArray, settings: PaperSettings
 ) -> tuple[TermVerdict, ...]:
-    """Leave out one term at a time, and see how much worse the fit is and how straight the term was."""
+    """Return how much worse the fit is without each term, and how straight the term is."""
     shapes = {unit.name: motion.force(Law((unit,))) for unit in unit_law(fit.law).terms}
     n, verdicts = independent_samples(fit.residual), []
     for name, shape in shapes.items():
@@ -370,7 +370,7 @@ def _verdicts(
         by_velocity = "m/s" in {parameter.unit for parameter in LAWS[name].parameters} or "damping" in name
         velocity, travel = f"velocity of {2 * motion.v.std():.3g} m/s", f"travel of {2e3 * motion.z.std():.3g} mm"
         visited, beside = (velocity, "damping") if by_velocity else (travel, "stiffness")
-        verdict = "the data see it" if seen else f"it cannot be told from {beside}"
+        verdict = "the data show it" if seen else f"it cannot be distinguished from {beside}"
         statement = (
             f"over the visited {visited} (two standard deviations) {name} departs from a straight line by "
             f"{100 * departure:.2g} % of its rms; {verdict} (evidence {max(evidence, 0):.0f}, {settings.seen_above:g} "

@@ -1,4 +1,4 @@
-"""The result of the paper's chain: its record, estimates with intervals, and warnings."""
+"""Result of the paper's chain: its record, estimates with intervals, and warnings."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ class PaperIdentification(ResultOfStudy):
     Args:
         study: the runs.
         method: "classical" (every step mended) or "paper" (the printed formula; no intervals).
-        title: of the study.
-        date: of the runs; None if it is not known.
+        title: title of the study.
+        date: date of the runs; None if it is not known.
         parameters: absolute values of the reference run.
         ratios: values that need no known mass.
-        law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
-        law_estimates: {kind: {parameter: Estimate}} in the same unit; empty where no law is concluded.
-        restoring_force: the identified force over the visited plane; empty where no number is given.
+        law: the nonlinear law in N, or per unit of mass (m/s^2) if the mass is not determined.
+        law_estimates: {kind: {parameter: Estimate}} in the same unit; empty if no law is concluded.
+        restoring_force: the identified force over the visited plane; empty if no number is given.
         chain: the steps of the paper, run by run.
-        joint: the fit of the equation to all runs, per unit of the reference mass; its intervals are widened where the
+        joint: the fit of the equation to all runs, per unit of the reference mass; its intervals are widened if the
             model leaves much more than noise.
         ladder: the laws that were tried.
-        added_mass: absolute parameters of `joint`; None where the mass is not determined.
+        added_mass: absolute parameters of `joint`; None if the mass is not determined.
         settings: the options of the call, and every number that was chosen.
         warnings: what limits the answer, one sentence each.
         not_determined: why absolute values are missing, or None.
@@ -92,14 +92,14 @@ class PaperIdentification(ResultOfStudy):
 
     @property
     def paper_chain(self) -> PaperChain:
-        """The steps of the paper, as other results call them."""
+        """The steps of the paper, under the name that other results have."""
         return self.chain
 
     @property
     def is_refused(self) -> bool:
-        """Whether the joint fit leaves so much that none of its numbers is given and no figure shows it.
+        """Whether the residual of the joint fit is so large that none of its numbers is given and no figure shows it.
 
-        The result of the printed formula for a pair of peaks does not rest on that fit, and is given all the same.
+        The result of the printed formula for a pair of peaks does not depend on that fit and is given nevertheless.
         """
         return self.residual_over_noise > self.settings.verdicts.refused
 
@@ -117,7 +117,7 @@ class PaperIdentification(ResultOfStudy):
 
     @property
     def alternative_laws(self) -> tuple[str, ...]:
-        """Other laws that explain the runs as well, a sentence each."""
+        """Other laws that explain the runs as well, one sentence each."""
         return alternatives(self.ladder, SearchSettings(alike_bic=self.settings.bic_margin))
 
 
@@ -126,7 +126,7 @@ AnyIdentification = Identification | PaperIdentification
 
 
 def straight_terms(result: PaperIdentification) -> Iterator[ConfoundedTerm]:
-    """Yield the terms whose scale lies far beyond the motion."""
+    """Yield the terms whose scale is much larger than the motion."""
     for term in result.joint.law.terms:
         for parameter, value in zip(term.kind.parameters, term.values, strict=True):
             name = "velocity" if parameter.unit == "m/s" else "travel"
@@ -136,9 +136,9 @@ def straight_terms(result: PaperIdentification) -> Iterator[ConfoundedTerm]:
 
 
 def gain_like_fraction(joint: JointFit, settings: PaperSettings) -> float:
-    """Return |K3|/K2 where a gain error is a likelier reason for it than a spring to the ground, else 0.
+    """Return |K3|/K2 if a gain error is a likelier reason for it than a spring to the ground, else 0.
 
-    A gain that is off by e gives a free mass a K3 of about -e K2, and puts K2 off by as much.
+    A relative gain error e gives a free mass a K3 of about -e K2, and K2 the same relative error.
     """
     if RATIOS[2] not in joint.names:
         return 0.0
@@ -150,13 +150,13 @@ def gain_like_fraction(joint: JointFit, settings: PaperSettings) -> float:
 def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> GearParameters:
     """Return the absolute parameters with intervals that include a gain error of the fraction `gain`."""
     std, mu = added.std.copy(), added.fit.inverse_mass
-    # a gain error that explains the ground spring moves stiffness and damping by as much
+    # A gain error that explains the ground spring changes stiffness and damping by the same fraction.
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
     std[3] = np.hypot(std[3], max(equal_gains, gain) * added.slopes[0])
     parameters = GearParameters(*map(Estimate.normal, added.value[:4], std[:4]))
     if RATIOS[2] not in added.fit.names:
         parameters = replace(parameters, ground_stiffness_n_per_m=Estimate(0.0))
-    # the mass is 1/mu, so its interval is the image of that of mu and longer upwards
+    # The mass is 1/mu, so its interval is the image of that of mu and longer upwards.
     mu_std = added.fit.std_of("inverse_mass")
     if mu > 1.96 * mu_std:
         interval = (float(1 / (mu + 1.96 * mu_std)), float(1 / (mu - 1.96 * mu_std)))
@@ -201,13 +201,13 @@ def law_estimates_of(law: Law, std: FloatArray) -> dict[str, dict[str, Estimate]
 
 def warnings_of(result: PaperIdentification) -> Iterator[str]:
     """Yield what limits an answer of the mended chain, one sentence each."""
-    yield from warnings_of_the_logs(result)
+    yield from warnings_of_logs(result)
     settings, fs = result.settings, result.study.fs
     high_hz = settings.band_at(fs)[1]
     if high_hz < settings.band_hz[1]:
         yield (
             f"the runs are sampled at {fs:g} Hz, and used up to {high_hz:.4g} Hz instead of {settings.band_hz[1]:g} "
-            f"Hz, for the filters of loggers begin at {settings.highest_fraction_of_rate:g} of the rate: record "
+            f"Hz, because the filters of loggers begin at {settings.highest_fraction_of_rate:g} of the rate: record "
             "faster, or give a band that ends below"
         )
     yield from _residual(result)
@@ -218,8 +218,8 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
     yield from (term.warning for term in straight_terms(result))
 
 
-def warnings_of_the_logs(result: PaperIdentification) -> Iterator[str]:
-    """Yield what to doubt of the logs."""
+def warnings_of_logs(result: PaperIdentification) -> Iterator[str]:
+    """Yield warnings about the logs."""
     for run in result.chain.runs:
         yield from findings_in_words(run.name, run.findings)
 
@@ -228,14 +228,14 @@ def _residual(result: PaperIdentification) -> Iterator[str]:
     unexplained, verdicts = result.residual_over_noise, result.settings.verdicts
     if unexplained > verdicts.doubtful:
         yield (
-            f"the model explains the runs only to {unexplained:.1f} times the sensor noise: the law lacks a term, the "
-            "slow motion below the high-pass matters, or a sensor is at fault; the intervals are widened by "
+            f"the residual is {unexplained:.1f} times the sensor noise: the law lacks a term, the slow motion below "
+            "the high-pass matters, or a sensor is faulty; the intervals are widened by a factor of "
             f"{unexplained / verdicts.doubtful:.1f}"
         )
     elif unexplained > verdicts.noted:
         yield (
-            f"the residual is {unexplained:.1f} times the sensor noise: most of it is the slow motion that the "
-            "integration cannot give to the law"
+            f"the residual is {unexplained:.1f} times the sensor noise: most of it is due to slow motion, which the "
+            "integration removes from the law"
         )
 
 
@@ -243,7 +243,7 @@ def _averages(result: PaperIdentification) -> Iterator[str]:
     averages = min(run.T.spectra.n_averages for run in result.chain.runs)
     if averages < result.settings.few_averages:
         yield (
-            f"each transmissibility rests on {averages:.1f} independent averages: its coherence is near 1 by "
+            f"each transmissibility has only {averages:.1f} independent averages: its coherence is near 1 by "
             "construction and its peaks are chance (the parameters do not come from it)"
         )
 
@@ -256,8 +256,8 @@ def _ground(result: PaperIdentification) -> Iterator[str]:
         sign = np.sign(result.joint.ratios[2])
         yield (
             f"the ground spring is {100 * sign * fraction:.1f} % of the suspension: a gain error of about "
-            f"{100 * fraction:.1f} % between the two sensors does that (AC coupling with different corners too), so "
-            "the intervals of stiffness and damping hold it"
+            f"{100 * fraction:.1f} % between the two sensors has this effect (AC coupling with different corners, "
+            "too), so the intervals of stiffness and damping include such an error"
         )
     elif (
         ground.value is not None
@@ -289,8 +289,7 @@ def _weight(result: PaperIdentification) -> Iterator[str]:
     changes = {run.mass_change_kg for run in result.chain.runs}
     if len(changes) > 1 and result.study.interfaces[0].axis != "horizontal" and depends_on_travel(result.joint.law):
         yield (
-            "the paper's equation has one law about one position at rest, yet runs of another mass rest elsewhere on a "
-            "law that depends on the travel: stiffness, law and mass are off by more than their intervals say; give "
-            "method='model', which rests each run where its weight puts it, or axis = \"horizontal\" where no weight "
-            "acts"
+            "the paper's equation has one law about one rest position, but runs of another mass rest elsewhere on a "
+            "law that depends on the travel: the errors of stiffness, law and mass exceed their intervals; give "
+            "method='model', which computes the rest position of each run, or axis = \"horizontal\" if no weight acts"
         )

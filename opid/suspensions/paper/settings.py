@@ -1,4 +1,4 @@
-"""The chosen numbers of the paper's chain, each with its reason."""
+"""Settings of the paper's chain, each with its reason."""
 
 from __future__ import annotations
 
@@ -9,44 +9,47 @@ from opid.suspensions.settings import IntervalSettings, RunSettings, Verdicts
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Settings of `opid.suspensions.paper`; each default is the only place where its value stands.
+    """Settings of `opid.suspensions.paper`; each default is the only place where its value is written.
 
     Args:
         law: the law to fit (`opid.laws.LAWS`, sums joined by "+"); None searches among `candidates`.
-        band_hz: lines of the equation, Hz. Below, sensors drift; above, a rigid wheel and a point contact end.
+        band_hz: lines of the equation, Hz. Below, sensors drift; above, the wheel is no longer rigid with a point
+            contact.
         high_pass_hz: corner of the integration, Hz: below it sensor noise, integrated twice, exceeds the motion.
         ground: whether the ground spring K3 is fitted (else it is 0).
-        highest_fraction_of_rate: lines above this fraction of the sampling rate carry the anti-aliasing filter.
-        block_s: length of a block of the transmissibility, s: resolves a resonance of 1 to 4 Hz.
-        highest_peak_hz: peaks of |T| are sought up to this frequency, Hz, as in the paper's figures.
-        peak_prominence_std: a peak stands out of log |T| by so many standard deviations; less is chance.
-        peak_prominence_ratio: |T| at a peak over |T| at its foot; less is a ripple.
+        highest_fraction_of_rate: lines above this fraction of the sampling rate are affected by the anti-aliasing
+            filter.
+        block_s: length of a block of the transmissibility, s: it resolves a resonance of 1 to 4 Hz.
+        highest_peak_hz: peaks of |T| are searched up to this frequency, Hz, as in the paper's figures.
+        peak_prominence_std: least prominence of a peak of log |T|, in standard deviations; less is chance.
+        peak_prominence_ratio: least |T| at a peak over |T| at its foot; less is a ripple.
         static_hz: T(0) is read from the lines up to this frequency, Hz, as the paper read 0.7 from its figure.
         n_cells: cells along each axis of the restoring-force surface: a run of a minute fills those that it visits.
         least_points_of_cell: a cell with fewer points stays empty: its mean would be chance.
         slice_half_width: half width of a slice over the standard deviation of the other coordinate.
         force_cells: cells along each axis of the plane on which the identified force is given.
         candidates: laws that the search may add.
-        most_terms: terms of a law at the most: one for stiffness and one for damping, as in eq. (3) of the paper.
+        most_terms: most terms of a law: one for stiffness and one for damping, as in eq. (3) of the paper.
         bic_margin: criteria closer than this do not distinguish two laws (10 is "very strong" by Kass & Raftery 1995).
         noise_margin: a further term must lower the unexplained noise by this fraction as well: with thousands of lines
             the criterion alone would pay for correcting the filter.
-        first_order_error: the error that columns of candidates promise may be wrong by this fraction: a friction whose
+        first_order_error: the error expected from columns of candidates may be wrong by this fraction: a friction whose
             amplitude is large is ranked by its columns with an error of 5 %.
         start_points: number of points that start values are fitted to; more take time and change nothing.
-        seen_above: evidence from which a term is seen: chi-square (2 degrees of freedom, amplitude and scale) at 0.999.
-        least_departure: a term must depart from a straight line by this fraction of its rms to be seen.
+        seen_above: evidence above which a term is significant: chi-square (2 degrees of freedom, amplitude and scale)
+            at 0.999.
+        least_departure: a significant term must depart from a straight line by this fraction of its rms.
         cluster_s: correlated residuals in time: scores are added up over blocks of this length, s.
         cluster_hz: correlated residuals of lines: scores are added up over neighbouring lines of this width, Hz.
         start_mass_over_change: the fit of the mass starts at this multiple of the largest mass change.
         largest_mass_fraction: a peak shift that needs a larger change of the mass than this is not credible.
         least_remainder: a run that keeps a smaller fraction of the sprung mass has a mistyped mass change.
         mass_seen_above: 1/M2 must stand this many standard deviations from zero.
-        verdicts: house-wide thresholds on the residual over the noise.
+        verdicts: thresholds of the whole package on the residual over the noise.
         least_noise: no model of a strut is better than this fraction of the motion, however quiet the sensor.
         few_averages: independent averages below which the coherence is near 1 by construction.
-        equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
-        gain_like: a ground spring below this fraction of K2 is what a gain error of a per cent or two looks like.
+        equal_gains: no two sensors have gains more equal than this, and a gain error imitates a ground spring.
+        gain_like: a gain error of one or two per cent imitates a ground spring below this fraction of K2.
         negligible_ground: a ground spring below this fraction of K2 is not worth a warning.
         straight_above: a term whose scale exceeds this multiple of the rms motion is a straight line.
         loose_mass: relative standard deviation of the mass above which a larger mass change is advised.

@@ -37,7 +37,7 @@ from opid.suspensions.paper.settings import PaperSettings
 RATIOS = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
 """K2/M2 in 1/s^2, C2/M2 in 1/s, K3/M2 in 1/s^2."""
 
-# real coefficients of the end terms: displacement and velocity at both ends need two, sampling of the rest one more
+# number of real coefficients of the end terms: displacement and velocity at both ends need two, sampling one more
 _N_END_TERMS = 3
 
 
@@ -46,9 +46,9 @@ class FittedValues:
     """Fitted values by their names.
 
     Args:
-        names: (n,) of the values.
-        value: (n,).
-        covariance: (n, n).
+        names: (n,) names of the values.
+        value: (n,) values.
+        covariance: (n, n) covariance of the values.
     """
 
     names: tuple[str, ...]
@@ -103,7 +103,7 @@ class JointFit(FittedRatios, FitOfOneLaw):
 
     @property
     def inverse_mass(self) -> float:
-        """1/M2, 1/kg; 0 where it was not fitted."""
+        """1/M2, 1/kg; 0 if it was not fitted."""
         return self._value("inverse_mass")
 
     @property
@@ -113,7 +113,7 @@ class JointFit(FittedRatios, FitOfOneLaw):
 
     @property
     def error_rms(self) -> float:
-        """What is left, as a search compares laws, m/s^2."""
+        """Rms of the residual, as a search compares laws, m/s^2."""
         return self.noise_m_per_s2
 
 
@@ -124,7 +124,7 @@ class EquationLines:
     Args:
         omega: (n_lines,) rad/s.
         unsprung: (n_lines,) transform of x1'', scaled so that unit white noise has unit parts, m/s^2.
-        sprung: (n_lines,) transform of x2'', likewise.
+        sprung: (n_lines,) transform of x2'', scaled in the same way, m/s^2.
         travel: (n,) z, m.
         velocity: (n,) z', m/s.
         fs: sampling rate, Hz.
@@ -217,9 +217,8 @@ def fit_equation(
 ) -> JointFit:
     """Fit the equation to all runs at once by weighted nonlinear least squares.
 
-    Run r weighs q_r = 1/(1 + mu dM_r) against the reference, mu = 1/M2, so every force per unit of mass is q_r times
-    that of the reference. With mu free and at least two different mass changes the absolute mass follows; with mu held
-    the ratios alone are fitted.
+    With q_r = 1/(1 + mu dM_r), mu = 1/M2, every force per unit of mass in run r is q_r times that of the reference.
+    With mu free and at least two different mass changes the absolute mass follows; with mu held only ratios are fitted.
 
     Args:
         runs: one `EquationLines` a run.
@@ -263,7 +262,7 @@ def fit_equation(
         covariance=covariance,
         law=model.law_at(solution.x)[0],
         frequency_hz=tuple(r.omega / (2 * np.pi) for r in runs),
-        # a line has a real and an imaginary part
+        # A line has a real and an imaginary part.
         residual=tuple(r / np.sqrt(2) for r in residual),
         noise_m_per_s2=float(np.sqrt(variance)),
         log_likelihood=float(-0.5 * n_data * np.log(2 * solution.cost / n_data)),
@@ -277,7 +276,7 @@ def differentiate(
     """Return the residual of a fit and its derivatives by differences, with real and imaginary parts of lines apart.
 
     The derivatives are those by each entry of the law, (n, n_law), by all other fitted values, (n, n_others), and by
-    the amplitude of each of further terms, (n,), which are so faint that they move nothing.
+    the amplitude of each further term, (n,), which are too weak to change the residual.
     """
     model = _Model(tuple(runs), fit.law, RATIOS[2] in fit.names, "inverse_mass" in fit.names)
     theta = fit.value.copy()
@@ -329,7 +328,7 @@ class _Model:
         return value, slope
 
     def typical(self, theta: FloatArray) -> FloatArray:
-        """Sizes of sensible steps."""
+        """Return typical sizes of the entries."""
         size = np.maximum(np.abs(theta), 1e-3)
         size[2 : 2 + self.ground] = 0.1 * size[0]
         size[self.law_part][positive(self.law)] = 0.3
@@ -360,7 +359,7 @@ class _Model:
             if law.terms:
                 force = run.transform(law.force(run.travel, run.velocity))
                 residual = residual + mass_ratio * run.omega**2 * force
-                # noise passes through the law too: its statistical linearisation (mean slopes) counts in the weight
+                # Noise also passes through the law: its statistical linearisation (mean slopes) enters the weight.
                 by_travel, by_velocity = (float(np.mean(g)) for g in law.gradient(run.travel, run.velocity))
                 tangent = mass_ratio * (by_travel + 1j * run.omega * by_velocity)
                 numerator, denominator = numerator + tangent, denominator + tangent
@@ -382,7 +381,7 @@ def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatA
 
 
 def _cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
-    """The cell of neighbouring lines of one run to which each real number of the residual belongs."""
+    """Return the cell of neighbouring lines of one run to which each real number of the residual belongs."""
     cells = []
     for index, run in enumerate(runs):
         cell = np.floor(run.omega / (2 * np.pi * width_hz)).astype(np.int64) + 1_000_000 * index
@@ -391,5 +390,5 @@ def _cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
 
 
 def _fast_length(inside: slice) -> slice:
-    """Drop a few samples so that the transform is quick: lengths with large prime factors are not."""
+    """Drop a few samples so that the transform is fast: lengths with large prime factors are slow."""
     return slice(inside.start, inside.start + fft.prev_fast_len(max(inside.stop - inside.start, 1), real=True))

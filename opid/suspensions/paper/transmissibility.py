@@ -2,8 +2,9 @@
 
 A nonlinear force f acts on the sprung mass beside the linear ones, so X2 = T X1 - G F with T the transmissibility of
 the linear suspension. The paper (eqs. 4-6) subtracts f from the acceleration and divides; that ratio,
-(X2'' + F/M2)/X1'', is not T, because the force also moves the mass through G. It is right to take F as a second input,
-and T as what X1 explains beside it (conditioned reverse path: Bendat 1990; Richards & Singh 1998). Both are offered.
+(X2'' + F/M2)/X1'', is not T, because the force also moves the mass through G. The right method takes F as a second
+input, and T as the response to X1 beside it (conditioned reverse path: Bendat 1990; Richards & Singh 1998). Both
+methods are available.
 
 Direct parameters follow from T by three methods: the paper's equation at one peak of |T|; complex least squares over a
 band; and their errors-in-variables form on the transforms themselves (`spectral_equation`).
@@ -51,7 +52,7 @@ def transmissibility_without_force(
     method: Method = "conditioned",
     nperseg: int | None = None,
 ) -> Transmissibility:
-    """Estimate the transmissibility of the linear suspension beneath a known nonlinear force (H1).
+    """Estimate the transmissibility of the linear suspension beside a known nonlinear force (H1).
 
     Args:
         unsprung: (n,) acceleration x1'', m/s^2.
@@ -97,12 +98,12 @@ def transmissibility_peaks(
     prominence_std: float = PaperSettings.peak_prominence_std,
     prominence_ratio: float = PaperSettings.peak_prominence_ratio,
 ) -> tuple[Peak, ...]:
-    """Find the peaks of |T| that stand out of its own random error.
+    """Find the peaks of |T| that exceed its random error.
 
     Args:
         T: the transmissibility.
-        band_hz: where to look, Hz.
-        prominence_std: prominence of log |T| over its standard deviation, below which a maximum is taken for chance.
+        band_hz: band of the search, Hz.
+        prominence_std: prominence of log |T| over its standard deviation, below which a maximum is taken as chance.
         prominence_ratio: |T| at the peak over |T| at its foot, below which it is a ripple.
 
     Returns:
@@ -146,7 +147,7 @@ def suspension_transmissibility(
     damping_per_mass: float,
     ground_stiffness_per_mass: float = 0.0,
 ) -> np.ndarray:
-    """Return T = (k2 + j w c2)/(k2 + k3 - w^2 + j w c2): one resonance, and nothing of the tyre in it.
+    """Return T = (k2 + j w c2)/(k2 + k3 - w^2 + j w c2), which has one resonance and does not depend on the tyre.
 
     Args:
         frequency_hz: (n,) Hz.
@@ -215,8 +216,8 @@ def complex_least_squares(
 ) -> DirectParameters:
     """Solve w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T over a band by weighted least squares.
 
-    Without noise it is exact at every damping, which the peak formula is not. Noise on T stands on both sides of the
-    equation, so the estimate shrinks; that of `errors_in_variables` does not.
+    Without noise it is exact at every damping, which the peak formula is not. Noise on T is on both sides of the
+    equation and biases the estimate towards zero; that of `errors_in_variables` is not biased.
 
     Args:
         T: complex transmissibility.
@@ -227,7 +228,7 @@ def complex_least_squares(
         InputError: fewer than 5 lines in the band.
     """
     inside = (T.frequency_hz >= band_hz[0]) & (T.frequency_hz <= band_hz[1]) & (T.coherence > 0)
-    # in a run of one block the force explains all of the motion, and there is nothing to divide by
+    # In a run of one block the force explains all of the motion, and T is not defined.
     inside &= np.isfinite(T.value) & np.isfinite(T.relative_std) & (np.abs(T.value) > 1e-9)
     if inside.sum() < 5:
         raise InputError(
@@ -235,7 +236,7 @@ def complex_least_squares(
             "take longer blocks"
         )
     ratio, omega = T.value[inside], 2 * np.pi * T.frequency_hz[inside]
-    # an error of T enters through k2 + k3 - w^2 + j w c2, which grows like w over most of the band
+    # An error of T enters through k2 + k3 - w^2 + j w c2, which grows like w over most of the band.
     weight = np.sqrt(T.coherence[inside]) / (omega * np.maximum(T.relative_std[inside], 1e-3) * np.abs(ratio))
     columns = np.stack([ratio - 1, 1j * omega * (ratio - 1), ratio], axis=1)[:, : 3 if ground else 2]
     left_lines, right_lines = columns * weight[:, np.newaxis], omega**2 * ratio * weight
@@ -245,7 +246,7 @@ def complex_least_squares(
     solution = np.linalg.lstsq(left / scale, right, rcond=None)[0]
     residual = right - left / scale @ solution
     variance = float(residual @ residual) / max(right.size - solution.size, 1)
-    # a window smears neighbouring lines, which leaves fewer independent ones by its equivalent noise bandwidth
+    # A window smears neighbouring lines: the number of independent lines is smaller by its equivalent noise bandwidth.
     variance *= _noise_bandwidth(T)
     covariance = variance * np.linalg.pinv((left / scale).T @ (left / scale)) / np.outer(scale, scale)
     pad = (0, 3 - solution.size)

@@ -1,1 +1,1 @@
-"""How likely measured backbones and linear modes are for given parameters, and the noise that they have."""
+"""The likelihood of measured backbones and linear modes for given parameters, and the noise in them."""

@@ -35,17 +35,17 @@ N_NODES = 12  # amplitudes at which the model is solved for one mode; between th
 class ModeData:
     """The curves of one mode, ready to be compared with a model that is solved at a few amplitudes."""
 
-    mode: int  # its number, from 1
-    # controlled sensor and (n_nodes,) amplitudes, m, at which the model is solved for it
+    mode: int  # number of the mode, from 1
+    # each controlled sensor, and (n_nodes,) amplitudes, m, at which the model is solved for it
     parts: tuple[tuple[str, FloatArray], ...]
     between: FloatArray  # (n_points, n_nodes of all parts) matrix that takes values at the nodes to the measured points
     curve: IntArray  # (n_points,) number of the curve of each point, from 0
     eigenvalue: FloatArray  # (n_points,) measured lambda, 1/s^2
     sensor: NDArray[np.str_]  # (n_points,) name of the controlled sensor of each point
-    amplitude: FloatArray  # (n_points,) of that sensor, m
-    # (n_points,) of the controlled sensor, of the largest of any curve with the same one
+    amplitude: FloatArray  # (n_points,) amplitude of that sensor, m
+    # (n_points,) amplitude of the controlled sensor over the largest of all curves with the same sensor
     relative_amplitude: FloatArray
-    # (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude
+    # (n_points,) growth of lambda / linear from the lowest point, smoothed over the amplitude
     growth: FloatArray
     shapes: FloatArray  # (n_points, n_sensors) measured shapes of unit length
     # (n_sensors - 1,) columns of the shapes without that of the largest entry, which the unit length fixes
@@ -64,9 +64,9 @@ class BackboneData:
     Args:
         system: the linear structure with its joints.
         modes: the data of each mode.
-        form: of the likelihood.
-        harmonics: of the model.
-        noise: settings.
+        form: form of the likelihood.
+        harmonics: harmonics of the model.
+        noise: settings for the errors.
     """
 
     system: JointedModes
@@ -92,7 +92,7 @@ def backbone_data(
         form: "paper" is Song eqs. (10) to (12) with the mean of squares of each curve; "literal" eq. (12) as printed,
             which squares the mean, so that errors cancel; "independent" takes every point as a measurement of its own
             (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.likelihood.noise`).
-        harmonics: of the model.
+        harmonics: harmonics of the model.
         noise: settings for the errors.
 
     Raises:
@@ -110,7 +110,7 @@ def backbone_data(
     modes = []
     for mode, curves in by_mode(measured).items():
         cov = (noise.cov or {}).get(mode) or coefficient_of_variation(curves)
-        modes.append(_mode_data(system, curves, noise, cov, form))
+        modes.append(_make_mode_data(system, curves, noise, cov, form))
     for each in modes if form != "recommended" else ():
         if not each.cov > 0:
             raise InputError(scatter_fault(each.mode))
@@ -118,10 +118,10 @@ def backbone_data(
 
 
 def scatter_fault(mode: int) -> str:
-    """Return the clause on a mode whose curves do not tell how lambda varies, which the paper's forms need."""
+    """Return the clause on a mode whose curves do not show how lambda varies, which the paper's forms need."""
     return (
-        f"the curves of mode {mode} do not tell how lambda varies (there is one, they are equal, or they share no "
-        f'amplitudes): give cov of mode {mode}, or take form = "recommended"'
+        f"the curves of mode {mode} do not show how lambda varies (there is only one, they are equal, or they have no "
+        f'amplitudes in common): give cov of mode {mode}, or take form = "recommended"'
     )
 
 
@@ -129,7 +129,7 @@ def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
     """Return standard deviation over mean of lambda across curves of one mode, averaged over amplitudes.
 
     It is that of Song et al. below eqs. (5) and (12), over the amplitude of a sensor that all have; nan for a single
-    curve, or where the curves share no range of amplitude.
+    curve, or where the curves have no range of amplitude in common.
     """
     first = curves[0].controlled_sensor
     columns = [np.abs(one.amplitude[:, one.sensors.index(first)]) for one in curves if first in one.sensors]
@@ -146,7 +146,7 @@ def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
     return float(np.mean(values.std(axis=0, ddof=1) / values.mean(axis=0)))
 
 
-def _mode_data(
+def _make_mode_data(
     system: JointedModes, curves: Sequence[MeasuredBackbone], noise: NoiseSettings, cov: float, form: Form
 ) -> ModeData:
     mode = curves[0].mode
@@ -166,7 +166,7 @@ def _mode_data(
     for sensor in dict.fromkeys(controlled):
         system.sensor(sensor)
         mine = names == sensor
-        nodes, block = _nodes(amplitude[mine])
+        nodes, block = _place_nodes(amplitude[mine])
         rows_of_all = np.zeros((mine.size, nodes.size))
         rows_of_all[mine] = block
         parts.append((sensor, nodes))
@@ -174,7 +174,7 @@ def _mode_data(
     between = np.concatenate(blocks, axis=1)
     curve = np.repeat(np.arange(len(curves)), [one.frequency_hz.size for one in curves])
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
-    relative, growth = _amplitude_and_growth(names, amplitude, eigenvalue / linear)
+    relative, growth = _find_growth(names, amplitude, eigenvalue / linear)
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
     frequency_noise = shape_noise = None
     common = {"common_growth": noise.growth_of_linear_error, "own_growth": noise.curve_growth}
@@ -194,12 +194,10 @@ def _mode_data(
     )  # fmt: skip
 
 
-def _amplitude_and_growth(
-    names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _find_growth(names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the amplitude of each point relative to the largest, and the growth of lambda there.
 
-    The growth is smoothed by a cubic: with the noise of the points in it, a slope of the error would fit that noise.
+    The growth is smoothed by a cubic: if it held the noise of the points, a slope of the error would fit that noise.
     """
     relative, smooth = np.empty_like(grown), np.empty_like(grown)
     for name in np.unique(names):
@@ -210,7 +208,7 @@ def _amplitude_and_growth(
     return relative, smooth - smooth.min()
 
 
-def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _place_nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return amplitudes to solve at, Chebyshev nodes or the few given ones, and the matrix that interpolates them."""
     unique, index = np.unique(amplitude, return_inverse=True)
     if unique.size <= N_NODES:
@@ -219,35 +217,35 @@ def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     low, high = unique[0], unique[-1]
     nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(N_NODES) / (N_NODES - 1))
-    # weights of Chebyshev nodes (Berrut & Trefethen 2004, eq. 5.4): those that scipy finds depend on a random order
+    # The weights of Chebyshev nodes (Berrut & Trefethen 2004, eq. 5.4) are stated, for scipy's depend on chance.
     weights = (-1.0) ** np.arange(N_NODES)
     weights[[0, -1]] /= 2
     return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES), wi=weights)(amplitude)
 
 
-MOST_NAMED = 4  # points that a sentence names
+MOST_NAMED = 4  # largest number of points that a sentence names
 
 BoolArray = NDArray[np.bool_]
 
 Curves = Callable[[FloatArray], tuple[FloatArray, FloatArray, BoolArray, BoolArray]]
 """theta (n, d) -> lambda (n, n_nodes), shapes of unit length (n, n_nodes, n_sensors), nodes without a solution
-(n, n_nodes), and whether a theta has no curve (n,), because too many are missing."""
+(n, n_nodes), and whether a theta has no curve (n,) because too many nodes are missing."""
 
 Likelihood = Callable[[ArrayLike], tuple[FloatArray, int]]
-"""theta (n, d) -> log p(D | theta) (n,), and how many points of the model did not converge."""
+"""theta (n, d) -> log p(D | theta) (n,), and the number of points of the model that did not converge."""
 
 
 def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likelihood:
-    """Return theta (n, d) -> logarithm of p(D | theta), (n,), and how many points of the model did not converge.
+    """Return theta (n, d) -> log p(D | theta), (n,), and the number of points of the model that did not converge.
 
     Every form has its normalising constant (Song eq. 17; eq. 7 misprints it). Points of the model that did not converge
-    are interpolated; a theta for which too many are missing (see `curves_of`) has the logarithm -inf.
+    are interpolated; a theta for which too many are missing (see `make_curves`) has the logarithm -inf.
 
     Args:
-        data: from `backbone_data`, which names the form.
+        data: the backbones, from `backbone_data`, which names the form.
         model_class: the law.
     """
-    models = [(mode, curves_of(data, mode, model_class)) for mode in data.modes]
+    models = [(mode, make_curves(data, mode, model_class)) for mode in data.modes]
 
     def likelihood(theta: ArrayLike) -> tuple[FloatArray, int]:
         rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
@@ -257,7 +255,7 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
             if data.form == "recommended":
                 total += _weigh_as_recommended(mode, eigenvalue, shapes)
             else:
-                total += _papers(data, mode, eigenvalue, shapes)
+                total += _weigh_as_in_paper(data, mode, eigenvalue, shapes)
             impossible |= lost
             failed += int(missing.sum())
         return np.where(impossible, -np.inf, total), failed
@@ -289,8 +287,8 @@ def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
     return mode.eigenvalue - eigenvalue @ mode.between.T + r_m
 
 
-def _papers(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Return the log likelihood of one mode by eqs. (12) and (17), with one of three ways to sum over points."""
+def _weigh_as_in_paper(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Return the log likelihood of one mode by eqs. (12) and (17), with one of three sums over points."""
     noise, n_sensors = data.noise, mode.rows.size
     sigma = noise.weight * mode.cov * mode.eigenvalue
     factor = noise.shape_factor if noise.shape_factor is not None else np.sqrt(n_sensors)
@@ -301,14 +299,14 @@ def _papers(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: 
     misfit = ((score @ weight) ** 2 if data.form == "literal" else score**2 @ weight).sum(axis=1)
     n_errors, log_sigmas = sigma.size, np.log(sigma).sum()
     if noise.shapes and n_sensors > 1:
-        misfit = misfit + (_one_less_mac(mode, shapes) @ weight).sum(axis=1) / sigma_phi**2
-        # the unit length fixes one entry of a shape
+        misfit = misfit + (_find_shape_misfit(mode, shapes) @ weight).sum(axis=1) / sigma_phi**2
+        # The unit length fixes one entry of a shape.
         n_free = len(mode.shapes) * (n_sensors - 1)
         n_errors, log_sigmas = n_errors + n_free, log_sigmas + n_free * np.log(sigma_phi)
     return -0.5 * n_errors * np.log(2 * np.pi) - log_sigmas - 0.5 * misfit
 
 
-def _one_less_mac(mode: ModeData, shapes: FloatArray) -> FloatArray:
+def _find_shape_misfit(mode: ModeData, shapes: FloatArray) -> FloatArray:
     """Return e_phi^T e_phi of every point, which is exactly 1 - MAC (Song eq. 11)."""
     model = np.einsum("jk,nks->njs", mode.between, shapes, optimize=True)
     return 1 - np.einsum("njs,js->nj", model, mode.shapes) ** 2 / np.einsum("njs,njs->nj", model, model)
@@ -317,13 +315,13 @@ def _one_less_mac(mode: ModeData, shapes: FloatArray) -> FloatArray:
 # ---- the model's curves ----------------------------------------------------------------------------
 
 
-def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Curves:
+def make_curves(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Curves:
     """Return theta -> the model of one mode at its nodes.
 
     A point where Newton's method fails, as in an interaction with another mode, is interpolated by a polynomial through
-    the others, so that the rest of the curve still counts. There is no curve where too many points fail, or where the
-    others span too little of the range (`UpdatingThresholds`). The curve has no loops where a harmonic meets another
-    mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
+    the others, so that the remainder of the curve still counts. There is no curve where too many points fail, or where
+    the others span too little of the range (`UpdatingThresholds`). The curve has no loops where a harmonic meets
+    another mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
     """
     system = without_interactions(data, mode)
     solvers = [
@@ -343,12 +341,12 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
             for row in np.flatnonzero(~each.converged.all(axis=1)):
                 bridged = _bridge_gaps(values[row], each.amplitude, each.converged[row])
                 lost[row] |= bridged is None
-                # a curve that is lost needs any finite numbers
+                # A curve that is lost may hold any finite numbers.
                 values[row] = np.append(mode.linear, middle) if bridged is None else bridged
             whole.append(values)
         values = np.concatenate(whole, axis=1)
         shapes = values[..., 1:]
-        # shapes get the sign of the measured ones
+        # The shapes get the sign of the measured ones.
         size = np.sqrt(np.einsum("nks,nks->nk", shapes, shapes)) * np.where(shapes @ middle < 0, -1.0, 1.0)
         missing = ~np.concatenate([each.converged for each in found], axis=1)
         return values[..., 0], shapes / size[..., None], missing, lost
@@ -356,7 +354,7 @@ def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Cu
     return curves
 
 
-def met_modes(data: BackboneData, mode: ModeData) -> IntArray:
+def find_met_modes(data: BackboneData, mode: ModeData) -> IntArray:
     """Return the columns of the modes that a harmonic of the model may meet, near any measured frequency."""
     measured = np.sqrt(mode.eigenvalue)
     low, high = (1 - UPDATING.interaction_reach) * measured.min(), (1 + UPDATING.interaction_reach) * measured.max()
@@ -365,7 +363,7 @@ def met_modes(data: BackboneData, mode: ModeData) -> IntArray:
     for harmonic in data.harmonics:
         if harmonic > 1:
             near |= (own > harmonic * low) & (own < harmonic * high)
-    # nearer modes meet the first harmonic
+    # Modes that are nearer meet the first harmonic.
     return np.flatnonzero(near & (own > 1.3 * high))
 
 
@@ -378,7 +376,7 @@ def without_interactions(data: BackboneData, mode: ModeData) -> JointedModes:
     beside the loop is left out, too: relative to the frequencies of the wing-engine structure it is 2.5e-5 at a
     distance of two per cent, and 1.2e-4 at half a per cent.
     """
-    met, system = met_modes(data, mode), data.system
+    met, system = find_met_modes(data, mode), data.system
     if not met.size:
         return system
     eigenvalue, middle = system.eigenvalue.copy(), float(mode.eigenvalue.mean())
@@ -388,7 +386,7 @@ def without_interactions(data: BackboneData, mode: ModeData) -> JointedModes:
     return JointedModes(eigenvalue, scale * system.at_sensors, scale * system.at_joints, system.sensors, system.joints)
 
 
-def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
+def describe_interactions(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
     """Return one clause for each mode and controlled sensor, on the measured points where a harmonic meets a mode.
 
     Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
@@ -397,7 +395,7 @@ def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: Arr
     coefficients = model_class.coefficients(np.asarray(theta, dtype=np.float64)[np.newaxis])
     clauses = []
     for mode in data.modes:
-        met = met_modes(data, mode)
+        met = find_met_modes(data, mode)
         if not met.size:
             continue
         for sensor, _ in mode.parts:
@@ -412,13 +410,13 @@ def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: Arr
             off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
             if off.any():
                 clauses.append(
-                    f"mode {mode.mode} at {_span(amplitude[off])} mm of sensor {sensor!r} ({off.sum()} of "
-                    f"{amplitude.size} measured amplitudes) {_meeting(data, met, smooth[off])}"
+                    f"mode {mode.mode} at {_describe_span(amplitude[off])} mm of sensor {sensor!r} ({off.sum()} of "
+                    f"{amplitude.size} measured amplitudes) {_describe_meeting(data, met, smooth[off])}"
                 )
     return clauses
 
 
-def _meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
+def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
     orders = np.array([h for h in data.harmonics if h > 1])
     own = data.system.frequency_hz[met]
     apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
@@ -426,7 +424,9 @@ def _meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str
     return f"harmonic {orders[order]} meets mode {met[nearest] + 1} at {own[nearest]:.4g} Hz"
 
 
-def where_it_fails(data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False) -> list[str]:
+def describe_failures(
+    data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False
+) -> list[str]:
     """Return one clause for each mode, on the points where Newton's method fails for some theta, (n, n_parameters).
 
     With `lost` only those theta count that have no curve.
@@ -434,7 +434,7 @@ def where_it_fails(data: BackboneData, model_class: ModelClass, theta: ArrayLike
     rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     clauses = []
     for mode in data.modes:
-        _, _, missing, gone = curves_of(data, mode, model_class)(rows)
+        _, _, missing, gone = make_curves(data, mode, model_class)(rows)
         if lost:
             missing = missing[gone]
         ends = np.cumsum([0, *(amplitude.size for _, amplitude in mode.parts)])
@@ -443,16 +443,16 @@ def where_it_fails(data: BackboneData, model_class: ModelClass, theta: ArrayLike
             if often.any():
                 percent = 100 * missing[:, first:last].any(axis=1).sum() / len(rows)
                 clauses.append(
-                    f"mode {mode.mode} at {named_points(amplitude, often > 0, sensor)} for "
+                    f"mode {mode.mode} at {describe_points(amplitude, often > 0, sensor)} for "
                     f"{percent:.{0 if percent >= 1 else 1}f} %"
                 )
     return clauses
 
 
-def named_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
-    """Return the chosen points of a curve, (n,), in words, with their amplitude in mm.
+def describe_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
+    """Return the chosen points of a curve, (n,), as words, with their amplitude in mm.
 
-    >>> named_points(np.array([1e-3, 2e-3, 3e-3]), np.array([False, True, True]), "tip")
+    >>> describe_points(np.array([1e-3, 2e-3, 3e-3]), np.array([False, True, True]), "tip")
     "2 to 3 mm of sensor 'tip' (points 2 and 3 of 3)"
     """
     numbers = [str(index + 1) for index in np.flatnonzero(chosen)]
@@ -460,10 +460,10 @@ def named_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
         numbers = [*numbers[: MOST_NAMED - 1], f"{len(numbers) - MOST_NAMED + 1} more"]
     listed = numbers[0] if len(numbers) == 1 else f"{', '.join(numbers[:-1])} and {numbers[-1]}"
     points = f"point{'s' * (len(numbers) > 1)} {listed} of {amplitude.size}"
-    return f"{_span(amplitude[chosen])} mm of sensor {sensor!r} ({points})"
+    return f"{_describe_span(amplitude[chosen])} mm of sensor {sensor!r} ({points})"
 
 
-def _span(amplitude: FloatArray) -> str:
+def _describe_span(amplitude: FloatArray) -> str:
     low, high = (f"{1e3 * value:.3g}" for value in (amplitude.min(), amplitude.max()))
     return low if low == high else f"{low} to {high}"
 

@@ -34,9 +34,9 @@ class LinearErrors(TypedDict, total=False):
             number; "paper" (the default) for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise); or
             "inferred", as for `cov`.
         shape_factor: sigma_phi over w_m CoV of "paper"; the square root of the number of sensors where None.
-        common_error: standard deviation of the relative error of a linear frequency of the model. All curves of a mode
-            share it, so that more curves do not reduce it. With 0 (the default, the paper's form) the intervals only
-            hold the errors in which curves differ.
+        common_error: standard deviation of the relative error of a linear frequency of the model. It is common to all
+            curves of a mode, so that more curves do not reduce it. With 0 (the default, the paper's form) the
+            intervals only hold the errors in which curves differ.
     """
 
     cov: OneCov | Mapping[int, OneCov]
@@ -50,15 +50,15 @@ class LinearErrors(TypedDict, total=False):
 class LinearData:
     """The lowest points of all backbones of one mode; every curve is a data set of its own."""
 
-    mode: int  # its number, from 1
-    eigenvalue: FloatArray  # (n_sets,) measured, 1/s^2
-    shapes: FloatArray  # (n_sets, n_sensors) measured, of unit length
-    rows: FloatArray  # (n_sensors,) indices of those sensors among the sensors of the structure
+    mode: int  # number of the mode, from 1
+    eigenvalue: FloatArray  # (n_sets,) measured eigenvalues, 1/s^2
+    shapes: FloatArray  # (n_sets, n_sensors) measured shapes of unit length
+    rows: FloatArray  # (n_sensors,) indices of these sensors among the sensors of the structure
     eigenvalue_std: FloatArray  # (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2
     shape_std: float  # sigma_phi of an entry of the shape (eq. 6)
-    infer_eigenvalue_std: bool = False  # whether that is a guess whose common factor is to be integrated out
-    infer_shape_std: bool = False  # likewise for `shape_std`, which may then be any number
-    # standard deviation of the error of the model, which the eigenvalues of all curves share, 1/s^2
+    infer_eigenvalue_std: bool = False  # whether `eigenvalue_std` is a guess whose common factor is integrated out
+    infer_shape_std: bool = False  # whether the factor of `shape_std`, which may be any number, is integrated out
+    # standard deviation of the error of the model, which is common to the eigenvalues of all curves, 1/s^2
     common_std: float = 0.0
 
 
@@ -86,17 +86,17 @@ def linear_data(
     for what, given, words in (("cov", cov, ("scatter", "inferred")), ("shape_std", shape_std, ("paper", "inferred"))):
         for mode in given if isinstance(given, Mapping) else ():
             if mode not in curves_of:
-                raise InputError(f"{what} names mode {mode}, of which there is no backbone: there are {[*curves_of]}")
+                raise InputError(f"{what} names mode {mode}, which has no backbone: name some of {[*curves_of]}")
         for each in given.values() if isinstance(given, Mapping) else (given,):
             if isinstance(each, str) and each not in words:
                 raise InputError(f"{what} is {each!r}: give {', '.join(map(repr, words))} or a number")
     if not (np.isfinite(common_error) and common_error >= 0):
         raise InputError(f"common_error is {common_error}: give 0 or more")
     for what, number in (("weight", weight), ("shape_factor", shape_factor)):
-        _ = None if number is None else _positive(what, number)
+        _ = None if number is None else _require_positive(what, number)
     found = []
     for mode, curves in curves_of.items():
-        sensors, one_shape = curves[0].sensors, _of_mode(shape_std, mode, "paper")
+        sensors, one_shape = curves[0].sensors, _pick_mode(shape_std, mode, "paper")
         for sensor in sensors:
             if sensor not in structure.sensors:
                 raise InputError(
@@ -104,11 +104,13 @@ def linear_data(
                     f"{nearest(sensor, structure.sensors)}"
                 )
         if len(sensors) < 2 and one_shape != "paper":
-            raise InputError(f"the backbones of mode {mode} have one sensor, which makes no shape: leave shape_std out")
-        one_cov = _of_mode(cov, mode, "scatter")
+            raise InputError(
+                f"the backbones of mode {mode} have one sensor, and one sensor has no shape: leave shape_std out"
+            )
+        one_cov = _pick_mode(cov, mode, "scatter")
         eigenvalue = np.array([curve.eigenvalue[0] for curve in curves])
         lowest = np.array([curve.amplitude[0] for curve in curves])
-        spread = _variation(mode, eigenvalue, one_cov)
+        spread = _find_variation(mode, eigenvalue, one_cov)
         factor = float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor
         guess = factor * spread if one_shape == "paper" else 1.0
         found.append(
@@ -118,7 +120,7 @@ def linear_data(
                 lowest / np.linalg.norm(lowest, axis=1, keepdims=True),
                 rows=np.array([structure.sensors.index(sensor) for sensor in sensors]),
                 eigenvalue_std=weight * spread * eigenvalue,
-                shape_std=weight * (guess if isinstance(one_shape, str) else _positive("shape_std", one_shape)),
+                shape_std=weight * (guess if isinstance(one_shape, str) else _require_positive("shape_std", one_shape)),
                 infer_eigenvalue_std=one_cov == "inferred",
                 infer_shape_std=one_shape == "inferred",
                 common_std=2 * common_error * float(eigenvalue.mean()),
@@ -132,14 +134,14 @@ def log_likelihood(data: Sequence[LinearData], model: RitzModel, theta: ArrayLik
 
     The constant of the density is 1 / (sqrt(2 pi) sigma): eq. (7) as printed has sigma under the root. The error of a
     shape has e^T e = 1 - MAC when it is scaled by a_m. Impossible parameters, with an eigenvalue below 0, give -inf.
-    An error that all curves share adds its variance to every entry of their covariance.
+    An error that is common to all curves adds its variance to every entry of their covariance.
     """
     eigenvalue, shapes = ritz_modes(model, theta)
     total = np.zeros(len(eigenvalue))
     for each in data:
         found, shape = eigenvalue[:, each.mode - 1], shapes[:, each.rows, each.mode - 1]
-        total += _of_eigenvalues(each, found)
-        total += _of_shapes(each, shape / np.maximum(np.linalg.norm(shape, axis=1), 1e-300)[:, None])
+        total += _weigh_eigenvalues(each, found)
+        total += _weigh_shapes(each, shape / np.maximum(np.linalg.norm(shape, axis=1), 1e-300)[:, None])
     return np.where(eigenvalue[:, 0] > -1e-6 * np.abs(eigenvalue[:, -1]), total, -np.inf)
 
 
@@ -168,29 +170,31 @@ def log_posterior(data: Sequence[LinearData], model: RitzModel, priors: Mapping[
     return posterior_density(lambda theta: log_likelihood(data, model, theta), log_prior)
 
 
-def _of_eigenvalues(data: LinearData, found: FloatArray) -> FloatArray:
+def _weigh_eigenvalues(data: LinearData, found: FloatArray) -> FloatArray:
     weight = data.eigenvalue_std**-2.0
     mean = float(weight @ data.eigenvalue / weight.sum())
     scatter = float(weight @ (data.eigenvalue - mean) ** 2)
     missed = weight.sum() * (mean - found) ** 2
     n_sets = weight.size
-    density = _log_normal(
+    density = _weigh_normal_errors(
         np.full_like(missed, scatter), missed, n_sets, 1, data.common_std**2 * weight.sum(), data.infer_eigenvalue_std
     )
     return density - np.log(data.eigenvalue_std).sum()
 
 
-def _of_shapes(data: LinearData, unit: FloatArray) -> FloatArray:
-    """Return the log density of the shapes, of 1 - MAC; the model's own shape has no error here."""
+def _weigh_shapes(data: LinearData, unit: FloatArray) -> FloatArray:
+    """Return the log density of the shapes, by 1 - MAC; the model's own shape has no error here."""
     n_sets, n_sensors = data.shapes.shape
     square = (1 - (unit @ data.shapes.T) ** 2).sum(axis=1) / data.shape_std**2
-    # the unit length fixes one entry of a shape
+    # The unit length fixes one entry of a shape.
     free = n_sensors - 1
-    density = _log_normal(square, np.zeros_like(square), n_sets, free, 0.0, data.infer_shape_std)
+    density = _weigh_normal_errors(square, np.zeros_like(square), n_sets, free, 0.0, data.infer_shape_std)
     return density - n_sets * free * np.log(data.shape_std)
 
 
-def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shared: float, infer: bool) -> FloatArray:
+def _weigh_normal_errors(
+    scatter: FloatArray, missed: FloatArray, n: int, free: int, shared: float, infer: bool
+) -> FloatArray:
     """Return the log density, (n_theta,), of n normal errors with `free` entries each, in units of their noise.
 
     Their covariance is s^2 I + (shared / n) 1 1^T in every entry, so that two sums are enough: `scatter`, the sum of
@@ -206,7 +210,7 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
     if not infer:
         squares = scatter + missed / (1 + shared)
         return -0.5 * squares - 0.5 * free * np.log1p(shared) - 0.5 * count * np.log(2 * np.pi)
-    # a grid from a tenth to 1e4 times the scatter, in steps of the standard deviation of log s: right to 1e-8
+    # The grid goes from a tenth to 1e4 times the scatter, in steps of the standard deviation of log s: right to 1e-8.
     step = 1 / np.sqrt(2 * count)
     size = 0.5 * np.log(np.maximum(scatter, 1e-300) / count)
     logs = size[:, None] + np.arange(np.log(0.1), np.log(1e4), step)
@@ -218,24 +222,24 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
     return total + np.log(step) - 0.5 * count * np.log(2 * np.pi)
 
 
-def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
+def _find_variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
     if not isinstance(cov, str):
-        return _positive(f"cov of mode {mode}", cov)
+        return _require_positive(f"cov of mode {mode}", cov)
     if eigenvalue.size < 2:
-        raise InputError(f"mode {mode} has one backbone, which has no scatter: give cov, that of its eigenvalue")
+        raise InputError(f"mode {mode} has one backbone, which has no scatter: give cov of its eigenvalue")
     spread = float(eigenvalue.std(ddof=1) / eigenvalue.mean())
     if spread <= 0:
-        raise InputError(f"all backbones of mode {mode} begin at the same frequency: give cov, that of its eigenvalue")
+        raise InputError(f"all backbones of mode {mode} begin at the same frequency: give cov of its eigenvalue")
     return spread
 
 
-def _of_mode(
+def _pick_mode(
     given: OneCov | OneShapeStd | Mapping[int, OneCov] | Mapping[int, OneShapeStd], mode: int, usual: str
 ) -> Any:
     return given.get(mode, usual) if isinstance(given, Mapping) else given
 
 
-def _positive(what: str, value: float) -> float:
+def _require_positive(what: str, value: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{what} is {value}: give a positive number")
     return float(value)

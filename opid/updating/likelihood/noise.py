@@ -13,8 +13,8 @@ from opid.signals.recording import FloatArray
 
 LINEAR_ERROR_GROWTH = 0.3
 """The growth of the linear error where it is not known. On the wing-engine structure 91 of 100 intervals then hold the
-coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues, nearly all do, being too
-wide."""
+coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues, nearly all do, for they are
+too wide."""
 
 UNMENDED_GROWTH = 0.22
 """The growth of an error that no stiffness factor can correct, beside the error that phase I leaves in the factors. An
@@ -33,23 +33,23 @@ class NoiseSettings:
     serve the recommended form; phase I of "independent" uses `linear_error`, too.
 
     Args:
-        weight: w_m, of every mode (Song eqs. 5 and 6).
+        weight: weight w_m of every mode (Song eqs. 5 and 6).
         cov: coefficient of variation of lambda by the number of the mode; from the curves of each mode where None.
         shape_factor: sigma_phi over w CoV; the square root of the number of sensors where None (Song eq. 6).
         linear_error: standard deviation of the relative error of a linear frequency of the model.
-        linear_error_growth: how far that error of lambda may grow while lambda doubles by the nonlinearity, in units
-            of itself: 0 for an error of the modal eigenvalue, 0.5 and 0.1 for errors of the moduli in the two modes of
+        linear_error_growth: growth of that error of lambda while the nonlinearity doubles lambda, relative to the error
+            itself: 0 for an error of the modal eigenvalue, 0.5 and 0.1 for errors of the moduli in the two modes of
             the wing-engine structure. Where None, a study that updates the linear structure computes it for each mode
             from the errors that phase I leaves (`opid.updating.linear_updating`) and 0.22 for others; elsewhere 0.3.
-        point_noise: expected relative error of a measured frequency; the actual level is inferred, and this counts as
-            much as one point.
-        curve_offset: expected relative offset of the frequencies of a curve (imperfect quadrature); the actual level is
-            inferred, with a half normal prior of twice this scale.
-        curve_growth: how far the offset of a curve may grow while lambda doubles, in units of the noise of a point.
+        point_noise: expected relative error of a measured frequency; the actual error is inferred, and this value
+            counts as much as one point.
+        curve_offset: expected relative offset of the frequencies of a curve (imperfect quadrature); the actual offset
+            is inferred, with a half normal prior of twice this scale.
+        curve_growth: growth of the offset of a curve while lambda doubles, in units of the noise of a point.
         linear_shape_error: standard deviation of the error of a linear shape of unit length at each sensor, for phase
             II only: in phase I the inferred scatter of the shapes includes the errors of the model.
-        shape_noise: expected error of a measured shape of unit length at each sensor; counts as much as one point.
-        shape_offset: expected offset of the shapes of a curve at each sensor, likewise.
+        shape_noise: expected error of a measured shape of unit length at each sensor; it counts as much as one point.
+        shape_offset: expected offset of the shapes of a curve at each sensor; the actual offset is inferred.
         shapes: whether the shapes are used at all.
 
     Raises:
@@ -94,21 +94,21 @@ class NoiseSettings:
 class CurveNoise:
     """Measured curves with their errors, in coordinates in which the covariance is diagonal.
 
-    The error of point j of curve c is  b_0 + b_1 h_j  +  o_c + p_c (h_j - mean h of c)  +  e_cj: the error that all
-    curves share, with a Gaussian prior; the offset of a curve, of standard deviation rho sigma; its growth, of a fixed
+    The error of point j of curve c is  b_0 + b_1 h_j  +  o_c + p_c (h_j - mean h of c)  +  e_cj: the common error of
+    all curves, with a Gaussian prior; the offset of a curve, of standard deviation rho sigma; its growth, of a fixed
     multiple of sigma; the noise of a point, of standard deviation sigma. h is the growth of the quantity by the
-    nonlinearity. Were the growths as free as the offsets, all curves of a wrong law would take the slope that the law
-    lacks.
+    nonlinearity. If the growths were as free as the offsets, all curves of a wrong law would take the slope that the
+    law lacks.
     """
 
-    data: FloatArray  # (n_coordinates, n_channels) measured, rotated
-    model: FloatArray  # (n_coordinates, n_nodes) takes the model's values at its nodes to the same coordinates
+    data: FloatArray  # (n_coordinates, n_channels) measured values in these coordinates
+    model: FloatArray  # (n_coordinates, n_nodes) matrix that takes the model's values at its nodes to them
     outside: FloatArray  # (n_channels,) sum of squares of the part that no model and no offset can explain
-    n_points: int  # points in all
+    n_points: int  # number of all points
     shrink: FloatArray  # (n_coordinates, n_ratios) inverse of the variance in units of sigma^2, for each ratio rho
     common: FloatArray  # (n_coordinates, 2 n_ratios) generalised least squares of b_0, then b_1, for each ratio
-    precision: FloatArray  # (3, n_ratios) of b in units of 1 / sigma^2: of b_0, between both, of b_1
-    constant: FloatArray  # (n_ratios,) the part of the log density that depends on neither model nor data
+    precision: FloatArray  # (3, n_ratios) precision of b, 1 / sigma^2: of b_0, between both, of b_1
+    constant: FloatArray  # (n_ratios,) part of the log density that depends on neither model nor data
     common_variance: float  # prior variance of b_0, and of b_1 in its own unit
     common_scale: float  # unit of b_1
     own_growth: float  # standard deviation of p_c over sigma
@@ -137,20 +137,20 @@ def curve_noise(
     """
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))
-    # offsets and growths of all curves are orthogonal, so that every ratio has the same basis
+    # Offsets and growths of all curves are orthogonal, so that every ratio has the same basis.
     own = np.concatenate([offsets, offsets * centred[:, None]], axis=1)
     square = (own**2).sum(axis=0)
     seen = square > 1e-12 * len(values)
     left = own[:, seen] / np.sqrt(square[seen])
-    rest = between - left @ (left.T @ between)
-    other, size, _ = np.linalg.svd(rest, full_matrices=False)
+    remainder = between - left @ (left.T @ between)
+    other, size, _ = np.linalg.svd(remainder, full_matrices=False)
     basis = np.concatenate([left, other[:, size > 1e-9 * np.linalg.norm(between)]], axis=1)
     of_offsets, of_growths = np.zeros((2, basis.shape[1]))
     n_curves = offsets.shape[1]
     of_offsets[:n_curves] = square[:n_curves]
     of_growths[n_curves : left.shape[1]] = square[n_curves:][seen[n_curves:]]
     shrink = 1 / (1 + np.outer(of_offsets, RATIOS**2) + own_growth**2 * of_growths[:, None])
-    # a prior width of 0 would make the matrices singular: a tiny one leaves the slope out, too
+    # A prior width of 0 would make the matrices singular: a tiny one leaves the slope out, too.
     scale = np.array([1.0, max(common_growth, 1e-6)])
     together = basis.T @ (np.stack([np.ones_like(growth), growth], axis=1) * scale)
     precision = np.einsum("ka,kg,kb->gab", together, shrink, together)
@@ -179,11 +179,11 @@ def log_marginal(noise: CurveNoise, model: FloatArray) -> FloatArray:
     """
     from scipy.special import gammaln
 
-    each, _, _ = _by_ratio(noise, model)
-    shape = _shape(noise)
+    each, _, _ = _weigh_ratios(noise, model)
+    shape = _find_gamma_shape(noise)
     constant = OWN_WEIGHT * np.log(noise.expected) + gammaln(shape) - gammaln(OWN_WEIGHT)
     constant = constant - 0.5 * noise.n_points * np.log(2 * np.pi)
-    # scipy's logsumexp takes ten times as long for so few numbers
+    # scipy's logsumexp takes ten times as long for so few numbers.
     top = each.max(axis=2)
     total = top + np.log(np.exp(each - top[..., None]).sum(axis=2))
     return (total + constant).sum(axis=-1)
@@ -196,11 +196,11 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     their posterior, then the offset of a new curve and the noise of its points. The errors are to be added to the
     model's values where its growth is h, (n, n_new).
     """
-    each, common, rate = (part[:, 0] for part in _by_ratio(noise, model))
+    each, common, rate = (part[:, 0] for part in _weigh_ratios(noise, model))
     n = len(each)
     ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
     rows = np.arange(n)
-    sigma2 = rate[rows, ratio] / rng.gamma(_shape(noise), size=n)
+    sigma2 = rate[rows, ratio] / rng.gamma(_find_gamma_shape(noise), size=n)
     p, q, r = noise.precision[:, ratio] / sigma2
     flat = np.stack([p, q, q, r], axis=-1).reshape(n, 2, 2)
     pull = np.einsum("nab,nb->na", flat, common[rows, :, ratio])
@@ -216,30 +216,30 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     return common + offset[:, None] + slope[:, None] * centred + points
 
 
-def _shape(noise: CurveNoise) -> float:
+def _find_gamma_shape(noise: CurveNoise) -> float:
     """Return the shape of the inverse gamma posterior of sigma^2, of which b takes two degrees of freedom."""
     return OWN_WEIGHT + (noise.n_points - 2) / 2
 
 
-def _by_ratio(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _weigh_ratios(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return for each ratio the log density up to constants, b by least squares, the rate of the posterior of sigma^2.
 
     Shapes (n, n_channels, n_ratios), (n, n_channels, 2, n_ratios) and (n, n_channels, n_ratios).
     """
     left = (noise.data - noise.model @ model).swapaxes(1, 2)
-    shape = _shape(noise)
+    shape = _find_gamma_shape(noise)
     common = (left @ noise.common).reshape(*left.shape[:2], 2, RATIOS.size)
     first, second = common[:, :, 0], common[:, :, 1]
     p, q, r = noise.precision
     explained = p * first**2 + 2 * q * first * second + r * second**2
     rate = noise.expected[:, None] + 0.5 * np.maximum(left**2 @ noise.shrink + noise.outside[:, None] - explained, 0.0)
     sigma2 = rate / shape
-    # (a b; b c) is the variance of b under a flat prior plus that of the prior
+    # (a b; b c) is the variance of b under a flat prior plus that of the prior.
     scaled = sigma2 / (p * r - q**2)
     a, b, c = r * scaled + noise.common_variance, -q * scaled, p * scaled + noise.common_variance
     determinant = a * c - b**2
     prior = (c * first**2 - 2 * b * first * second + a * second**2) / determinant + np.log(determinant)
-    # the half normal prior of rho sigma, at the best sigma, has twice the expected offset as its scale
+    # The half normal prior of rho sigma, at the best sigma, has twice the expected offset as its scale.
     own = np.sqrt(sigma2) * RATIOS / (2 * noise.offset)
     weight = np.log(own) - 0.5 * own**2 + 0.5 * np.log(2 / np.pi)
     return noise.constant + weight - shape * np.log(rate) - 0.5 * prior, common, rate

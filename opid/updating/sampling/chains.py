@@ -26,12 +26,12 @@ class Chain:
     """The samples of several chains without their warm-up.
 
     Args:
-        samples: (n_chains, n, n_parameters).
-        log_density: (n_chains, n) of the samples.
+        samples: (n_chains, n, n_parameters) samples.
+        log_density: (n_chains, n) logarithm of the density of the samples.
         acceptance: fraction of the proposals that were taken, of all chains after the warm-up.
-        n_evaluations: rows of theta whose density was asked for, the warm-up included.
+        n_evaluations: number of rows of theta at which the density was evaluated, the warm-up included.
         sampler: name of the method.
-        n_warm_up: samples of each chain that were dropped.
+        n_warm_up: number of samples of each chain that were dropped.
     """
 
     samples: FloatArray
@@ -48,17 +48,17 @@ class Chain:
 
     @property
     def pooled(self) -> FloatArray:
-        """(n_chains n, n_parameters), all chains one after the other."""
+        """(n_chains n, n_parameters) samples of all chains, one after the other."""
         return self.samples.reshape(-1, self.n_parameters)
 
     @property
     def covariance(self) -> FloatArray:
-        """(n_parameters, n_parameters) of the pooled samples."""
+        """(n_parameters, n_parameters) covariance of the pooled samples."""
         return np.atleast_2d(np.cov(self.pooled, rowvar=False))
 
     @property
     def best(self) -> FloatArray:
-        """(n_parameters,), the sample with the largest density."""
+        """(n_parameters,) sample with the largest density."""
         return self.pooled[int(np.argmax(self.log_density))]
 
     def thinned(self, n: int) -> FloatArray:
@@ -73,11 +73,11 @@ class Diagnostics:
 
     Args:
         sampler: name of the method.
-        n_samples: kept, of all chains.
-        n_evaluations: of the posterior.
-        acceptance: fraction of proposals.
-        effective_samples: the least of all parameters.
-        r_hat: the largest of all parameters (1 is converged); nan of a single chain.
+        n_samples: number of samples of all chains that were kept.
+        n_evaluations: number of evaluations of the posterior.
+        acceptance: fraction of the proposals that were taken.
+        effective_samples: number of effective samples, the least of all parameters.
+        r_hat: R-hat, the largest of all parameters (1 is converged); nan for a single chain.
     """
 
     sampler: str
@@ -92,7 +92,7 @@ class Diagnostics:
 class Pressure:
     """A prior that the posterior presses against."""
 
-    parameter: int  # its number, from 1
+    parameter: int  # number of the parameter, from 1
     side: Literal["lower", "upper"]  # "lower" or "upper"
     sentence: str  # the warning, without the name of the parameter at its beginning
 
@@ -112,8 +112,8 @@ def evaluate(log_density: LogDensity, theta: FloatArray) -> FloatArray:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
-            f"the log density is {value[row]} at theta = {written(theta[row])}: return a finite number, or -inf where "
-            "theta is impossible"
+            f"the log density is {value[row]} at theta = {write_theta(theta[row])}: return a finite number, or -inf "
+            "where theta is impossible"
         )
     return value
 
@@ -136,14 +136,15 @@ def starting_densities(log_density: LogDensity, start: ArrayLike) -> tuple[Float
     rows = np.array(start, dtype=np.float64, ndmin=2)
     if rows.ndim != 2 or not rows.size or not np.isfinite(rows).all():
         raise InputError(
-            f"the start has shape {rows.shape}: give finite numbers, one row a chain, one column a parameter"
+            f"the start has shape {rows.shape}: give finite numbers, one row for each chain and one column for each "
+            "parameter"
         )
     value = evaluate(log_density, rows)
     if not np.isfinite(value).all():
         row = int(np.argmin(value))
         raise InputError(
-            f"chain {row + 1} starts outside the support, at theta = {written(rows[row])}: start where the density is "
-            "not zero, for example at draws of the prior"
+            f"chain {row + 1} starts outside the support, at theta = {write_theta(rows[row])}: start where the density "
+            "is not zero, for example at draws of the prior"
         )
     return rows, value
 
@@ -153,7 +154,7 @@ def spread_starts(
 ) -> FloatArray:
     """Return starts scattered twice as widely as the posterior, (n_chains, n_parameters), all inside the support.
 
-    The centre is the maximum a posteriori, say, and the covariance that of the Laplace approximation.
+    The centre is usually the maximum a posteriori, and the covariance that of the Laplace approximation.
     """
     middle = starting_densities(log_density, centre)[0][0]
     root = 2.0 * covariance_root(covariance, middle.size)
@@ -165,7 +166,8 @@ def spread_starts(
             return np.array(kept[:n_chains])
         root = 0.7 * root  # the support is narrower than the covariance
     raise InputError(
-        "no start was found near the centre: it stands at the edge of the support, or the covariance is wrong"
+        "no start was found near the centre: it lies at the edge of the support, or the covariance is wrong; give "
+        "another centre or covariance"
     )
 
 
@@ -188,15 +190,15 @@ def covariance_root(covariance: ArrayLike, n_parameters: int) -> FloatArray:
         raise InputError("the covariance is not positive definite: every parameter needs a variance above 0") from None
 
 
-def as_count(value: int, name: str, *, least: int) -> int:
+def require_count(value: int, name: str, *, least: int) -> int:
     """Return a whole number of at least `least`; InputError for another one."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"{name} is {value!r}: give a whole number of at least {least}")
     return int(value)
 
 
-def written(theta: FloatArray) -> str:
-    """Return one theta, (n_parameters,), as a message shows it: "(1.5, -2)"."""
+def write_theta(theta: FloatArray) -> str:
+    """Write one theta, (n_parameters,), as a message shows it: "(1.5, -2)"."""
     return "(" + ", ".join(f"{value:.6g}" for value in theta) + ")"
 
 
@@ -231,7 +233,7 @@ def effective_samples(samples: ArrayLike, *, ranked: bool = True) -> FloatArray:
     scores of ranks ("bulk"), which is right for heavy tails, too; otherwise that of the samples. The walkers of an
     ensemble count as chains although they depend on each other. Chains that never move are worth a single sample.
     """
-    halves = _normal_scores(_halves(samples)) if ranked else _halves(samples)
+    halves = _find_normal_scores(_cut_in_halves(samples)) if ranked else _cut_in_halves(samples)
     n_chains, n, _ = halves.shape
     centred = halves - halves.mean(axis=1, keepdims=True)
     size = fft.next_fast_len(2 * n, real=True)
@@ -242,7 +244,7 @@ def effective_samples(samples: ArrayLike, *, ranked: bool = True) -> FloatArray:
     still = np.ptp(halves, axis=(0, 1)) == 0
     correlation = 1.0 - (within - covariance) / np.where(still, 1.0, total)
     correlation[0] = 1.0
-    times = np.array([_correlation_time(each, n_chains * n) for each in correlation.T])
+    times = np.array([_find_correlation_time(each, n_chains * n) for each in correlation.T])
     return np.where(still, 1.0, n_chains * n / times)
 
 
@@ -252,32 +254,33 @@ def split_r_hat(samples: ArrayLike) -> FloatArray:
     It is the larger one of those of location and spread (Vehtari et al. 2021), (n_parameters,). A chain that stands
     still while others move gives a large number.
     """
-    halves = _halves(samples)
+    halves = _cut_in_halves(samples)
     folded = np.abs(halves - np.median(halves, axis=(0, 1)))
-    return np.maximum(_r_hat(_normal_scores(halves)), _r_hat(_normal_scores(folded)))
+    return np.maximum(_find_r_hat(_find_normal_scores(halves)), _find_r_hat(_find_normal_scores(folded)))
 
 
-def _halves(samples: ArrayLike) -> FloatArray:
+def _cut_in_halves(samples: ArrayLike) -> FloatArray:
     """Return the first and the second half of each chain, (2 n_chains, n // 2, n_parameters), without an odd middle."""
     array = np.asarray(samples, dtype=np.float64)
     if array.ndim != 3 or array.shape[1] < 4 or not array.size:
         raise InputError(
-            f"samples have shape {array.shape}: give (chains, samples, parameters) with at least four samples a chain"
+            f"samples have shape {array.shape}: give (chains, samples, parameters) with at least four samples in each "
+            "chain"
         )
     if not np.isfinite(array).all():
-        raise InputError("samples are not all finite: a sampler never returns such, look at where they come from")
+        raise InputError("some samples are not finite, which no sampler returns: check where they come from")
     half = array.shape[1] // 2
     return np.concatenate([array[:, :half], array[:, -half:]])
 
 
-def _normal_scores(halves: FloatArray) -> FloatArray:
+def _find_normal_scores(halves: FloatArray) -> FloatArray:
     """Return the ranks over all chains as quantiles of the normal distribution (Blom)."""
     flat = halves.reshape(-1, halves.shape[-1])
     rank = stats.rankdata(flat, axis=0)
     return special.ndtri((rank - 0.375) / (len(flat) + 0.25)).reshape(halves.shape)
 
 
-def _r_hat(halves: FloatArray) -> FloatArray:
+def _find_r_hat(halves: FloatArray) -> FloatArray:
     n = halves.shape[1]
     within = halves.var(axis=1, ddof=1).mean(axis=0)
     between = halves.mean(axis=1).var(axis=0, ddof=1)
@@ -285,31 +288,31 @@ def _r_hat(halves: FloatArray) -> FloatArray:
     return np.sqrt((n - 1) / n + ratio)
 
 
-def _correlation_time(correlation: FloatArray, n_samples: int) -> float:
+def _find_correlation_time(correlation: FloatArray, n_samples: int) -> float:
     """Return the sum over Geyer's initial monotone sequence of pairs of lags, and the even lag after it."""
     n = correlation.size
-    n_pairs = 1 + len(range(1, n - 3, 2))  # as many as in Stan
+    n_pairs = 1 + len(range(1, n - 3, 2))  # the number that Stan takes
     pairs = correlation[: 2 * n_pairs].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs < 0)
     stop = int(negative[0]) if negative.size else n_pairs - 1
     falling = np.minimum.accumulate(pairs[:stop])
     time = -1.0 + 2.0 * float(falling.sum()) + max(float(correlation[2 * stop]), 0.0)
-    # anticorrelated samples are worth more than their number, but Stan limits how much
+    # Anticorrelated samples are worth more than their number, but Stan limits how much.
     return max(time, 1.0 / np.log10(n_samples))
 
 
 # ---- the influence of the prior --------------------------------------------------------------------
 
 
-def presses_against(samples: ArrayLike, priors: Sequence[Prior]) -> tuple[Pressure, ...]:
+def find_pressures(samples: ArrayLike, priors: Sequence[Prior]) -> tuple[Pressure, ...]:
     """Return which priors the samples of a posterior, (n_samples, n_parameters), press against, and on which side.
 
     A posterior presses against a bound where its density is more than a tenth of its largest, and against a prior
     without bounds if its median is more than two standard deviations of the prior from the centre of the prior.
 
     >>> samples = np.abs(np.random.default_rng(1).normal(0.0, 0.5, (4000, 1)))
-    >>> print(presses_against(samples, [Prior("uniform", 0.0, 10.0)])[0].sentence)
-    presses against the lower end 0 of its uniform prior: widen the prior, or doubt the class
+    >>> print(find_pressures(samples, [Prior("uniform", 0.0, 10.0)])[0].sentence)
+    presses against the lower end 0 of its uniform prior: widen the prior, or try another class
     """
     rows = np.asarray(samples, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != len(priors) or not np.isfinite(rows).all():
@@ -317,14 +320,18 @@ def presses_against(samples: ArrayLike, priors: Sequence[Prior]) -> tuple[Pressu
             f"samples have shape {rows.shape}: give finite numbers, one column for each of {len(priors)} prior(s)"
         )
     if len(rows) < 100:
-        raise InputError(f"{len(rows)} samples say too little about an edge: give at least 100")
+        raise InputError(f"{len(rows)} samples are too few to judge the edge of a prior: give at least 100")
     found: list[Pressure] = []
     for number, (prior, column) in enumerate(zip(priors, np.sort(rows, axis=0).T, strict=True), start=1):
-        found += _at_bounds(column, prior, number) if prior.family == "uniform" else _far_off(column, prior, number)
+        found += (
+            _check_bounds(column, prior, number)
+            if prior.family == "uniform"
+            else _check_distance(column, prior, number)
+        )
     return tuple(found)
 
 
-def _at_bounds(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
+def _check_bounds(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
     """Compare densities over one width, a quarter of a robust standard deviation, of a sorted column."""
     low, high = prior.support
     width = np.clip((np.quantile(column, 0.84) - np.quantile(column, 0.16)) / 8, (high - low) * 1e-9, (high - low) / 10)
@@ -334,13 +341,13 @@ def _at_bounds(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
     for side, bound in sides:
         if np.count_nonzero(np.abs(column - bound) <= width) / densest > 0.1:
             words = (
-                f"presses against the {side} end {bound:g} of its uniform prior: widen the prior, or doubt the class"
+                f"presses against the {side} end {bound:g} of its uniform prior: widen the prior, or try another class"
             )
             found.append(Pressure(number, side, words))
     return found
 
 
-def _far_off(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
+def _check_distance(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
     median = float(np.median(column))
     distance = np.log(median / prior.first) if prior.family == "lognormal" else median - prior.first
     score = float(distance / prior.second)
@@ -349,7 +356,7 @@ def _far_off(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
     side: Literal["lower", "upper"] = "lower" if score < 0 else "upper"
     words = (
         f"lies {abs(score):.1f} standard deviations out on the {side} side of its {prior.family} prior: widen or move "
-        "the prior, or doubt the class"
+        "the prior, or try another class"
     )
     return [Pressure(number, side, words)]
 
@@ -364,20 +371,22 @@ def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
     {"posterior": {name: (n_chains, n)}, "sample_stats": {"lp": (n_chains, n)}}.
 
     Args:
-        chain: of any sampler.
-        names: one for each parameter.
+        chain: chain of any sampler.
+        names: one name for each parameter.
 
     Raises:
-        InputError: a name missing or given twice.
+        InputError: a name that is missing or given twice.
     """
     if len(names) != chain.n_parameters or len(set(names)) < len(names):
-        raise InputError(f"names are {list(names)}: give {chain.n_parameters} different one(s), one a parameter")
+        raise InputError(
+            f"names are {list(names)}: give {chain.n_parameters} different name(s), one for each parameter"
+        )
     posterior = {name: np.array(chain.samples[:, :, k]) for k, name in enumerate(names)}
     groups = {"posterior": posterior, "sample_stats": {"lp": np.array(chain.log_density)}}
     try:
         import arviz
     except ImportError:
         return groups
-    # its signature differs between versions
+    # The signature of from_dict differs between versions.
     from_dict: Any = arviz.from_dict
     return from_dict(**groups) if int(arviz.__version__.split(".")[0]) < 1 else from_dict(groups)

@@ -1,4 +1,4 @@
-"""The maximum of a posterior, its evidence by Laplace and by quadrature, and what the priors have to do with it."""
+"""The maximum of a posterior, its evidence by Laplace and by quadrature, and the influence of the priors on it."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from opid.updating.sampling.chains import (
     covariance_root,
     effective_samples,
     evaluate,
+    find_pressures,
     posterior_density,
-    presses_against,
-    written,
+    write_theta,
 )
 
 Support = Sequence[tuple[float, float]] | FloatArray | None  # (lower, upper) of each parameter, or none
@@ -31,12 +31,12 @@ Support = Sequence[tuple[float, float]] | FloatArray | None  # (lower, upper) of
 class Maximum:
     """The maximum of a log density, with its slope and curvature there."""
 
-    theta: FloatArray  # (n_parameters,)
-    log_density: float  # at theta
-    gradient: FloatArray  # (n_parameters,) of the log density; 0 except at a bound
-    hessian: FloatArray  # (n_parameters, n_parameters) of the log density, by central differences
+    theta: FloatArray  # (n_parameters,) parameters at the maximum
+    log_density: float  # logarithm of the density at theta
+    gradient: FloatArray  # (n_parameters,) gradient of the log density; 0 except at a bound
+    hessian: FloatArray  # (n_parameters, n_parameters) Hessian of the log density, by central differences
     at_bound: FloatArray  # (n_parameters,) -1 at the lower bound, 1 at the upper one, 0 between
-    n_evaluations: int  # rows of theta
+    n_evaluations: int  # number of rows of theta that were evaluated
 
     @property
     def covariance(self) -> FloatArray:
@@ -44,7 +44,7 @@ class Maximum:
 
         Where a maximum at a bound has no curvature, the slope limits it.
         """
-        return _inverse(self.precision)
+        return _invert(self.precision)
 
     @property
     def covariance_inside(self) -> FloatArray:
@@ -52,7 +52,7 @@ class Maximum:
 
         At a bound a steep density falls off as an exponential over the length 1 / slope, however small its curvature.
         """
-        return _inverse(self.precision + np.diag(self._steep))
+        return _invert(self.precision + np.diag(self._steep))
 
     @property
     def _steep(self) -> FloatArray:
@@ -66,16 +66,18 @@ class Maximum:
             scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
             if linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > 1e-12:
                 return matrix
-        raise NotDeterminedError("the log density has no curvature at its maximum: the data do not tell a parameter")
+        raise NotDeterminedError(
+            "the log density has no curvature at its maximum: the data do not determine a parameter, leave it out"
+        )
 
 
-def _inverse(precision: FloatArray) -> FloatArray:
+def _invert(precision: FloatArray) -> FloatArray:
     """Return the inverse for parameters that may have very different sizes."""
     scale = np.sqrt(np.diag(precision))
     return np.asarray(linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale))
 
 
-def bounds_of(support: Support, n_parameters: int) -> tuple[FloatArray, FloatArray]:
+def read_bounds(support: Support, n_parameters: int) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper ends, each (n_parameters,); InputError for another shape, or ends in the wrong order."""
     if support is None:
         return np.full(n_parameters, -np.inf), np.full(n_parameters, np.inf)
@@ -103,11 +105,11 @@ def maximum_a_posteriori(
     several. Theta is right to about a thousandth of a standard deviation, limited by the size of the stencil.
 
     Args:
-        log_density: (n, n_parameters) -> (n,), up to a constant; -inf outside the support.
-        start: (n_parameters,) or (n, n_parameters), of which the best is taken.
+        log_density: function (n, n_parameters) -> (n,), up to a constant; -inf outside the support.
+        start: (n_parameters,) start, or (n, n_parameters) starts, of which the best is taken.
         support: lower and upper end of each parameter, for example `[prior.support for prior in priors]`.
         tolerance: largest distance of the logarithm from the maximum.
-        max_iterations: before it gives up.
+        max_iterations: number of iterations after which the search gives up.
 
     Raises:
         InputError: no start inside the support, or a log density of another shape or not a number.
@@ -121,27 +123,29 @@ def maximum_a_posteriori(
     rows = np.array(start, dtype=np.float64, ndmin=2)
     if rows.ndim != 2 or not rows.size or not np.isfinite(rows).all():
         raise InputError(f"the start has shape {rows.shape}: give finite numbers, (n_parameters,) or (n, n_parameters)")
-    low, high = bounds_of(support, rows.shape[1])
+    low, high = read_bounds(support, rows.shape[1])
     rows = rows[np.all((rows >= low) & (rows <= high), axis=1)]
     values = evaluate(log_density, rows) if len(rows) else np.array([])
     if not np.isfinite(values).any():
-        raise InputError("no start lies inside the support: start where the density is not zero, e.g. at prior draws")
+        raise InputError(
+            "no start lies inside the support: start where the density is not zero, for example at draws of the prior"
+        )
     theta, value, counted = rows[int(np.argmax(values))], float(values.max()), len(rows)
     widest = np.where(np.isfinite(high - low), (high - low) / 4, np.inf)
     step = np.minimum(0.01 * np.where(np.isfinite(widest), 4 * widest, np.maximum(np.abs(theta), 1.0)), widest)
-    fractions = 2.0 ** np.arange(4, -15, -1)[:, None]  # of a Newton step
+    fractions = 2.0 ** np.arange(4, -15, -1)[:, None]  # fractions of a Newton step
     for _ in range(max_iterations):
-        middle = np.clip(theta, low + step, high - step)  # all of the stencil inside
-        points = middle + step * _offsets(theta.size)
+        middle = np.clip(theta, low + step, high - step)  # the whole stencil then lies inside
+        points = middle + step * _make_stencil(theta.size)
         f = evaluate(log_density, points)
         counted += len(points)
         candidates, found, change = points, f, np.array(0.25)
         if np.isfinite(f).all():
-            slope, curvature = _quadratic(f, theta.size)
+            slope, curvature = _fit_quadratic(f, theta.size)
             slope = slope + curvature @ ((theta - middle) / step)
             fixed = ((theta <= low) & (slope < 0)) | ((theta >= high) & (slope > 0))
-            direction, gain, peaked = _newton(slope, curvature, ~fixed)
-            change = _change(slope, curvature, fixed)
+            direction, gain, peaked = _find_newton_step(slope, curvature, ~fixed)
+            change = _scale_stencil(slope, curvature, fixed)
             is_scaled = bool(np.all((change > 0.5) & ((change < 2.0) | (step >= widest))))
             if peaked and is_scaled and gain < max(tolerance, 1e-14 * abs(value)):
                 side = np.where(fixed, np.where(theta <= low, -1.0, 1.0), 0.0)
@@ -155,13 +159,13 @@ def maximum_a_posteriori(
             theta, value = candidates[best], float(found[best])
         step = np.minimum(step * change, widest)
     raise NotDeterminedError(
-        f"no maximum was found in {max_iterations} steps; the best was theta = {written(theta)}: the density may be "
-        "flat there, or end where no bound was stated (give the support)",
+        f"no maximum was found in {max_iterations} steps; the best was theta = {write_theta(theta)}: the density may "
+        "be flat there, or end where no bound was stated (give the support)",
         partial=theta,
     )
 
 
-def _offsets(d: int) -> FloatArray:
+def _make_stencil(d: int) -> FloatArray:
     """Return the stencil, (1 + 2 d + 2 d (d - 1), d): the middle, a step along each axis, the corners of each plane."""
     axes = np.eye(d)
     rows = [np.zeros((1, d)), axes, -axes]
@@ -171,7 +175,7 @@ def _offsets(d: int) -> FloatArray:
     return np.concatenate(rows)
 
 
-def _quadratic(f: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
+def _fit_quadratic(f: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
     """Return slope and curvature in steps of the stencil."""
     ahead, behind = f[1 : 1 + d], f[1 + d : 1 + 2 * d]
     curvature = np.diag(ahead + behind - 2 * f[0])
@@ -181,7 +185,7 @@ def _quadratic(f: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
     return (ahead - behind) / 2, curvature
 
 
-def _newton(slope: FloatArray, curvature: FloatArray, free: np.ndarray) -> tuple[FloatArray, float, bool]:
+def _find_newton_step(slope: FloatArray, curvature: FloatArray, free: np.ndarray) -> tuple[FloatArray, float, bool]:
     """Return the direction uphill, the gain that the quadratic predicts, and whether it has a peak at all."""
     direction = np.zeros(slope.size)
     if not free.any():
@@ -193,10 +197,10 @@ def _newton(slope: FloatArray, curvature: FloatArray, free: np.ndarray) -> tuple
     return direction, 0.5 * float(np.sum(parts**2 / sizes)), bool(values[0] > 0)
 
 
-def _change(slope: FloatArray, curvature: FloatArray, fixed: np.ndarray) -> FloatArray:
-    """Return the factor of each step of the stencil towards a twentieth of a standard deviation.
+def _scale_stencil(slope: FloatArray, curvature: FloatArray, fixed: np.ndarray) -> FloatArray:
+    """Return the factor that brings each step of the stencil towards a twentieth of a standard deviation.
 
-    That is long enough to rise above the numerical noise of a model.
+    Such a step is long enough to rise above the numerical noise of a model.
     """
     bend = np.sqrt(np.maximum(-np.diag(curvature), 0.0))
     size = np.maximum(bend, np.where(fixed, np.abs(slope), 0.0))
@@ -213,8 +217,8 @@ class Evidence:
 
     Args:
         method: "laplace", "transitional" or "quadrature".
-        log_evidence: its natural logarithm.
-        std: its standard deviation, 0 where the method gives none.
+        log_evidence: natural logarithm of the evidence.
+        std: standard deviation of that logarithm, 0 where the method gives none.
     """
 
     method: str
@@ -230,7 +234,7 @@ def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
     slope and curvature put its centre outside. Exact for a normal distribution that a box cuts off.
 
     Args:
-        maximum: of log likelihood plus log prior, both with all their constants.
+        maximum: maximum of log likelihood plus log prior, both with all their constants.
         support: lower and upper end of each parameter; None if there are none.
 
     Raises:
@@ -244,7 +248,7 @@ def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
     """
     covariance = maximum.covariance
     shift = covariance @ maximum.gradient
-    value = maximum.log_density + 0.5 * float(maximum.gradient @ shift) + _log_volume(covariance)
+    value = maximum.log_density + 0.5 * float(maximum.gradient @ shift) + _find_log_volume(covariance)
     value += log_probability_inside(maximum.theta + shift, covariance, support)
     return Evidence("laplace", float(value))
 
@@ -259,7 +263,7 @@ def laplace_of_samples(log_density_at_best: float, best: FloatArray, chain: Chai
     covariance, d = chain.covariance, chain.n_parameters
     root = covariance_root(covariance, d)
     score = linalg.solve_triangular(root, best - chain.pooled.mean(axis=0), lower=True)
-    value = log_density_at_best + _log_volume(covariance) + 0.5 * float(score @ score)
+    value = log_density_at_best + _find_log_volume(covariance) + 0.5 * float(score @ score)
     return Evidence("laplace", value, float(np.sqrt(d / (2 * effective_samples(chain.samples).min()))))
 
 
@@ -290,18 +294,18 @@ def quadrature(
     middle = np.atleast_1d(np.asarray(centre, dtype=np.float64))
     if middle.ndim != 1 or not 1 <= middle.size <= 3:
         raise InputError(f"the centre has shape {middle.shape}: quadrature takes one to three parameters")
-    root, bounds = covariance_root(covariance, middle.size), bounds_of(support, middle.size)
+    root, bounds = covariance_root(covariance, middle.size), read_bounds(support, middle.size)
     window = np.tile([-7.0, 7.0], (middle.size, 1))
     n, asked, before = 16, 0, np.inf
     while True:
-        theta, log_weight, open_edge = _nodes(n, middle, root, window, bounds)
+        theta, log_weight, open_edge = _place_nodes(n, middle, root, window, bounds)
         asked += len(theta)
         if asked > max_evaluations:
             break
         parts = log_weight + evaluate(log_density, theta) if len(theta) else np.array([-np.inf])
         value = float(logsumexp(parts))
         if np.isneginf(value):
-            raise NotDeterminedError("the density is zero all around the centre: centre it on the posterior")
+            raise NotDeterminedError("the density is zero all around the centre: give the centre of the posterior")
         at_edge = np.exp(parts - value) @ open_edge.reshape(len(parts), -1)
         spills = at_edge.reshape(middle.size, 2) > 0.1 * tolerance
         if spills.any():
@@ -312,7 +316,7 @@ def quadrature(
         n, before = n + n // 2, value
     raise NotDeterminedError(
         f"the integral did not converge to {tolerance:g} within {max_evaluations} evaluations: the posterior has "
-        "steps, long tails or several maxima; draw more samples, which tell how far it reaches, or take the "
+        "steps, long tails or several maxima; draw more samples, which show how far it reaches, or take the "
         "transitional evidence",
         partial=before,
     )
@@ -327,13 +331,13 @@ def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Su
     >>> round(float(np.exp(log_probability_inside(np.zeros(2), np.eye(2), [(0, np.inf), (0, np.inf)]))), 6)
     0.25
     """
-    low, high = bounds_of(support, mean.size)
+    low, high = read_bounds(support, mean.size)
     deviation = np.sqrt(np.diag(covariance))
     low, high = (low - mean) / deviation, (high - mean) / deviation
     near = np.flatnonzero((low > -FAR) | (high < FAR))
     if not near.size:
         return 0.0
-    near = near[np.argsort(_log_between(low[near], high[near]))]  # the tightest first
+    near = near[np.argsort(_find_log_between(low[near], high[near]))]  # the tightest first
     low, high = low[near], high[near]
     root = linalg.cholesky((covariance / np.outer(deviation, deviation))[np.ix_(near, near)], lower=True)
     primes = np.array([p for p in range(2, 300) if all(p % q for q in range(2, p))][: near.size])
@@ -343,9 +347,9 @@ def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Su
     for k in range(near.size):
         given = quantiles[:, :k] @ root[k, :k]
         left, right = (low[k] - given) / root[k, k], (high[k] - given) / root[k, k]
-        inside = _log_between(left, right)
+        inside = _find_log_between(left, right)
         total += inside
-        # quantiles from the side of the tail
+        # The quantiles are taken from the side of the tail.
         flip = left + right > 0
         tail = np.where(flip, -right, left)
         tail_of = np.logaddexp(log_ndtr(tail), np.log(np.clip(lattice[:, k], 1e-12, 1.0)) + inside)
@@ -353,7 +357,7 @@ def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Su
     return float(logsumexp(total)) - np.log(LATTICE)
 
 
-def _log_between(left: FloatArray, right: FloatArray) -> FloatArray:
+def _find_log_between(left: FloatArray, right: FloatArray) -> FloatArray:
     """Return log(Phi(right) - Phi(left)), from the side on which both are small."""
     flip = left + right > 0
     a, b = np.where(flip, -right, left), np.where(flip, -left, right)
@@ -361,15 +365,15 @@ def _log_between(left: FloatArray, right: FloatArray) -> FloatArray:
     return upper + np.log(-np.expm1(np.minimum(lower - upper, -1e-16)))
 
 
-def _log_volume(covariance: FloatArray) -> float:
+def _find_log_volume(covariance: FloatArray) -> float:
     """Return -log N(theta | theta, covariance)."""
     return 0.5 * float(np.linalg.slogdet(2 * np.pi * covariance)[1])
 
 
-def _nodes(
+def _place_nodes(
     n: int, centre: FloatArray, root: FloatArray, window: FloatArray, bounds: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return nodes (m, d), log weights (m,), and which are at an edge of the window that is no bound, (m, d, 2)."""
+    """Return nodes (m, d), log weights (m,), and which are at an edge of the window that is not a bound, (m, d, 2)."""
     x, weight = np.polynomial.legendre.leggauss(n)
     outer = np.stack([x < -0.9, x > 0.9], axis=1)
     u = np.zeros((1, 0))
@@ -383,7 +387,7 @@ def _nodes(
         left, right = left[kept], right[kept]
         half = 0.5 * (right - left)
         new = 0.5 * (left + right)[:, None] + half[:, None] * x
-        limited = np.stack([left > low[kept], right < high[kept]], axis=1)  # by the window
+        limited = np.stack([left > low[kept], right < high[kept]], axis=1)  # whether the window is the limit
         new_edge = outer[None] & limited[:, None, :]  # (rows, n, 2)
         u = np.concatenate([np.repeat(u[kept], n, axis=0), new.reshape(-1, 1)], axis=1)
         log_weight = (log_weight[kept, None] + np.log(half)[:, None] + np.log(weight)).ravel()
@@ -401,20 +405,20 @@ def prior_sensitivity(
 
     Samples are those of the posterior, (n_samples, n_parameters), and `best` is the maximum a posteriori.
     """
-    pressed = {each.parameter for each in presses_against(samples, model_class.priors)}
+    pressed = {each.parameter for each in find_pressures(samples, model_class.priors)}
     found = {}
     for k, prior in enumerate(model_class.priors):
         if k + 1 not in pressed or prior.family != "uniform":
-            # the posterior has almost nothing outside the narrow prior: a mean over the samples is enough
+            # The posterior has almost nothing outside the narrow prior, so a mean over the samples is enough.
             ratio = prior.wider.log_density(samples[:, k]) - prior.log_density(samples[:, k])
             change = float(np.logaddexp.reduce(ratio) - np.log(len(ratio)))
         else:
-            change = _change_beyond(likelihood, model_class, k, prior.wider, best)
+            change = _compare_beyond(likelihood, model_class, k, prior.wider, best)
         found[f"theta_{k + 1}"] = change
     return found
 
 
-def _change_beyond(likelihood: LogDensity, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
+def _compare_beyond(likelihood: LogDensity, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
     """Return the change by two Laplace approximations, for a posterior that goes on beyond the prior; nan for none."""
     priors = (*model_class.priors[:k], wide, *model_class.priors[k + 1 :])
     values = []

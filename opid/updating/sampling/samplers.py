@@ -16,9 +16,9 @@ from opid.updating.sampling.chains import (
     Chain,
     LogDensity,
     Progress,
-    as_count,
     covariance_root,
     evaluate,
+    require_count,
     starting_densities,
 )
 from opid.updating.sampling.evidence import Evidence
@@ -53,8 +53,8 @@ def metropolis(
     >>> chain.samples.shape, bool(abs(chain.samples.var() - 1) < 0.2)
     ((4, 2000, 1), True)
     """
-    dropped = as_count(n_warm_up, "n_warm_up", least=0)
-    n_steps = as_count(n_samples, "n_samples", least=1) + dropped
+    dropped = require_count(n_warm_up, "n_warm_up", least=0)
+    n_steps = require_count(n_samples, "n_samples", least=1) + dropped
     theta, value = starting_densities(log_density, start)
     n_chains, n_parameters = theta.shape
     first, scale = covariance_root(covariance, n_parameters), 2.38**2 / n_parameters
@@ -62,7 +62,7 @@ def metropolis(
     samples, values = np.empty((n_steps, n_chains, n_parameters)), np.empty((n_steps, n_chains))
     taken = np.zeros((n_steps, n_chains), dtype=bool)
     while done < n_steps:
-        # chains adapt after 50 steps, then whenever they are a tenth longer; 250 steps without a report are enough
+        # Chains adapt after 50 steps, then whenever they are a tenth longer; other chains report every 250 steps.
         last = min(done + (max(50, done // 10) if adaptive else 250), n_steps)
         jumps = rng.standard_normal((last - done, n_chains, n_parameters)) @ root.T
         threshold = -rng.standard_exponential((last - done, n_chains))  # logarithm of a uniform number
@@ -76,7 +76,7 @@ def metropolis(
         done = last
         if adaptive:
             learnt = np.atleast_2d(np.cov(samples[done // 2 : done].reshape(-1, n_parameters), rowvar=False))
-            # a little of the given covariance keeps the sum from being singular (Haario's epsilon)
+            # A little of the given covariance keeps the sum from being singular (Haario's epsilon).
             root = covariance_root(scale * (learnt + 1e-6 * (first @ first.T)), n_parameters)
         if progress:
             progress(done / n_steps)
@@ -113,7 +113,7 @@ def ensemble(
     require_emcee()
     import emcee
 
-    kept, dropped = as_count(n_samples, "n_samples", least=1), as_count(n_warm_up, "n_warm_up", least=0)
+    kept, dropped = require_count(n_samples, "n_samples", least=1), require_count(n_warm_up, "n_warm_up", least=0)
     rows, value = starting_densities(log_density, start)
     n_walkers, n_parameters = rows.shape
     if n_walkers < 2 * n_parameters or n_walkers % 2:
@@ -123,22 +123,23 @@ def ensemble(
     scatter = rows - rows.mean(axis=0)
     size = np.abs(scatter).max(axis=0)
     if not size.all() or np.linalg.matrix_rank(scatter / size, tol=1e-6) < n_parameters:
-        raise InputError("the walkers start in one plane and never leave it: scatter them in every parameter")
+        raise InputError("the walkers start in one plane and would never leave it: scatter them in every parameter")
     counted = [n_walkers]
 
-    def checked(theta: FloatArray) -> FloatArray:
+    def evaluate_counted(theta: FloatArray) -> FloatArray:
         counted[0] += len(theta)
         return evaluate(log_density, theta)
 
-    sampler = emcee.EnsembleSampler(n_walkers, n_parameters, checked, vectorize=True)
-    chance = np.random.RandomState(np.random.MT19937(int(rng.integers(2**63))))  # the only kind emcee takes
+    sampler = emcee.EnsembleSampler(n_walkers, n_parameters, evaluate_counted, vectorize=True)
+    # emcee takes no other kind of generator
+    chance = np.random.RandomState(np.random.MT19937(int(rng.integers(2**63))))
     state = emcee.State(rows, log_prob=value, random_state=chance.get_state())
     total = dropped + kept
     for step, _ in enumerate(sampler.sample(state, iterations=total, skip_initial_state_check=True), start=1):
         if progress and (step % 50 == 0 or step == total):
             progress(step / total)
     samples = np.ascontiguousarray(sampler.get_chain(discard=dropped).transpose(1, 0, 2))
-    # a proposal is never exactly where its walker was
+    # A proposal is never exactly where its walker was.
     moved = np.any(np.diff(samples, axis=1) != 0, axis=2)
     return Chain(
         samples=samples,
@@ -154,10 +155,10 @@ def ensemble(
 class Transitional:
     """Samples of the posterior, the evidence, and the stages between prior and posterior."""
 
-    # one chain of n_particles, those with the same parent side by side, so that copies reduce its number of effective
-    # samples
+    # one chain of n_particles; particles with the same parent are neighbours, so that copies reduce the number of
+    # effective samples
     chain: Chain
-    evidence: Evidence  # its logarithm with the standard deviation of that
+    evidence: Evidence  # logarithm of the evidence with its standard deviation
     exponents: FloatArray  # (n_stages + 1,) exponents of the likelihood, from 0 to 1
     acceptance: FloatArray  # (n_stages,) fraction of the proposals of each stage
 
@@ -179,29 +180,31 @@ def transitional(
     product of the mean weights, kept as a logarithm. Its standard deviation follows from the fraction of the weight
     that each first ancestor has at the end (Lee & Whiteley 2018); it includes the errors that later stages inherit.
 
-    `log_likelihood` is only evaluated where `log_prior`, which is normalised, is not -inf; `sample_prior` takes n and
-    rng to (n, n_parameters) independent draws. Each of the particles takes `n_moves` Metropolis steps in each stage,
-    and `progress` is called with the exponent. InputError: functions of wrong shape or nan, draws outside the prior, or
-    counts out of range. NotDeterminedError: no draw of the prior has a likelihood, or the exponent no longer grows.
+    `log_likelihood` is only evaluated where `log_prior`, which is normalised, is not -inf; `sample_prior` makes
+    (n, n_parameters) independent draws from n and rng. Each of the particles takes `n_moves` Metropolis steps in each
+    stage, and `progress` is called with the exponent. InputError: functions of wrong shape or nan, draws outside the
+    prior, or counts out of range. NotDeterminedError: no draw of the prior has a likelihood, or the exponent no longer
+    grows.
     """
-    n = as_count(n_particles, "n_particles", least=20)
-    as_count(n_moves, "n_moves", least=1)
+    n = require_count(n_particles, "n_particles", least=20)
+    require_count(n_moves, "n_moves", least=1)
     swarm = _Swarm(log_likelihood, log_prior, sample_prior, n, rng)
     spread = np.atleast_2d(np.cov(swarm.theta, rowvar=False)) * 1e-10  # keeps the covariance from becoming singular
     exponents, acceptance, log_evidence, scale = [0.0], [], 0.0, 2.38**2 / swarm.theta.shape[1]
     while exponents[-1] < 1.0:
         if len(exponents) > UPDATING.most_stages:
             raise NotDeterminedError(
-                f"the posterior was not reached in {UPDATING.most_stages} stages: does the likelihood end?"
+                f"the posterior was not reached in {UPDATING.most_stages} stages: the likelihood may have no maximum; "
+                "check it, or narrow the prior"
             )
-        step = _exponent_step(swarm.likelihood, 1.0 - exponents[-1])
+        step = _choose_exponent_step(swarm.likelihood, 1.0 - exponents[-1])
         if exponents[-1] + step == exponents[-1]:
             raise NotDeterminedError("the likelihood is too steep for the particles: take more of them")
         log_weight = step * np.where(np.isfinite(swarm.likelihood), swarm.likelihood, -np.inf)
         log_evidence += float(logsumexp(log_weight)) - np.log(n)
         weight = np.exp(log_weight - logsumexp(log_weight))
         exponents.append(1.0 if step == 1.0 - exponents[-1] else exponents[-1] + step)
-        # the fraction of the weight of each first ancestor, before resampling drops some
+        # The weight of each first ancestor is taken before resampling drops some ancestors.
         concentration = float(np.sum(np.bincount(swarm.ancestor, weight) ** 2))
         covariance = np.atleast_2d(np.cov(swarm.theta, rowvar=False, aweights=weight)) + spread
         swarm.resample(weight, rng)
@@ -210,7 +213,7 @@ def transitional(
         if progress:
             progress(exponents[-1])
     n_stages = len(acceptance)
-    # 1 - (n / (n-1))^n_stages * (probability that two ancestors differ), by Lee & Whiteley
+    # The variance is 1 - (n / (n-1))^n_stages * (probability that two ancestors differ), by Lee & Whiteley.
     variance = -np.expm1(n_stages * np.log(n / (n - 1)) + np.log1p(-min(concentration, 1 - 1e-12)))
     return Transitional(
         chain=Chain(
@@ -244,7 +247,7 @@ class _Swarm:
             raise InputError(f"sample_prior returned shape {self.theta.shape}: return ({n}, number of parameters)")
         self.prior = evaluate(log_prior, self.theta)
         if not np.isfinite(self.prior).all():
-            raise InputError("sample_prior draws where log_prior is -inf: they belong to different priors")
+            raise InputError("sample_prior draws where log_prior is -inf: give both for the same prior")
         self.likelihood = evaluate(log_likelihood, self.theta)
         if not np.isfinite(self.likelihood).any():
             raise NotDeterminedError(f"none of {n} draws of the prior has a likelihood: widen or move the prior")
@@ -279,14 +282,14 @@ class _Swarm:
         return float(np.mean(fractions)), scale
 
 
-def _exponent_step(log_likelihood: FloatArray, remaining: float) -> float:
+def _choose_exponent_step(log_likelihood: FloatArray, remaining: float) -> float:
     """Return the growth of the exponent for which the weights of particles vary by `weight_variation`."""
     alive = log_likelihood[np.isfinite(log_likelihood)]
     alive = alive - alive.max()
 
     def excess(log_step: float) -> float:
         first, second = (logsumexp(k * np.exp(log_step) * alive) for k in (1, 2))
-        # mean square over squared mean of the weights is 1 + variation^2
+        # The mean square over the squared mean of the weights is 1 + variation^2.
         return second - 2 * first + np.log(len(alive)) - np.log1p(UPDATING.weight_variation**2)
 
     if excess(np.log(remaining)) <= 0:

@@ -16,15 +16,15 @@ from opid.signals.recording import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class AffineStructure:
-    """M x'' + (K0 + sum theta_i K_i) x + joints = 0, with names for what is measured and where the joints are.
+    """M x'' + (K0 + sum theta_i K_i) x + joints = 0, with the names of sensors and joints.
 
     Args:
         mass: (n_dof, n_dof) sparse M, kg; symmetric, positive on the diagonal.
-        stiffness: (n_dof, n_dof) sparse K0 of the parts that are not updated (soft supports, say), N/m; symmetric.
+        stiffness: (n_dof, n_dof) sparse K0 of the parts that are not updated (such as soft supports), N/m; symmetric.
         parts: K_i by the name of the parameter theta_i that multiplies it (1 for the nominal structure), N/m.
         dofs: name of each degree of freedom.
-        sensors: degrees of freedom that are measured, by name, in the order of the data.
-        joints: the two degrees of freedom that each nonlinear joint lies between, by the name of the joint.
+        sensors: names of the degrees of freedom that are measured, in the order of the data.
+        joints: the two degrees of freedom between which each nonlinear joint acts, by the name of the joint.
 
     Raises:
         InputError: everything that is wrong with it: shapes, symmetry, a mass that is not positive, unknown names.
@@ -86,7 +86,7 @@ def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> 
     elif not np.isfinite(matrix.data).all():
         yield f"the {name} matrix has entries that are not finite: export it again"
     else:
-        # rounding in a finite-element code may leave a small difference
+        # Rounding in a finite-element code may leave a small difference.
         if matrix.nnz and np.abs((matrix - matrix.T).data).max(initial=0.0) > 1e-8 * np.abs(matrix.data).max():
             yield f"the {name} matrix is not symmetric: export the whole matrix, or mirror the stored triangle"
         if name == "mass" and matrix.diagonal().min() <= 0:
@@ -99,14 +99,14 @@ def name_faults(dofs: Sequence[str], sensors: Sequence[str], joints: Mapping[str
     known = dict.fromkeys(dofs)
     if len(known) < len(dofs):
         twice = next(name for name in dofs if dofs.count(name) > 1)
-        yield f"the degree of freedom {twice!r} stands twice: give each a name of its own"
+        yield f"two degrees of freedom are called {twice!r}: give each a name of its own"
     if not sensors:
-        yield "no sensor is named: say which degrees of freedom are measured"
+        yield "no sensor is named: name the degrees of freedom that are measured"
     named = [("sensor", sensor) for sensor in sensors]
     named += [(f"joint {joint!r}", end) for joint, ends in joints.items() for end in ends]
     for what, name in named:
         if name not in known:
-            yield f"{what} names the degree of freedom {name!r}, which is not there: {nearest(name, known)}"
+            yield f"{what} names the degree of freedom {name!r}, which does not exist: {nearest(name, known)}"
     for joint, (one, other) in joints.items():
         if one == other:
             yield f"joint {joint!r} lies between {one!r} and itself: name two degrees of freedom"

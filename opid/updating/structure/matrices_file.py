@@ -18,10 +18,10 @@ from opid.updating.structure.affine import AffineStructure, matrix_faults, name_
 
 Source = str | os.PathLike[str]
 
-PART = "part_"  # begins the name of a matrix that a parameter multiplies: part_E_steel for E_steel
+PART = "part_"  # prefix of the name of a matrix that a parameter multiplies: part_E_steel for E_steel
 MARKET = (".mtx", ".mtx.gz")
 NAMES = ("dofs", "sensors", "joints")  # arrays that a file may hold beside matrices
-PIECES = ("data", "indices", "indptr")  # of a sparse matrix in npz, by rows as in scipy
+PIECES = ("data", "indices", "indptr")  # arrays of a sparse matrix in npz, by rows as in scipy
 
 
 def read_structure(
@@ -34,9 +34,9 @@ def read_structure(
 ) -> AffineStructure:
     """Read the matrices of a structure, K = stiffness + sum theta_NAME part_NAME, in SI units.
 
-    One file holds all of them: npz (each matrix dense, or sparse in the three pieces of `PIECES`) or MATLAB up to
+    One file holds all of them: npz (each matrix dense, or sparse in the three arrays of `PIECES`) or MATLAB up to
     version 7 (full or sparse). Or each has its file: Matrix Market (.mtx, .mtx.gz), scipy's sparse .npz, or .npy. The
-    names are `mass`, `stiffness` (of what is not updated; none where there is none) and `part_NAME` for each parameter.
+    names are `mass`, `stiffness` (of the parts that are not updated, if any) and `part_NAME` for each parameter.
     A file may also hold `dofs` (n_dof), `sensors` (n_sensors) and `joints` (n_joints, 3: name, one end, other end) as
     text. Nothing is unpickled.
 
@@ -44,19 +44,19 @@ def read_structure(
         matrices: the file, or a file for each matrix by its name.
         sensors: names of the degrees of freedom that are measured; those in the file where left out.
         joints: the two ends of each nonlinear joint, by its name; those in the file where left out.
-        dofs: names of the degrees of freedom, or a text file with one a line, or a CSV file: its column "dof", or all
-            its columns joined by a space ("12 UX"). Where left out those in the file, or else "1", "2", ...
+        dofs: names of the degrees of freedom, or a text file with one name on each line, or a CSV file: its column
+            "dof", or all its columns joined by a space ("12 UX"). Where left out, those in the file, or "1", "2", ...
         parameters: names of the parts that are updated; the others join the stiffness as they are. All where left out.
 
     Raises:
         InputError: a file that is missing, damaged, or of another format; a matrix that is missing, not symmetric, not
-            positive or of the wrong size; sensors or joints that are no degrees of freedom; an unknown parameter.
+            positive or of the wrong size; sensors or joints that are not degrees of freedom; an unknown parameter.
     """
     structure, faults = checked_structure(matrices, sensors=sensors, joints=joints, dofs=dofs, parameters=parameters)
     where = "the matrices" if isinstance(matrices, Mapping) else str(matrices)
-    # faults of a file as a whole name it themselves
+    # Clauses on a file as a whole name the file themselves.
     refuse(faults, None if any(where in fault for fault in faults) else Path(where))
-    assert structure is not None  # or it would have been refused
+    assert structure is not None  # otherwise it would have been refused
     return structure
 
 
@@ -68,10 +68,11 @@ def checked_structure(
     dofs: Source | Sequence[str] | None = None,
     parameters: Sequence[str] | None = None,
 ) -> tuple[AffineStructure | None, list[str]]:
-    """Return what `read_structure` reads, or None, and everything that is wrong with it, one clause each.
+    """Return the structure that `read_structure` reads, or None, and everything that is wrong with it, one clause each.
 
     Args:
-        matrices: as in `read_structure`, like `sensors`, `joints`, `dofs` and `parameters`.
+        matrices: the file, or a file for each matrix; it and `sensors`, `joints`, `dofs` and `parameters` are those of
+            `read_structure`.
     """
     faults: list[str] = []
     found = (
@@ -79,31 +80,31 @@ def checked_structure(
     )
     if found is None:
         return None, faults
-    faults += _missing(found, unread=bool(faults))
+    faults += _find_missing(found, unread=bool(faults))
     read = {
-        name: _try_to(faults, _matrix, name, value)
+        name: _try_to(faults, _to_matrix, name, value)
         for name, value in found.items()
         if name in ("mass", "stiffness") or name.startswith(PART)
     }
     whole = {name: matrix for name, matrix in read.items() if matrix is not None}
     parts = {name.removeprefix(PART): matrix for name, matrix in whole.items() if name.startswith(PART)}
-    # the names of parts that cannot be read count here, too
+    # The names of parts that cannot be read count here, too.
     held = [name.removeprefix(PART) for name in found if name.startswith(PART)]
     for name in parameters or ():
         if name not in held:
-            hint = nearest(name, held) if held else "there is none at all"
+            hint = nearest(name, held) if held else f"the files have no matrix {PART}NAME"
             faults.append(f"there is no matrix {PART + name!r} for the parameter {name!r}: {hint}")
     n_dof = whole["mass"].shape[0] if "mass" in whole else None
-    names = _try_to(faults, _dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
-    seen = _try_to(faults, _texts, "sensors", sensors if sensors is not None else found.get("sensors", ()))
-    ends = _try_to(faults, _joint_ends, joints if joints is not None else found.get("joints", {}))
+    names = _try_to(faults, _read_dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
+    seen = _try_to(faults, _to_texts, "sensors", sensors if sensors is not None else found.get("sensors", ()))
+    ends = _try_to(faults, _read_joint_ends, joints if joints is not None else found.get("joints", {}))
     for name, matrix in whole.items():
         size = matrix.shape[0]
         if size != (n_dof or size):
             shapes = f"{name!r} has shape {matrix.shape} and 'mass' {whole['mass'].shape}"
             faults.append(f"{shapes}: export both for the same degrees of freedom")
         label = f"stiffness part {name.removeprefix(PART)!r}" if name.startswith(PART) else name
-        faults += matrix_faults(label, matrix, names if names and len(names) == size else _numbers(size))
+        faults += matrix_faults(label, matrix, names if names and len(names) == size else _number_dofs(size))
     if names:
         faults += name_faults(names, names[:1] if seen is None else seen, ends or {})
     if faults:
@@ -120,8 +121,8 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
     """Write a structure to an npz file that `read_structure` reads: sparse matrices, names, sensors, joints.
 
     Args:
-        path: of the file; its ending should be .npz.
-        structure: to write.
+        path: path of the file; its ending should be .npz.
+        structure: the structure to write.
 
     Raises:
         InputError: the file cannot be written.
@@ -142,23 +143,23 @@ def _read_one(path: Path) -> dict[str, Any]:
         raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
     kind = path.suffix.lower()
     if kind not in (".npz", ".mat"):
-        raise InputError(f"{path} is of no format that is known: give .npz, .mat, or .mtx for each matrix")
-    return _join_arrays(path, _open_file(path, _npz)) if kind == ".npz" else _open_file(path, _matlab)
+        raise InputError(f"{path} has an unknown format: give .npz, .mat, or .mtx for each matrix")
+    return _join_arrays(path, _open_file(path, _read_npz)) if kind == ".npz" else _open_file(path, _read_matlab)
 
 
 def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
-    found = {name: _try_to(faults, _one_matrix, Path(file)) for name, file in files.items()}
+    found = {name: _try_to(faults, _read_matrix_file, Path(file)) for name, file in files.items()}
     return {name: matrix for name, matrix in found.items() if matrix is not None}
 
 
-def _one_matrix(path: Path) -> Any:
+def _read_matrix_file(path: Path) -> Any:
     from scipy.io import mmread
 
-    readers = {**dict.fromkeys(MARKET, mmread), ".npz": _sparse_npz, ".npy": lambda each: np.load(each)}
+    readers = {**dict.fromkeys(MARKET, mmread), ".npz": _read_sparse_npz, ".npy": lambda each: np.load(each)}
     for ending, read in readers.items():
         if path.name.lower().endswith(ending):
             return _open_file(path, read)
-    raise InputError(f"{path} is of no format that is known for a matrix: give .mtx, .mtx.gz, .npz or .npy")
+    raise InputError(f"{path} has an unknown format for a matrix: give .mtx, .mtx.gz, .npz or .npy")
 
 
 def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
@@ -183,31 +184,31 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
     except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, IndexError) as error:
         if "allow_pickle" in str(error):
             raise InputError(
-                f"{path} holds pickled objects, which are never opened: save names as text, np.array(names, dtype=str)"
+                f"{path} holds pickled objects, which opid never opens: save names as text, np.array(names, dtype=str)"
             ) from None
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path} cannot be read ({reason}): export it again") from None
 
 
-def _npz(path: Path) -> dict[str, Any]:
-    # opened here, for numpy leaves a damaged file open
+def _read_npz(path: Path) -> dict[str, Any]:
+    # The file is opened here, for numpy leaves a damaged file open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}
 
 
-def _sparse_npz(path: Path) -> Any:
+def _read_sparse_npz(path: Path) -> Any:
     with path.open("rb") as file:
         return sparse.load_npz(file)
 
 
-def _matlab(path: Path) -> dict[str, Any]:
+def _read_matlab(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
     return {name: value for name, value in loadmat(path, appendmat=False).items() if not name.startswith("__")}
 
 
 def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
-    """Return the arrays of a npz file, with each sparse matrix made of its pieces."""
+    """Return the arrays of a npz file, with each sparse matrix made of its arrays."""
     found = dict(arrays)
     for key in arrays:
         name = key.removesuffix("_indptr")
@@ -222,46 +223,48 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
             matrix = sparse.csr_matrix((data, indices, indptr), shape=(size, size))
             matrix.check_format(full_check=True)
         except ValueError as error:
-            raise InputError(f"{path}: the pieces of {name!r} are no sparse matrix ({error}): store it again") from None
+            raise InputError(
+                f"{path}: the arrays of {name!r} do not make a sparse matrix ({error}): store it again"
+            ) from None
         found[name] = matrix
     return found
 
 
-def _matrix(name: str, value: Any) -> sparse.csr_matrix:
+def _to_matrix(name: str, value: Any) -> sparse.csr_matrix:
     value = value if sparse.issparse(value) else np.asarray(value)
     if value.dtype.kind not in "iuf":
-        raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
+        raise InputError(f"{name!r} does not hold real numbers (type {value.dtype}): give a real matrix")
     if value.ndim != 2 or value.shape[0] != value.shape[1] or not value.shape[0]:
         raise InputError(f"{name!r} has shape {value.shape}: give a square matrix")
     return sparse.csr_matrix(value, dtype=np.float64)
 
 
-def _missing(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
+def _find_missing(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
     """Yield matrices that are missing or unknown; files that could not be read (`unread`) have a clause already."""
     matrices = [name for name in found if name not in NAMES]
     of_parts = [name for name in matrices if name.startswith(PART)]
     if "mass" not in found and not unread:
-        yield f"there is no matrix 'mass': {nearest('mass', matrices) if matrices else 'there is no matrix in it'}"
+        yield f"there is no matrix 'mass': {nearest('mass', matrices) if matrices else 'the file has no matrix'}"
     for name in matrices:
         if name not in ("mass", "stiffness", *of_parts):
             yield (
-                f"{name!r} is no matrix that is known: {nearest(name, ['mass', 'stiffness', *NAMES, *of_parts])}; a "
-                f"matrix that a parameter multiplies is called {PART}NAME"
+                f"{name!r} is not a known name of a matrix: {nearest(name, ['mass', 'stiffness', *NAMES, *of_parts])}; "
+                f"a matrix that a parameter multiplies is called {PART}NAME"
             )
     if not unread and not of_parts and "stiffness" not in matrices:
         yield f"there is neither a matrix 'stiffness' nor a {PART}NAME: give at least one of them"
 
 
-def _numbers(n_dof: int) -> tuple[str, ...]:
+def _number_dofs(n_dof: int) -> tuple[str, ...]:
     return tuple(str(number) for number in range(1, n_dof + 1))
 
 
-def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
-    """Return the names of the degrees of freedom from a list or a file, else their numbers."""
+def _read_dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
+    """Return the names of the degrees of freedom from a list or a file, or their numbers."""
     if given is None:
-        return _numbers(n_dof or 0)
+        return _number_dofs(n_dof or 0)
     of_file = isinstance(given, str | os.PathLike)
-    names = _label_lines(Path(given), n_dof) if of_file else _texts("dofs", given)
+    names = _read_labels(Path(given), n_dof) if of_file else _to_texts("dofs", given)
     if n_dof is not None and len(names) != n_dof:
         raise InputError(
             f"{given if of_file else 'dofs'} names {len(names)} degrees of freedom, the matrices have {n_dof}: give "
@@ -270,7 +273,7 @@ def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
     return names
 
 
-def _label_lines(path: Path, n_dof: int | None) -> tuple[str, ...]:
+def _read_labels(path: Path, n_dof: int | None) -> tuple[str, ...]:
     """Return the labels of a text or CSV file; if it has one line too many, the first is a header."""
     if not path.is_file():
         raise InputError(f"there is no file {path}: check the name and the folder")
@@ -290,7 +293,7 @@ def _label_lines(path: Path, n_dof: int | None) -> tuple[str, ...]:
     return tuple(" ".join(row) if column is None else row[column] for row in rows)
 
 
-def _texts(name: str, given: Any) -> tuple[str, ...]:
+def _to_texts(name: str, given: Any) -> tuple[str, ...]:
     """Return the text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
     if isinstance(given, str):
         raise InputError(f"{name} is the text {given!r}: give a list of names")
@@ -301,12 +304,12 @@ def _texts(name: str, given: Any) -> tuple[str, ...]:
     return tuple((f"{cell:g}" if isinstance(cell, float) else str(cell)).strip() for cell in cells)
 
 
-def _joint_ends(given: Any) -> dict[str, tuple[str, str]]:
+def _read_joint_ends(given: Any) -> dict[str, tuple[str, str]]:
     """Return the joints by name, from a table or from rows of name, one end, other end."""
     if isinstance(given, Mapping):
         rows = [(name, *((ends,) if isinstance(ends, str) else ends)) for name, ends in given.items()]
     else:
-        texts = _texts("joints", given)
+        texts = _to_texts("joints", given)
         width = np.shape(given)[-1] if texts else 3
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
     for row in rows:
@@ -315,5 +318,5 @@ def _joint_ends(given: Any) -> dict[str, tuple[str, str]]:
     names = [str(row[0]) for row in rows]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"the joint {name!r} stands twice: give each a name of its own")
+            raise InputError(f"two joints are called {name!r}: give each a name of its own")
     return {str(name): (str(one), str(other)) for name, one, other in rows}

@@ -17,7 +17,7 @@ from opid.updating.structure.affine import AffineStructure
 
 IntArray = NDArray[np.int64]
 
-SHIFT = 1e-6  # of the mean ratio of stiffness to mass: the shift that makes the stiffness of a free structure regular
+SHIFT = 1e-6  # shift over the mean ratio of stiffness to mass; it makes the stiffness of a free structure regular
 ALIKE = 0.5  # modal assurance criterion from which on two shapes are taken for the same
 
 
@@ -26,16 +26,16 @@ class ReducedStructure:
     """M x'' + K x = 0 in few coordinates p, x = basis p.
 
     Args:
-        mass: (n, n) kg.
-        stiffness: (n, n) N/m.
-        basis: (n_dof, n) motion of every degree of freedom for unit of each coordinate.
+        mass: (n, n) mass matrix, kg.
+        stiffness: (n, n) stiffness matrix, N/m.
+        basis: (n_dof, n) motion of every degree of freedom for a unit of each coordinate.
         sensor_rows: (n_sensors, n) rows of `basis` at the sensors.
         joint_rows: (n_joints, n) extension of each joint.
         boundary: degrees of freedom that were kept as coordinates, in order (sensors, then ends of joints).
         sensors: names of the sensors.
         joints: names of the joints.
         method: "fixed" or "free".
-        n_cut: directions that were removed because the free modes contain them.
+        n_cut: number of directions that were removed because the free modes contain them.
     """
 
     mass: FloatArray
@@ -57,20 +57,20 @@ class ReducedStructure:
 
 @dataclass(frozen=True, eq=False)
 class ReductionErrors:
-    """How a reduced structure differs from the full one, mode by mode (Song Fig. 7).
+    """The differences of a reduced structure from the full one, mode by mode (Song Fig. 7).
 
     Args:
-        frequency_hz: (n,) of the full structure, Hz.
-        reduced_hz: (n,) of the reduced one, Hz.
-        relative: (n,) reduced over full, less 1.
+        frequency_hz: (n,) frequencies of the full structure, Hz.
+        reduced_hz: (n,) frequencies of the reduced structure, Hz.
+        relative: (n,) frequency of the reduced over that of the full structure, less 1.
         mac: (n,) modal assurance criterion of modes with the same number, over all degrees of freedom. For modes with
             equal frequencies it is that of the nearest shape in their common space.
         nearest: (n,) number, from 1, of the mode of the full structure whose shape each reduced mode has: its own, or
             another one where the order has changed; 0 where none of the n has a MAC of 0.5.
-        nearest_mac: (n,) modal assurance criterion with that one, or the largest where there is none.
+        nearest_mac: (n,) modal assurance criterion with that mode, or the largest where there is none.
         method: "fixed" or "free".
-        n_dof: coordinates of the reduced structure.
-        n_cut: directions that were removed because other coordinates contain them.
+        n_dof: number of coordinates of the reduced structure.
+        n_cut: number of directions that were removed because other coordinates contain them.
     """
 
     frequency_hz: FloatArray
@@ -97,21 +97,21 @@ def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, F
 
     n_dof = mass.shape[0]
     if not 1 <= n_modes <= n_dof:
-        raise InputError(f"{n_modes} modes of {n_dof} degrees of freedom: give a number from 1 to {n_dof}")
+        raise InputError(f"{n_modes} modes of {n_dof} degrees of freedom are wanted: give a number from 1 to {n_dof}")
     m, k = sparse.csc_matrix(mass), sparse.csc_matrix(stiffness)
     if n_dof <= 200 or n_modes > n_dof // 2:  # the dense solver is faster
         eigenvalue, shapes = linalg.eigh(k.toarray(), m.toarray(), subset_by_index=(0, n_modes - 1))
     else:
         shift = -SHIFT * k.diagonal().mean() / m.diagonal().mean()
-        # with a fixed start the answer is the same from call to call
+        # With a fixed start the answer is the same from call to call.
         eigenvalue, shapes = eigsh(k, k=n_modes, M=m, sigma=shift, v0=np.random.default_rng(1).standard_normal(n_dof))
         order = np.argsort(eigenvalue)
         eigenvalue, shapes = eigenvalue[order], shapes[:, order]
-    # rounding may put a rigid-body mode a little below 0
+    # Rounding may put a rigid-body mode a little below 0.
     if eigenvalue[0] < -max(1e-3 * SHIFT * k.diagonal().mean() / m.diagonal().mean(), 1e-6 * eigenvalue[-1]):
         raise InputError(
-            f"the stiffness is not positive: its lowest eigenvalue is {eigenvalue[0]:.3g} 1/s^2; check the sign of its "
-            "parts and that each is whole"
+            f"the stiffness is not positive: its lowest eigenvalue is {eigenvalue[0]:.3g} 1/s^2; check the signs of "
+            "its parts, and whether each part is complete"
         )
     return eigenvalue, shapes / np.sqrt(np.einsum("ij,ij->j", shapes, m @ shapes))
 
@@ -119,7 +119,7 @@ def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, F
 def craig_bampton(
     structure: AffineStructure, factors: Mapping[str, float] | None = None, *, n_modes: int = 15, method: str = "fixed"
 ) -> ReducedStructure:
-    """Reduce a structure to its boundary (sensors, then ends of joints that are no sensors) and internal modes.
+    """Reduce a structure to its boundary (sensors, then other ends of joints) and internal modes.
 
     Every boundary degree of freedom has its constraint mode, the static shape for a unit of it with the others held.
     "fixed" adds the lowest modes with the boundary held (Craig and Bampton); "free" adds the lowest modes of the whole
@@ -128,8 +128,8 @@ def craig_bampton(
 
     Args:
         structure: the finite-element structure.
-        factors: of the stiffness parts by name; 1 where left out.
-        n_modes: internal modes.
+        factors: factors of the stiffness parts by name; 1 where left out.
+        n_modes: number of internal modes.
         method: "fixed" or "free".
 
     Raises:
@@ -151,13 +151,13 @@ def craig_bampton(
     basis = np.zeros((structure.n_dof, len(boundary) + n_modes))
     basis[kept, np.arange(len(boundary))] = 1.0
     if inner.size:
-        basis[inner, : len(boundary)] = _constraint_modes(stiffness, inner, kept)
+        basis[inner, : len(boundary)] = _solve_constraint_modes(stiffness, inner, kept)
     if n_modes and method == "fixed":
         held = np.ix_(inner, inner)
         basis[inner, len(boundary) :] = lowest_modes(structure.mass[held], stiffness[held], n_modes)[1]
     elif n_modes:
         shapes = lowest_modes(structure.mass, stiffness, n_modes)[1]
-        basis = _with_free_modes(structure.mass, basis[:, : len(boundary)], shapes)
+        basis = _join_free_modes(structure.mass, basis[:, : len(boundary)], shapes)
     n_cut = len(boundary) + n_modes - basis.shape[1]
     mass, reduced = (basis.T @ (matrix @ basis) for matrix in (structure.mass, stiffness))
     found = ReducedStructure(
@@ -199,8 +199,8 @@ def reduction_errors(
     Args:
         structure: the finite-element structure.
         reduced: the reduced structure.
-        n: modes to compare, at most the coordinates of the reduced structure.
-        factors: those of the reduction.
+        n: number of modes to compare, at most that of the coordinates of the reduced structure.
+        factors: factors of the stiffness parts in the reduction.
 
     Raises:
         InputError: an unknown factor, or more modes than the reduced structure has.
@@ -211,7 +211,7 @@ def reduction_errors(
     found, coordinates = linalg.eigh(reduced.stiffness, reduced.mass, subset_by_index=(0, n - 1))
     other = reduced.basis @ coordinates
     full_hz, reduced_hz = (np.sqrt(np.maximum(part, 0.0)) / (2 * np.pi) for part in (eigenvalue, found))
-    # [i, j]: reduced mode i with the full mode j, or the nearest shape in the space that j shares with its equals
+    # [i, j] compares reduced mode i with full mode j, or with the nearest shape among modes of the frequency of j.
     mac = np.empty((n, n))
     for mode in range(n):
         alike = np.flatnonzero(np.abs(full_hz - full_hz[mode]) <= 1e-4 * full_hz[mode])
@@ -238,7 +238,7 @@ def modal_assurance(one: FloatArray, other: FloatArray) -> float:
     return float((one @ other) ** 2) / norm if norm > 0 else 0.0
 
 
-def _constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> FloatArray:
+def _solve_constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> FloatArray:
     """Return the static motion of the inner degrees of freedom for unit of each kept one, -K_ii^-1 K_ib."""
     from scipy.sparse.linalg import splu
 
@@ -250,18 +250,18 @@ def _constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> Fl
         solved = np.array([np.nan])
     if not np.isfinite(solved).all():
         raise InputError(
-            "the structure can still move freely with its sensors and joints held: hang it on springs or add sensors"
+            "the structure can still move freely with its sensors and joints held: put it on springs or add sensors"
         )
     return solved
 
 
-def _with_free_modes(mass: sparse.csr_matrix, constraint: FloatArray, shapes: FloatArray) -> FloatArray:
+def _join_free_modes(mass: sparse.csr_matrix, constraint: FloatArray, shapes: FloatArray) -> FloatArray:
     """Return constraint modes without the space of the free modes, as mass-orthogonal columns, then the free modes."""
     size = np.einsum("ij,ij->j", constraint, mass @ constraint)
-    rest = (constraint - shapes @ (shapes.T @ (mass @ constraint))) / np.sqrt(size)
-    weight, direction = linalg.eigh(rest.T @ (mass @ rest))
+    remainder = (constraint - shapes @ (shapes.T @ (mass @ constraint))) / np.sqrt(size)
+    weight, direction = linalg.eigh(remainder.T @ (mass @ remainder))
     keep = weight > 1e-10
-    return np.hstack([rest @ (direction[:, keep] / np.sqrt(weight[keep])), shapes])
+    return np.hstack([remainder @ (direction[:, keep] / np.sqrt(weight[keep])), shapes])
 
 
 # ---- many parameter values -------------------------------------------------------------------------
@@ -274,10 +274,10 @@ class RitzModel:
     stiffness: FloatArray  # (n, n) K0
     parts: FloatArray  # (n_parameters, n, n) K_i
     sensor_rows: FloatArray  # (n_sensors, n) motion of the sensors
-    names: tuple[str, ...]  # of the parameters
+    names: tuple[str, ...]  # names of the parameters
     sensors: tuple[str, ...]  # names of the sensors
     n_modes: int  # number of its lowest modes that are right
-    worst: float  # estimated largest relative error of an eigenvalue over the box it was made for
+    worst: float  # estimated largest relative error of an eigenvalue over the box of parameters
 
 
 def ritz_model(
@@ -292,10 +292,10 @@ def ritz_model(
     Args:
         structure: the finite-element structure.
         box: lower and upper end of each parameter that varies, positive; the others stay at 1.
-        modes: numbers of the wanted modes, from 1; those below them are only kept so that the numbers are right.
+        modes: numbers of the wanted modes, from 1; modes below them are only kept so that the numbers are right.
 
     Raises:
-        InputError: an unknown parameter, an empty box, no mode or one that is not there.
+        InputError: an unknown parameter, an empty box, no mode or one that the structure does not have.
     """
     _refuse_box(structure, box)
     names, (low, high) = tuple(box), np.array(list(box.values()), dtype=np.float64).T
@@ -309,8 +309,8 @@ def ritz_model(
     def stiffness_at(theta: FloatArray) -> sparse.csr_matrix:
         return sparse.csr_matrix(base + sum(value * part for value, part in zip(theta, parts, strict=True)))
 
-    points, middle = _spread(low, high), np.sqrt(low * high)
-    solve = _inverse(structure.mass, stiffness_at(middle))
+    points, middle = _spread_points(low, high), np.sqrt(low * high)
+    solve = _factorise(structure.mass, stiffness_at(middle))
     basis = lowest_modes(structure.mass, stiffness_at(middle), count)[1]
     done: set[int] = set()
     for _ in range(40):
@@ -318,7 +318,7 @@ def ritz_model(
         reduced = [(each + each.T) / 2 for each in (basis.T @ image for image in images)]
         rows = basis[structure.sensor_indices]
         model = RitzModel(reduced[0], np.array(reduced[1:]), rows, names, structure.sensors, count, 0.0)
-        errors = _errors(model, structure.mass @ basis, images, points, wanted, solve, middle)
+        errors = _estimate_errors(model, structure.mass @ basis, images, points, wanted, solve, middle)
         worst = int(np.argmax(errors))
         if errors[worst] <= 1e-8 or worst in done or len(basis.T) >= structure.n_dof:
             break
@@ -332,8 +332,8 @@ def ritz_modes(model: RitzModel, theta: ArrayLike) -> tuple[FloatArray, FloatArr
     """Return eigenvalues (n, n_modes), 1/s^2, and mass-normalised shapes at the sensors (n, n_sensors, n_modes).
 
     Args:
-        model: of `ritz_model`.
-        theta: (n, n_parameters), all at once.
+        model: the model, from `ritz_model`.
+        theta: (n, n_parameters) parameters, all at once.
 
     Raises:
         InputError: theta of another shape.
@@ -351,13 +351,13 @@ def _refuse_box(structure: AffineStructure, box: Mapping[str, tuple[float, float
             known = nearest(name, structure.parts) if structure.parts else "the structure has none"
             raise InputError(f"there is no parameter {name!r}: {known}")
     if not box:
-        raise InputError("no parameter is to vary: name at least one with its range")
+        raise InputError("no parameter varies: name at least one with its range")
     for name, (low, high) in box.items():
         if not 0 < low < high < np.inf:
-            raise InputError(f"{name!r} is to vary from {low:g} to {high:g}: give positive ends, the lower one first")
+            raise InputError(f"{name!r} varies from {low:g} to {high:g}: give positive ends, the lower one first")
 
 
-def _spread(low: FloatArray, high: FloatArray) -> FloatArray:
+def _spread_points(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return points over the box, evenly in the logarithm, with its corners."""
     from scipy.stats import qmc
 
@@ -367,7 +367,7 @@ def _spread(low: FloatArray, high: FloatArray) -> FloatArray:
     return low * (high / low) ** np.vstack([corners, inner])
 
 
-def _inverse(mass: Any, stiffness: Any) -> Callable[[FloatArray], FloatArray]:
+def _factorise(mass: Any, stiffness: Any) -> Callable[[FloatArray], FloatArray]:
     """Return the inverse of a stiffness as a function; a small shift makes that of a free structure regular."""
     from scipy.sparse.linalg import splu
 
@@ -375,7 +375,7 @@ def _inverse(mass: Any, stiffness: Any) -> Callable[[FloatArray], FloatArray]:
     return splu(sparse.csc_matrix(stiffness + shift * mass)).solve
 
 
-def _errors(
+def _estimate_errors(
     model: RitzModel,
     inertia: FloatArray,
     images: Sequence[FloatArray],
@@ -393,7 +393,7 @@ def _errors(
     for row, theta in enumerate(points):
         value, vector = eigenvalue[row, wanted], vectors[row][:, wanted]
         residual = (images[0] + np.tensordot(theta, images[1:], axes=1)) @ vector - (inertia @ vector) * value
-        # K at theta is at least the smallest ratio times K at the middle
+        # K at theta is at least the smallest ratio times K at the middle.
         size = np.einsum("ij,ij->j", residual, solve(residual)) / min(1.0, float(np.min(theta / middle)))
         errors[row] = np.max(size / np.maximum(value, 1e-300))
     return errors
@@ -402,10 +402,10 @@ def _errors(
 def _extend_basis(mass: Any, basis: FloatArray, shapes: FloatArray) -> FloatArray:
     """Return the basis with the parts of the shapes outside it, mass-orthonormal."""
     for shape in shapes.T:
-        rest = shape
+        remainder = shape
         for _ in range(2):  # the second time against rounding
-            rest = rest - basis @ (basis.T @ (mass @ rest))
-        size = np.sqrt(rest @ (mass @ rest))
+            remainder = remainder - basis @ (basis.T @ (mass @ remainder))
+        size = np.sqrt(remainder @ (mass @ remainder))
         if size > 1e-7:
-            basis = np.column_stack([basis, rest / size])
+            basis = np.column_stack([basis, remainder / size])
     return basis

@@ -1,1 +1,1 @@
-"""Measured backbones of a wing with engines: finite elements, a shaker under feedback, and the levels it holds."""
+"""Measured backbones of a wing with engines: finite elements, a shaker under feedback, and its continuation."""

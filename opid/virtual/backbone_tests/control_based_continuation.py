@@ -15,9 +15,9 @@ from opid.mechanics.backbones.quadrature_curves import (
     ContinuationLevel,
     MeasuredCurve,
     Specimen,
-    growing_amplitudes,
-    linear_start,
-    phase_error,
+    find_quadrature_error,
+    require_growing_amplitudes,
+    solve_linear_start,
 )
 from opid.mechanics.response import State, state_at
 from opid.mechanics.structure import ComplexArray
@@ -33,9 +33,9 @@ from opid.virtual.backbone_tests.shaker_feedback import (
 _WITHIN_NOISE = 5.0
 _MOST_FAILURES = 2
 _STEEPER = 4.0
-# levels that tell whether a mode hardens
-_N_TO_TELL = 2
-# phases that are closer than this, rad, give no slope, as the response still moves a little
+# number of levels after which it is known whether a mode hardens
+_N_BEFORE_STIFFENING = 2
+# distance of two phases below which they give no slope, rad, as the response still moves a little
 _CLOSE_PHASES = 2e-3
 
 
@@ -44,25 +44,25 @@ class ContinuationSettings:
     """Settings of the continuation.
 
     Args:
-        n_harmonics: harmonics that are recorded and whose control is taken away, the fundamental included.
-        phase_tolerance_rad: phase error from quadrature that is accepted, radians (Song et al. 2021: 5e-3).
-        frequency_fraction: of itself by which the frequency may still have to move to quadrature. Where a sensor is
+        n_harmonics: harmonics that are recorded and whose control is removed, the fundamental included.
+        phase_tolerance_rad: largest phase error from quadrature that is accepted, radians (Song et al. 2021: 5e-3).
+        frequency_fraction: fraction by which the frequency may still have to move to quadrature. Where a sensor is
             about to lose quadrature, 5e-3 rad are 2e-4 of the frequency.
-        most_invasive: rms of the control's harmonics above the first over its first that is accepted.
-        steady_fraction: a level is steady when no first harmonic moves by more than this fraction, or by more than
-            its noise explains, from one block of periods to the next.
+        most_invasive: largest rms of the control's harmonics above the first, over its first, that is accepted.
+        steady_fraction: fraction by which first harmonics may move from one block of periods to the next at a steady
+            level, beyond the movement that their noise explains.
         settle_periods: periods of such a block.
         record_periods: periods that are averaged for each record; more where the noise would hide `frequency_fraction`.
-        longest_periods: allowed for settling, and for averaging, for each record.
-        most_records: for each level.
-        amplitude_fraction: how far the amplitude may lie from the one asked for.
-        widest_fraction: of itself by which the frequency may move from level to level.
-        samples_per_period: the bench is sampled in step with its drive.
-        feedback_damping: damping ratio that the feedback adds to the mode. Too little, and a change of the level leaves
-            the branch where resonance curves fold; too much, and the feedback stirs up other modes, which the joints
-            mix with this one at large amplitudes.
+        longest_periods: largest number of periods for settling, and for averaging, of each record.
+        most_records: largest number of records for each level.
+        amplitude_fraction: fraction by which the amplitude may differ from the wanted one.
+        widest_fraction: fraction by which the frequency may move from level to level.
+        samples_per_period: samples in a period, as the bench is sampled in step with its drive.
+        feedback_damping: damping ratio that the feedback adds to the mode. If it is too small, a change of the level
+            leaves the branch where resonance curves fold; if it is too large, the feedback excites other modes, which
+            the joints mix with this one at large amplitudes.
         feedback_stiffness: fraction of its frequency by which the feedback stiffens a mode that hardens, or softens one
-            that softens, as its first two levels tell. Without it the structure leaves the branch where a sensor
+            that softens, as its first two levels show. Without it the structure leaves the branch where a sensor
             reaches quadrature beyond the resonance.
         modal_filter: whether the feedback reads the mode through a filter over all sensors, or the drive point alone.
             Where the drive point moves in other modes more than in this one, its own motion can hardly hold the mode.
@@ -99,13 +99,14 @@ class ContinuationSettings:
                 raise InputError(f"{each.name} of the continuation is {value}: give {needed}")
         if self.samples_per_period < 4 * self.n_harmonics:
             raise InputError(
-                f"{self.samples_per_period} samples a period for {self.n_harmonics} harmonics: give four times as many"
+                f"samples_per_period is {self.samples_per_period} for {self.n_harmonics} harmonics: give at least "
+                f"{4 * self.n_harmonics}, four for each harmonic"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """What all levels have in common; `watched` are the columns of the sensor and of the controlled sensor."""
+    """The parts that all levels have in common; `watched` are the columns of the sensor and the controlled sensor."""
 
     loop: ClosedLoop
     settings: ContinuationSettings
@@ -115,7 +116,7 @@ class _Bench:
 
 
 @dataclass(frozen=True, eq=False)
-class _Standing:
+class _BenchState:
     """The state of structure and controller. `target`, (n_harmonics + 1,) m, has its mean first.
 
     The frequency moves by `slope_hz` for each unit of the phase error's tangent. `before` is the frequency and the
@@ -148,30 +149,30 @@ def measured_curve(
 ) -> MeasuredCurve:
     """Return one backbone measured by control-based continuation, simulated in the time domain (Song et al. 2021, 3.3).
 
-    The control u = p (x* - x) + d (x*' - x') holds what the feedback reads, x, near a periodic target x*, whose first
-    harmonic sets the level. Each record gives the target its other harmonics, x*_h = x_h, so that the control loses
-    them: what is left is a sine, and the feedback is not invasive. A secant on the tangent of the phase error, which is
+    The control u = p (x* - x) + d (x*' - x') holds the reading of the feedback, x, near a periodic target x*, whose
+    first harmonic sets the level. Each record gives the target its other harmonics, x*_h = x_h, so that the control
+    loses them: a sine remains, and the feedback is not invasive. A secant on the tangent of the phase error, which is
     nearly straight at constant amplitude, moves the frequency until force and sensor are in quadrature. Each level
-    starts from where the last one stands, at a frequency extrapolated from the last three. The amplitude of a level is
-    met within a tolerance only, as on a real bench: the record says what it was.
+    starts from the state of the last one, at a frequency extrapolated from the last three. The amplitude of a level is
+    only met within a tolerance, as on a real bench: the record holds its value.
 
     Args:
         specimen: the structure with its shaker.
         mode: number of the mode, from 1.
-        sensor: whose quadrature is held.
-        controlled_sensor: whose amplitude is stepped up.
-        amplitude: (n,) of its first harmonic, m, growing; where the joints are far from linear by no more than some
-            10 % a level, or the structure may leave the branch on the way.
+        sensor: the sensor whose quadrature is held.
+        controlled_sensor: the sensor whose amplitude grows from level to level.
+        amplitude: (n,) growing amplitudes of its first harmonic, m; where the joints are far from linear, steps of no
+            more than some 10 %, or the structure may leave the branch.
         rng: source of the noise.
-        settings: of the continuation; the usual ones where left out.
-        noise: of the readings; none where left out.
+        settings: settings of the continuation; the usual ones where left out.
+        noise: noise of the readings; none where left out.
 
     Raises:
-        InputError: no such mode or sensor, amplitudes that are not positive and growing, or a mode that the drive point
-            or the controlled sensor does not move in.
+        InputError: no such mode or sensor, amplitudes that are not positive and growing, or a mode in which the drive
+            point or the controlled sensor does not move.
     """
-    wanted = growing_amplitudes(amplitude)
-    _, force_n = linear_start(specimen, mode, controlled_sensor)
+    wanted = require_growing_amplitudes(amplitude)
+    _, force_n = solve_linear_start(specimen, mode, controlled_sensor)
     chosen, system = settings or ContinuationSettings(), specimen.system
     watched = system.sensor(sensor), system.sensor(controlled_sensor)
 
@@ -182,79 +183,81 @@ def measured_curve(
         )
 
     bench = _Bench(loop(0.0), chosen, noise or ReadingNoise(), rng, watched)
-    standing, failures = _at_rest(bench, specimen, mode, force_n * wanted[0]), 0
+    current, failures = _prepare_start(bench, specimen, mode, force_n * wanted[0]), 0
     levels: list[ContinuationLevel] = []
     for a in wanted:
-        standing = _ahead(standing, float(a))
+        current = _extrapolate(current, float(a))
         try:
-            level, standing = _level(bench, standing, float(a), sensor)
+            level, current = _measure_level(bench, current, float(a), sensor)
         except InputError as error:
-            levels.append(_lost(bench, standing, float(a), str(error)))
+            levels.append(_describe_lost_level(bench, current, str(error)))
             break
         levels.append(level)
-        if level.converged and len(standing.done) == _N_TO_TELL:
-            hardens = standing.done[-1][1] > standing.done[0][1]
-            bench, standing = _renew_loop(bench, standing, loop((1 if hardens else -1) * chosen.feedback_stiffness))
+        if level.converged and len(current.done) == _N_BEFORE_STIFFENING:
+            hardens = current.done[-1][1] > current.done[0][1]
+            bench, current = _renew_loop(bench, current, loop((1 if hardens else -1) * chosen.feedback_stiffness))
         failures = 0 if level.converged else failures + 1
         if failures == _MOST_FAILURES:
             break
     return MeasuredCurve(mode, sensor, controlled_sensor, system.sensors, tuple(levels))
 
 
-def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _Standing:
-    """The state before the first level, with the target that makes the force of the linear mode."""
+def _prepare_start(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _BenchState:
+    """Return the state before the first level, with the target that makes the force of the linear mode."""
     column = specimen.system.index(mode)
     frequency = float(specimen.system.frequency_hz[column])
     omega = 2.0 * np.pi * frequency
     target = np.zeros(bench.settings.n_harmonics + 1, dtype=complex)
-    # at resonance the mode lags the force by a quarter: x = -j |F| / (c omega)
+    # At resonance the mode lags behind the force by a quarter of a period: x = -j |F| / (c omega).
     modal = float(specimen.modal_damping[column] / specimen.drive_row[column] ** 2)
     target[1] = force_n * (1.0 / (1j * omega * modal) + 1.0 / (bench.loop.gains[0] + 1j * omega * bench.loop.gains[1]))
     slope = -float(specimen.zeta[column]) * frequency
     still = frequency, np.zeros_like(target)
-    return _Standing(state_at(bench.loop.ready), frequency, target, slope, still, bench.settings.record_periods)
+    return _BenchState(state_at(bench.loop.ready), frequency, target, slope, still, bench.settings.record_periods)
 
 
-def _renew_loop(bench: _Bench, standing: _Standing, loop: ClosedLoop) -> tuple[_Bench, _Standing]:
+def _renew_loop(bench: _Bench, current: _BenchState, loop: ClosedLoop) -> tuple[_Bench, _BenchState]:
     """Change the feedback so that the motion of the structure stays the same."""
-    omega = 2.0 * np.pi * standing.frequency_hz
+    omega = 2.0 * np.pi * current.frequency_hz
     before, after = (p + 1j * omega * d for p, d in (bench.loop.gains, loop.gains))
-    target = standing.target.copy()
-    # only the fundamental of the control is left, so that no other harmonic changes
-    target[1] += standing.control_n * (1.0 / after - 1.0 / before)
-    still = standing.frequency_hz, target
-    return replace(bench, loop=loop), replace(standing, target=target, before=still)
+    target = current.target.copy()
+    # Only the fundamental of the control is left, so that no other harmonic changes.
+    target[1] += current.control_n * (1.0 / after - 1.0 / before)
+    still = current.frequency_hz, target
+    return replace(bench, loop=loop), replace(current, target=target, before=still)
 
 
-def _ahead(standing: _Standing, wanted: float) -> _Standing:
-    """Frequency and target for the next amplitude, as polynomials of the last ones over amplitude squared."""
-    if not standing.done:
-        return standing
-    held = np.array([level[0] for level in standing.done])
+def _extrapolate(current: _BenchState, wanted: float) -> _BenchState:
+    """Set frequency and target for the next amplitude, by polynomials of the last ones over amplitude squared."""
+    if not current.done:
+        return current
+    held = np.array([level[0] for level in current.done])
     others = (held[:, None] ** 2 - held**2) + np.eye(held.size)
     apart = (wanted**2 - held**2) + np.zeros((held.size, 1))
     np.fill_diagonal(apart, 1.0)
     weights = (apart / others).prod(axis=1)
-    frequency = float(weights @ np.array([level[1] for level in standing.done]))
-    target = wanted * (weights / held) @ np.stack([level[2] for level in standing.done])
-    # the level itself must not depend on the noise of three levels
-    target[1] = standing.target[1] * wanted / standing.held
-    return replace(standing, target=target, frequency_hz=frequency)
+    frequency = float(weights @ np.array([level[1] for level in current.done]))
+    target = wanted * (weights / held) @ np.stack([level[2] for level in current.done])
+    # The level itself must not depend on the noise of three levels.
+    target[1] = current.target[1] * wanted / current.held
+    return replace(current, target=target, frequency_hz=frequency)
 
 
-def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tuple[ContinuationLevel, _Standing]:
+def _measure_level(
+    bench: _Bench, current: _BenchState, wanted: float, sensor: str
+) -> tuple[ContinuationLevel, _BenchState]:
     """Move target and frequency until one amplitude is held at quadrature without invasion."""
-    settings, begun, before = bench.settings, standing.frequency_hz, standing
+    settings, begun, before = bench.settings, current.frequency_hz, current
     points: list[tuple[float, float]] = []
     for n_records in range(1, settings.most_records + 1):
-        record, standing, steady = _run_until_steady(bench, standing)
-        frequency, held = standing.frequency_hz, abs(record.sensors[bench.watched[1], 0])
-        error = phase_error(record.force[0], record.sensors[bench.watched[0], 0])
+        record, current, steady = _run_until_steady(bench, current)
+        frequency, held = current.frequency_hz, abs(record.sensors[bench.watched[1], 0])
+        error = find_quadrature_error(record.force[0], record.sensors[bench.watched[0], 0])
         invasion = float(np.linalg.norm(np.delete(record.control, 1)) / abs(record.control[1]))
         points.append((frequency, float(np.tan(error))))
-        standing, off = _judge_record(bench, standing, record, points, before.slope_hz)
+        current, off = _judge_record(bench, current, record, points, before.slope_hz)
         quadrature = abs(error) <= settings.phase_tolerance_rad and off <= settings.frequency_fraction
-        kept = invasion <= settings.most_invasive + _noise_floor(bench) / abs(record.control[1])
+        kept = invasion <= settings.most_invasive + _find_noise_floor(bench) / abs(record.control[1])
         near = abs(held / wanted - 1.0) <= settings.amplitude_fraction
         if quadrature and kept and near and steady:
             break
@@ -262,93 +265,93 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
         if away and not quadrature:
             break
         if n_records < settings.most_records:
-            standing = _move_frequency(bench, standing, record, points[-1][1], 1.0 if near else wanted / held)
-        # phases at different amplitudes belong to different curves
+            current = _move_frequency(bench, current, record, points[-1][1], 1.0 if near else wanted / held)
+        # Phases at different amplitudes belong to different curves.
         points = points if near else []
     converged = bool(quadrature and kept and near and steady)
-    reason = "" if converged else _reason(bench, sensor, begun, error, off, invasion, held / wanted, away)
+    reason = "" if converged else _give_reason(bench, sensor, begun, error, off, invasion, held / wanted, away)
     found = frequency, record.force, record.sensors, error, invasion
-    level = ContinuationLevel(wanted, *found, converged, n_records, standing.periods, reason)
+    level = ContinuationLevel(*found, converged, n_records, current.periods, reason)
     if converged:
-        done = (*standing.done[-2:], (held, frequency, standing.target))
-        return level, replace(standing, periods=0, held=held, done=done, control_n=complex(record.control[1]))
-    # the next level starts like this one
-    again = replace(standing, frequency_hz=begun, target=before.target, slope_hz=before.slope_hz)
+        done = (*current.done[-2:], (held, frequency, current.target))
+        return level, replace(current, periods=0, held=held, done=done, control_n=complex(record.control[1]))
+    # The next level starts like this one.
+    again = replace(current, frequency_hz=begun, target=before.target, slope_hz=before.slope_hz)
     return level, replace(again, periods=0, held=wanted)
 
 
-def _lost(bench: _Bench, standing: _Standing, wanted: float, text: str) -> ContinuationLevel:
-    """The level at which the simulation failed."""
+def _describe_lost_level(bench: _Bench, current: _BenchState, text: str) -> ContinuationLevel:
+    """Return the level at which the simulation failed."""
     n, sensors = bench.settings.n_harmonics, bench.loop.sensors
     nothing = np.full((len(sensors) + 1, n), complex(np.nan, np.nan))
-    reason = f"the feedback lost the structure: {text}; or take a smaller feedback_damping"
-    found = standing.frequency_hz, nothing[0], nothing[1:], np.nan, np.nan
-    return ContinuationLevel(wanted, *found, False, 0, standing.periods, reason)
+    reason = f"the feedback no longer holds the structure: {text}; or take a smaller feedback_damping"
+    found = current.frequency_hz, nothing[0], nothing[1:], np.nan, np.nan
+    return ContinuationLevel(*found, False, 0, current.periods, reason)
 
 
-def _noise_floor(bench: _Bench) -> float:
-    """The upper harmonics that the noise of the feedback, which is part of the control, may have, N."""
+def _find_noise_floor(bench: _Bench) -> float:
+    """Return the upper harmonics of the control that the noise of the feedback may explain, N."""
     settings = bench.settings
     fraction = 2.0 * settings.n_harmonics / (settings.record_periods * settings.samples_per_period)
     return 2.0 * bench.noise.control_n * float(np.sqrt(fraction))
 
 
 def _judge_record(
-    bench: _Bench, standing: _Standing, record: Record, points: list[tuple[float, float]], usual_hz: float
-) -> tuple[_Standing, float]:
-    """The slope by the last two points and the periods for the next record; and the relative error of the frequency."""
-    settings, slope, (frequency, value) = bench.settings, standing.slope_hz, points[-1]
+    bench: _Bench, current: _BenchState, record: Record, points: list[tuple[float, float]], usual_hz: float
+) -> tuple[_BenchState, float]:
+    """Set slope and periods for the next record by the last two points; return the frequency's relative error, too."""
+    settings, slope, (frequency, value) = bench.settings, current.slope_hz, points[-1]
     spread = phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
     if len(points) > 1 and abs(value - points[-2][1]) > max(_CLOSE_PHASES, _WITHIN_NOISE * spread):
         found = (frequency - points[-2][0]) / (value - points[-2][1])
-        # two points give a wrong slope while harmonics still change, so that it is kept near that of the last level
+        # Two points give a wrong slope while harmonics still change, so it is kept near that of the last level.
         slope = usual_hz * float(np.clip(found / usual_hz, 1.0 / _STEEPER, _STEEPER))
     steep = abs(slope) / frequency
-    # as many periods as make the noise of the frequency half of what is accepted
+    # With this number of periods the noise of the frequency is half of the accepted error.
     longer = (2.0 * steep * spread / settings.frequency_fraction) ** 2 * record.n_periods
     averaged = int(np.clip(np.ceil(longer), settings.record_periods, settings.longest_periods))
-    # a record that is long enough may be off by its noise
+    # A record that is long enough may be off by its noise.
     explained = 2.0 * spread if record.n_periods >= averaged else 0.0
-    return replace(standing, slope_hz=slope, averaged=averaged), steep * max(abs(value) - explained, 0.0)
+    return replace(current, slope_hz=slope, averaged=averaged), steep * max(abs(value) - explained, 0.0)
 
 
-def _move_frequency(bench: _Bench, standing: _Standing, record: Record, value: float, larger: float) -> _Standing:
-    """Target and frequency for the next record: the control's harmonics gone, a secant on the phase error's tangent."""
-    frequency = standing.frequency_hz
-    step = float(np.clip(-standing.slope_hz * value, -0.01 * frequency, 0.01 * frequency))
+def _move_frequency(bench: _Bench, current: _BenchState, record: Record, value: float, larger: float) -> _BenchState:
+    """Set target and frequency for the next record, without the control's harmonics, by a secant on the phase error."""
+    frequency = current.frequency_hz
+    step = float(np.clip(-current.slope_hz * value, -0.01 * frequency, 0.01 * frequency))
     h = np.arange(bench.settings.n_harmonics + 1)
     gain = bench.loop.gains[0] + 2j * np.pi * frequency * h * bench.loop.gains[1]
     off = np.divide(record.control, gain, out=np.zeros_like(record.control), where=gain != 0.0)
-    # the mean stays, the fundamental is the level
+    # The mean of the target stays, and its fundamental sets the level.
     off[:2] = 0.0
-    target = standing.target - off
+    target = current.target - off
     target[1] *= np.clip(larger, 0.2, 5.0)
-    return replace(standing, frequency_hz=frequency + step, target=target)
+    return replace(current, frequency_hz=frequency + step, target=target)
 
 
-def _run_until_steady(bench: _Bench, standing: _Standing) -> tuple[Record, _Standing, bool]:
+def _run_until_steady(bench: _Bench, current: _BenchState) -> tuple[Record, _BenchState, bool]:
     """Run until the first harmonics are steady, then record."""
     settings, periods, steady = bench.settings, 0, False
-    last, state = None, standing.state
-    # a large step of the target would set the structure ringing, and it might leave the branch near a fold
+    last, state = None, current.state
+    # A large step of the target would excite free vibrations, and the structure might leave the branch near a fold.
     for fraction in np.arange(1, settings.settle_periods) / settings.settle_periods:
-        frequency = (1.0 - fraction) * standing.before[0] + fraction * standing.frequency_hz
-        target = (1.0 - fraction) * standing.before[1] + fraction * standing.target
-        _, state = _periods(bench, replace(standing, frequency_hz=frequency, target=target), state, 1)
+        frequency = (1.0 - fraction) * current.before[0] + fraction * current.frequency_hz
+        target = (1.0 - fraction) * current.before[1] + fraction * current.target
+        _, state = _drive_periods(bench, replace(current, frequency_hz=frequency, target=target), state, 1)
         periods += 1
     while not steady and periods < settings.longest_periods:
-        record, state = _periods(bench, standing, state, settings.settle_periods)
+        record, state = _drive_periods(bench, current, state, settings.settle_periods)
         periods += settings.settle_periods
-        steady = last is not None and _stands(bench, last, record, standing.frequency_hz)
+        steady = last is not None and _is_steady(bench, last, record, current.frequency_hz)
         last = record
-    record, state = _periods(bench, standing, state, standing.averaged)
-    periods += standing.averaged
-    before = standing.frequency_hz, standing.target
-    return record, replace(standing, state=state, before=before, periods=standing.periods + periods), steady
+    record, state = _drive_periods(bench, current, state, current.averaged)
+    periods += current.averaged
+    before = current.frequency_hz, current.target
+    return record, replace(current, state=state, before=before, periods=current.periods + periods), steady
 
 
-def _stands(bench: _Bench, last: Record, record: Record, frequency_hz: float) -> bool:
-    """Whether no watched harmonic has moved by more than the tolerance and the noise of two blocks."""
+def _is_steady(bench: _Bench, last: Record, record: Record, frequency_hz: float) -> bool:
+    """Return whether no watched harmonic has moved by more than the tolerance and the noise of two blocks."""
     settings = bench.settings
     of_mean = np.sqrt(4.0 / (settings.settle_periods * settings.samples_per_period)) * _WITHIN_NOISE
     watched = list(bench.watched)
@@ -359,12 +362,12 @@ def _stands(bench: _Bench, last: Record, record: Record, frequency_hz: float) ->
     return bool((moved <= settings.steady_fraction * size + of_mean * noise).all())
 
 
-def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -> tuple[Record, State]:
+def _drive_periods(bench: _Bench, current: _BenchState, state: State, n_periods: int) -> tuple[Record, State]:
     return record_periods(
         bench.loop,
         state,
-        standing.target,
-        frequency_hz=standing.frequency_hz,
+        current.target,
+        frequency_hz=current.frequency_hz,
         n_periods=n_periods,
         samples_per_period=bench.settings.samples_per_period,
         noise=bench.noise,
@@ -372,18 +375,18 @@ def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -
     )
 
 
-def _reason(
+def _give_reason(
     bench: _Bench, sensor: str, begun_hz: float, error: float, off: float, invasion: float, ratio: float, away: bool
 ) -> str:
     settings = bench.settings
     if away:
-        return f"no quadrature at {sensor!r} within {settings.widest_fraction:.0%} of {begun_hz:.3f} Hz"
+        return f"{sensor!r} does not reach quadrature within {settings.widest_fraction:.0%} of {begun_hz:.3f} Hz"
     if abs(error) > settings.phase_tolerance_rad:
         return f"after {settings.most_records} records {sensor!r} is still {error:.2g} rad off quadrature"
     if off > settings.frequency_fraction:
-        return f"after {settings.most_records} records the frequency still moves by {off:.1g} of it to quadrature"
+        return f"after {settings.most_records} records the frequency is still off quadrature by {off:.1g} of itself"
     if invasion > settings.most_invasive:
-        return f"the control keeps harmonics of {invasion:.1%} of its first"
+        return f"the higher harmonics of the control stay at {invasion:.1%} of its first"
     if abs(ratio - 1.0) > settings.amplitude_fraction:
-        return f"the amplitude stands at {ratio:.0%} of the one asked for"
+        return f"the amplitude stays at {ratio:.0%} of the wanted one"
     return f"the response is not steady within {settings.longest_periods} periods"

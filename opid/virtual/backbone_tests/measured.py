@@ -24,12 +24,12 @@ CONTROLLED = "10"
 """The sensor whose amplitude is prescribed."""
 
 AMPLITUDE_M = ((2e-4, 4e-3), (2e-4, 2.5e-3))
-"""Smallest and largest amplitude of that sensor in either mode (Song et al. 2021, Figs. 4 and 5)."""
+"""Smallest and largest amplitude of that sensor in each mode (Song et al. 2021, Figs. 4 and 5)."""
 
 BENCH_NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)
-"""Noise of each of 64 samples a period: 0.5 mg, 5 mN, and 10 mN with which the feedback shakes the structure."""
+"""Noise of each of 64 samples in a period: 0.5 mg, 5 mN, and 10 mN with which the feedback shakes the structure."""
 
-# points of the curve that is interpolated; its third derivative is small
+# number of points of the curve that is interpolated; its third derivative is small
 _N_GRID = 40
 
 
@@ -50,26 +50,26 @@ def virtual_backbones(
     """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
 
     A curve that does not reach quadrature at most of its levels is left out, as in the paper, where 14 sensors reach it
-    in the first mode and 5 in the second. `opid.virtual.measured_curve` tells the reason.
+    in the first mode and 5 in the second. `measured_curve` gives the reason.
 
     Args:
         specimen: the structure with its shaker.
         rng: source of the noise.
-        modes: their numbers, from 1.
+        modes: numbers of the modes, from 1.
         amplitude_m: smallest and largest amplitude of the controlled sensor for each mode, m.
-        n_points: levels of a curve, equally far apart.
-        controlled_sensor: whose amplitude is stepped up.
-        sensors: those whose quadrature is held, one after the other; all if left out.
-        settings: of the continuation; the usual ones where left out.
-        noise: of the readings; that of a usual bench if left out, `ReadingNoise()` for none.
-        least_fraction: of its levels at which a curve must have converged.
-        progress: called with the number of curves done and of all.
+        n_points: number of levels of a curve, equally far apart.
+        controlled_sensor: the sensor whose amplitude grows from level to level.
+        sensors: the sensors whose quadrature is held, one after the other; all if left out.
+        settings: settings of the continuation; the usual ones where left out.
+        noise: noise of the readings; that of a usual bench if left out, `ReadingNoise()` for none.
+        least_fraction: fraction of its levels at which a curve must have converged.
+        progress: a function that is called with the number of curves done and the number of all.
 
     Raises:
-        InputError: counts that do not match, or as `measured_curve`.
+        InputError: counts that do not match, or what `measured_curve` refuses.
         NotDeterminedError: no curve reaches quadrature; `partial` holds the curves.
     """
-    ranges = _ranges(amplitude_m, modes, n_points)
+    ranges = _check_ranges(amplitude_m, modes, n_points)
     held = specimen.system.sensors if sensors is None else tuple(sensors)
     curves: list[MeasuredCurve] = []
     for mode, (least, most) in zip(modes, ranges, strict=True):
@@ -101,7 +101,7 @@ def as_backbone(curve: MeasuredCurve) -> MeasuredBackbone:
     """Return the levels of a curve that converged, as data for updating; InputError where they are too few."""
     kept = np.flatnonzero(curve.converged)
     if kept.size:
-        # the amplitude is met within a tolerance: levels that lie close could cross
+        # The amplitude is met within a tolerance, so levels that lie close could cross.
         held = curve.controlled_amplitude[kept]
         kept = kept[held > np.concatenate([[0.0], np.maximum.accumulate(held)[:-1]])]
     return MeasuredBackbone(
@@ -134,45 +134,47 @@ def synthetic_backbones(
 ) -> tuple[MeasuredBackbone, ...]:
     """Return sets of backbones by harmonic balance, with all errors drawn: quick, for studies of coverage.
 
-    All errors are normal numbers of these standard deviations. With one draw e_m a mode, o_c a curve and n_k a point,
+    All errors are normal numbers of these standard deviations. With a draw e_m for each mode, o_c for each curve and
+    n_k for each point,
 
         f = f_HB(A; eigenvalue of the mode (1 + e_m)^2) (1 + o_c) (1 + n_k),   x = x_HB(A) + |x_HB(A)| s.
 
-    The controlled sensor has no noise, as its amplitude is prescribed. The default offsets are as far off as those of
-    `virtual_backbones` on the wing-engine structure with 0.3 % modal damping; there an offset is a curve's own
-    systematic error, it changes along the curve, points scatter by 1e-5 only, and shapes are 0.5 % off in both modes.
+    The controlled sensor has no noise, as its amplitude is prescribed. The default offsets are as large as those of
+    `virtual_backbones` on the wing-engine structure with 0.3 % modal damping; there an offset is a systematic error of
+    one curve, it changes along the curve, points scatter by 1e-5 only, and shapes are 0.5 % off in both modes.
 
     Args:
         system: the structure by its modes, as the model knows it.
-        model_class: whose law the joints follow.
-        theta: (n_parameters,) its true parameters.
+        model_class: the class whose law the joints follow.
+        theta: (n_parameters,) true parameters of that law.
         rng: source of all errors.
-        modes: their numbers, from 1.
-        n_curves: curves of each mode.
+        modes: numbers of the modes, from 1.
+        n_curves: number of curves of each mode.
         amplitude_m: smallest and largest amplitude of the controlled sensor for each mode, m.
-        n_points: of each curve, from the smallest amplitude to the largest.
-        controlled_sensor: whose amplitude is prescribed.
-        harmonics: of the motion.
-        offset_fraction: o, common to a curve, as single-point forcing makes it; a number or one a mode, like the next.
-        point_noise: n, of each point.
-        shape_noise: s, of each sensor and point, fraction of the length of the shape over all sensors.
-        linear_error: e, common to all curves of a mode: what the linear structure that is measured differs by from the
-            one that the model knows.
-        amplitude_jitter: largest shift of an amplitude within a curve, fraction of the distance of two points.
+        n_points: number of points of each curve, from the smallest amplitude to the largest.
+        controlled_sensor: the sensor whose amplitude is prescribed.
+        harmonics: harmonics of the motion.
+        offset_fraction: relative error o of all points of a curve, as single-point forcing makes it. It is one number
+            or one for each mode, like the next three.
+        point_noise: relative error n of each point.
+        shape_noise: error s of each sensor and point, over the length of the shape over all sensors.
+        linear_error: relative error e of all curves of a mode: difference of the measured linear structure from the one
+            that the model knows.
+        amplitude_jitter: largest shift of an amplitude within a curve, over the distance of two points.
 
     Raises:
-        InputError: counts that do not match, deviations below 0, jitter beyond 0.45, or as `backbone`.
+        InputError: counts that do not match, deviations below 0, jitter beyond 0.45, or what `backbone` refuses.
         NotDeterminedError: harmonic balance fails within the amplitudes; `partial` is its curve.
     """
-    ranges = _ranges(amplitude_m, modes, n_points)
+    ranges = _check_ranges(amplitude_m, modes, n_points)
     if len(n_curves) != len(modes) or min(n_curves, default=0) < 1:
         raise InputError(f"n_curves is {tuple(n_curves)} for the modes {tuple(modes)}: give 1 or more for each mode")
     if not 0.0 <= amplitude_jitter <= 0.45:
         raise InputError(
-            f"amplitude_jitter is {amplitude_jitter}: give a fraction from 0 to 0.45, or the points would cross"
+            f"amplitude_jitter is {amplitude_jitter}: give a fraction from 0 to 0.45, so that points do not cross"
         )
     offset, point, shape, linear = (
-        _deviations(name, given, len(modes))
+        _check_deviations(name, given, len(modes))
         for name, given in (
             ("offset_fraction", offset_fraction),
             ("point_noise", point_noise),
@@ -186,7 +188,7 @@ def synthetic_backbones(
         grid = np.linspace(least, most, _N_GRID)
         true = backbone(shifted, law, mode=mode, sensor=controlled_sensor, amplitude=grid, harmonics=harmonics)
         for number in range(1, n_curves[m] + 1):
-            amplitude = _amplitudes(least, most, n_points, amplitude_jitter, rng)
+            amplitude = _draw_amplitudes(least, most, n_points, amplitude_jitter, rng)
             frequency, shapes = _interpolate(true, amplitude)
             frequency *= (1.0 + offset[m] * rng.standard_normal()) * (1.0 + point[m] * rng.standard_normal(n_points))
             noise = shape[m] * rng.standard_normal(shapes.shape)
@@ -197,7 +199,7 @@ def synthetic_backbones(
     return tuple(curves)
 
 
-def _ranges(amplitude_m: Sequence[tuple[float, float]], modes: Sequence[int], n_points: int) -> FloatArray:
+def _check_ranges(amplitude_m: Sequence[tuple[float, float]], modes: Sequence[int], n_points: int) -> FloatArray:
     ranges = np.asarray(amplitude_m, dtype=np.float64)
     fine = ranges.shape == (len(modes), 2) and ranges.size > 0
     if not fine or not (ranges[:, 0] > 0.0).all() or not (ranges[:, 0] < ranges[:, 1]).all():
@@ -210,29 +212,29 @@ def _ranges(amplitude_m: Sequence[tuple[float, float]], modes: Sequence[int], n_
     return ranges
 
 
-def _deviations(name: str, given: ArrayLike, n_modes: int) -> FloatArray:
+def _check_deviations(name: str, given: ArrayLike, n_modes: int) -> FloatArray:
     values = np.asarray(given, dtype=np.float64)
     if values.shape not in ((), (n_modes,)) or not ((values >= 0.0) & np.isfinite(values)).all():
-        raise InputError(f"{name} is {given!r}: give 0 or more, one number or {n_modes}, one a mode")
+        raise InputError(f"{name} is {given!r}: give 0 or more, as one number or as {n_modes}, one for each mode")
     return np.broadcast_to(values, n_modes)
 
 
 def _shift_mode(system: JointedModes, mode: int, fraction: float) -> JointedModes:
-    """The structure with the frequency of one mode off by a fraction."""
+    """Return the structure with the frequency of one mode off by a fraction."""
     eigenvalue = system.eigenvalue.copy()
     eigenvalue[system.index(mode)] *= (1.0 + fraction) ** 2
     return replace(system, eigenvalue=eigenvalue)
 
 
-def _amplitudes(least: float, most: float, n_points: int, jitter: float, rng: np.random.Generator) -> FloatArray:
-    """Growing amplitudes, the first and the last within the range."""
+def _draw_amplitudes(least: float, most: float, n_points: int, jitter: float, rng: np.random.Generator) -> FloatArray:
+    """Draw growing amplitudes, the first and the last within the range."""
     amplitude = np.linspace(least, most, n_points)
     moved = amplitude + jitter * (amplitude[1] - amplitude[0]) * rng.uniform(-1.0, 1.0, n_points)
     return np.clip(moved, least, most)
 
 
 def _interpolate(true: Backbone, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Frequency (n,) and shapes (n, n_sensors) at other amplitudes."""
+    """Return frequency (n,) and shapes (n, n_sensors) at other amplitudes."""
     from scipy.interpolate import CubicSpline
 
     if not true.converged.all():

@@ -1,4 +1,4 @@
-"""A shaker under feedback: the signal that it reads, its gains, the closed loop, and records of it."""
+"""A shaker under feedback: the signal that the feedback reads, its gains, the closed loop, and its records."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from opid.errors import InputError
 from opid.mechanics.backbones.quadrature_curves import Specimen
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import Assembled, State, advance, assemble
-from opid.mechanics.rig import on_shaker
+from opid.mechanics.rig import find_harmonics, on_shaker
 from opid.mechanics.structure import ComplexArray, Joint, Structure, linear_matrices
 
 STEP = 2.0
 """Phase of the fastest pole in a time step, rad: Runge-Kutta 4 stays bounded below 2.8, and exact for slow motion."""
 
-# cost of a weight on a sensor beside that of damping in other modes; it keeps the weights small
+# price of a weight on a sensor beside that of damping in other modes; it keeps the weights small
 _WEIGHT_PRICE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """A structure under the feedback u = p (x* - x) + d (x*' - x'), as the time step takes it.
+    """A structure under the feedback u = p (x* - x) + d (x*' - x'), ready for time steps.
 
     Its degrees of freedom are the modal coordinates, then the armature of the shaker, if there is one. The feedback is
     a joint; the input of the structure is p x* + d x*'.
 
     Args:
         ready: the structure with the feedback.
-        sensors: (n_sensors, n_dof) what the sensors read.
-        reading: (n_dof,) what the feedback reads, x.
-        gains: p, N/m, and d, N s/m.
+        sensors: (n_sensors, n_dof) readings of the sensors for a unit of each coordinate.
+        reading: (n_dof,) reading x of the feedback for a unit of each coordinate.
+        gains: gains p, N/m, and d, N s/m.
         force: (n_dof,) stiffness and damping rows of the stinger, whose force acts on the structure; None where the
             control is that force.
         fastest_rad_s: magnitude of the fastest pole, rad/s.
@@ -53,7 +53,7 @@ class ReadingNoise:
     Args:
         acceleration_m_per_s2: rms of the accelerometers, m/s^2.
         force_n: rms of the force cell, N.
-        control_n: rms of what the feedback's own noise adds to the force, N; it shakes the structure.
+        control_n: rms of the force that the feedback's own noise adds, N; it shakes the structure.
 
     Raises:
         InputError: a number below 0.
@@ -74,10 +74,10 @@ class Record:
     """Harmonics of the mean of some periods.
 
     Args:
-        force: (n,) of the force on the structure, N.
-        sensors: (n_sensors, n) of the displacements, m.
-        control: (n + 1,) of the control, its mean first, N.
-        n_periods: that were averaged.
+        force: (n,) harmonics of the force on the structure, N.
+        sensors: (n_sensors, n) harmonics of the displacements, m.
+        control: (n + 1,) harmonics of the control, its mean first, N.
+        n_periods: number of periods that were averaged.
     """
 
     force: ComplexArray
@@ -101,7 +101,7 @@ def closed_loop(
     joints = tuple(Joint(name, row, law=law) for name, row, law in pairs)
     structure = Structure(np.eye(n), np.diag(specimen.modal_damping), np.diag(system.eigenvalue), joints)
     reading = modal_reading(specimen, mode) if modal_filter else point
-    gains = _gains(specimen, column, reading, damping_ratio, stiffness_fraction, modal_filter)
+    gains = _choose_gains(specimen, column, reading, damping_ratio, stiffness_fraction, modal_filter)
     acting, sensors, force = point, system.at_sensors, None
     if specimen.shaker is not None:
         structure = on_shaker(structure, specimen.shaker, point)
@@ -109,7 +109,7 @@ def closed_loop(
         force = (stinger.stiffness_n_per_m * stinger.direction, stinger.damping_n_s_per_m * stinger.direction)
         acting = np.append(np.zeros(n), 1.0)
         reading, sensors = np.append(reading, 0.0), np.pad(sensors, ((0, 0), (0, 1)))
-    poles = _poles(structure, acting, reading, gains)
+    poles = _find_poles(structure, acting, reading, gains)
     if poles.real.max() > 0.0:
         at_hz = np.abs(poles[np.argmax(poles.real)]) / (2.0 * np.pi)
         raise InputError(
@@ -117,16 +117,16 @@ def closed_loop(
             f"{damping_ratio:g} and {stiffness_fraction:.2%} of its frequency"
         )
     looped = replace(structure, joints=(*structure.joints, Joint("feedback", reading, *gains)))
-    ready = _acting_at(assemble(looped, acting[:, None]), np.linalg.inv(structure.mass) @ acting)
+    ready = _act_at(assemble(looped, acting[:, None]), np.linalg.inv(structure.mass) @ acting)
     return ClosedLoop(ready, sensors, reading, gains, force, float(np.abs(poles).max()))
 
 
 def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
-    """Return what a filter over all sensors reads for a unit of each modal coordinate, (n_modes,) kg^-1/2.
+    """Return the reading of a filter over all sensors for a unit of each modal coordinate, (n_modes,) kg^-1/2.
 
-    It reads the drive point's motion in the mode, moves with the drive point in every other one (else the feedback
-    would stir that mode up), and adds as little damping to them as it can with weights that are not too large: a linear
-    programme. The drive point alone is one of its candidates, so there is always an answer.
+    The filter reads the drive point's motion in the mode, moves with the drive point in every other mode (otherwise the
+    feedback would excite that mode), and adds as little damping to them as it can with weights that are not too large:
+    a linear programme. The drive point alone is one of its candidates, so there is always an answer.
     """
     shapes, row, column = specimen.system.at_sensors, specimen.drive_row, specimen.system.index(mode)
     damped = np.delete(shapes * row, column, axis=1) / row[column] ** 2
@@ -157,8 +157,8 @@ def record_periods(
 ) -> tuple[Record, State]:
     """Run whole periods of the drive, each from phase zero; return their mean and the state after them.
 
-    The target, (n_harmonics + 1,) of what the feedback reads, its mean first, is in m. The bench is sampled in step
-    with its drive. InputError: the motion grows beyond bounds.
+    The target holds harmonics of the reading of the feedback, (n_harmonics + 1,) m, the mean first. The bench is
+    sampled in step with its drive. InputError: the motion grows beyond bounds.
     """
     n, omega = samples_per_period, 2.0 * np.pi * frequency_hz
     fs = n * frequency_hz
@@ -178,13 +178,13 @@ def record_periods(
     x, v, a = mean(motion.displacement), mean(motion.velocity), mean(motion.acceleration)
     control = mean(drive[:: 2 * steps, None])[:, 0] - p * (x @ loop.reading) - d * (v @ loop.reading)
     force = control if loop.force is None else x @ loop.force[0] + v @ loop.force[1]
-    # the mean over the periods has less noise than each sample
+    # The mean over the periods has less noise than each sample.
     shrunk = 1.0 / np.sqrt(n_periods)
     force = force + shrunk * noise.force_n * rng.standard_normal(n)
     acceleration = a @ loop.sensors.T
     acceleration += shrunk * noise.acceleration_m_per_s2 * rng.standard_normal(acceleration.shape)
-    displacement = -_harmonics(acceleration, target.size)[1:] / (h[1:, None] * omega) ** 2
-    found = _harmonics(np.column_stack([force, control]), target.size)
+    displacement = -find_harmonics(acceleration, target.size - 1)[1:] / (h[1:, None] * omega) ** 2
+    found = find_harmonics(np.column_stack([force, control]), target.size - 1)
     return Record(found[1:, 0], displacement.T, found[:, 1], n_periods), after
 
 
@@ -204,7 +204,7 @@ def phase_noise(
     return float(np.hypot(of_motion, of_force) * np.sqrt(2.0 / (record.n_periods * samples_per_period)))
 
 
-def _gains(
+def _choose_gains(
     specimen: Specimen,
     column: int,
     reading: FloatArray,
@@ -212,7 +212,7 @@ def _gains(
     stiffness_fraction: float,
     modal_filter: bool,
 ) -> tuple[float, float]:
-    """The gains on displacement, N/m, and velocity, N s/m, that add the wanted stiffness and damping to the mode.
+    """Return the gains on displacement, N/m, and velocity, N s/m, that add stiffness and damping to the mode.
 
     At the drive point itself the residual receptance R of the other modes turns the feedback k = p + j w d into
     k / (1 + k R) on the mode: beyond |k R| = 1 it would hold the point like a support, and damp less.
@@ -229,24 +229,19 @@ def _gains(
     return float(gains[0]), float(gains[1])
 
 
-def _poles(structure: Structure, acting: FloatArray, reading: FloatArray, gains: tuple[float, float]) -> FloatArray:
-    """Poles of the linear structure with a feedback that acts at one point and reads another, rad/s."""
+def _find_poles(
+    structure: Structure, acting: FloatArray, reading: FloatArray, gains: tuple[float, float]
+) -> FloatArray:
+    """Return the poles of the linear structure with a feedback that acts at one point and reads another, rad/s."""
     mass, damping, stiffness = linear_matrices(structure)
     stiffness, damping = (m + g * np.outer(acting, reading) for m, g in zip((stiffness, damping), gains, strict=True))
     lower = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
     return np.linalg.eigvals(np.vstack([np.hstack([np.zeros_like(mass), np.eye(len(mass))]), lower]))
 
 
-def _acting_at(ready: Assembled, load: FloatArray) -> Assembled:
-    """The last joint, the feedback, acts on the drive point instead of where it is read."""
-    directions, spans, linear, loads, *rest = ready.joints
+def _act_at(ready: Assembled, load: FloatArray) -> Assembled:
+    """Let the last joint, the feedback, act on the drive point instead of the point that it reads."""
+    directions, spans, linear, loads, *others = ready.joints
     spans, loads = spans.copy(), loads.copy()
     loads[-1], spans[-1, 2:4] = load, (0, load.size)
-    return replace(ready, joints=(directions, spans, linear, loads, *rest))
-
-
-def _harmonics(series: FloatArray, n_harmonics: int) -> ComplexArray:
-    """(n_harmonics, n_channels) complex amplitudes of one period, the mean first."""
-    found = np.fft.rfft(series, axis=0)[:n_harmonics] * (2.0 / len(series))
-    found[0] *= 0.5
-    return found
+    return replace(ready, joints=(directions, spans, linear, loads, *others))

@@ -21,7 +21,7 @@ SENSORS = (*PLATE_SENSORS, *PYLONS[0], *PYLONS[1])
 JOINTS = {f"{block}-{tip}": (block, tip) for block, *tips in PYLONS for tip in tips}
 PLATE_DOFS = ("w", "w_x", "w_y", "w_xy")
 PLATE_SENSOR_FRACTIONS = (0.07, 0.4, 0.6, 0.93)
-"""Places of sensors 1 to 4 on the front edge of the plate, and of 5 to 8 on the back edge, over its length."""
+"""Positions of sensors 1 to 4 on the front edge of the plate, and of 5 to 8 on the back edge, over its length."""
 LEAF_ELEMENTS = 2
 E_ALUMINIUM, E_STEEL = "E_aluminium", "E_steel"
 UPDATED = {E_ALUMINIUM: 0.88, E_STEEL: 0.31}  # the paper's result (Table 1), fractions of 68.9 and 200 GPa
@@ -32,7 +32,7 @@ class WingEngine:
     """Dimensions of the wing-engine structure.
 
     The paper gives the plate and the two moduli. The leaf springs, the tip masses and their link are chosen to reach
-    its frequencies. The paper does not give the places of the pylons, the masses of their blocks, the shape of the tip
+    its frequencies. The paper does not give the positions of the pylons, the masses of their blocks, the shape of tip
     masses, and the springs of the suspension. Their values are plausible and calibrated: modes 7 and 8, the first two
     that bend, lie at 22.5 and 31.1 Hz for the nominal moduli and at 14.65 and 17.71 Hz for (0.88, 0.31) times them, and
     three times 15.2 Hz is the frequency of the modes in which the two leaf springs of a pylon move against each other.
@@ -40,28 +40,28 @@ class WingEngine:
     (0.1 % in frequency from 20 x 6 to 30 x 8 elements).
 
     Args:
-        length_m: of the plate, along x.
-        width_m: of the plate, along y.
-        thickness_m: of the plate.
-        n_along: elements along x.
-        n_across: elements along y; even, for the pylons hang on the middle line.
+        length_m: length of the plate, along x.
+        width_m: width of the plate, along y.
+        thickness_m: thickness of the plate.
+        n_along: number of elements along x.
+        n_across: number of elements along y; even, for the pylons hang on the middle line.
         aluminium_pa: Young's modulus of the plate.
-        aluminium_poisson: its Poisson's ratio.
-        aluminium_kg_per_m3: its density.
-        suspension_n_per_m: of each of the 12 springs, three at every corner.
+        aluminium_poisson: Poisson's ratio of the plate.
+        aluminium_kg_per_m3: density of the plate.
+        suspension_n_per_m: stiffness of each of the 12 springs, three at every corner.
         pylon_from_middle_m: distance of each pylon from the middle of the plate, along x.
         block_kg: mass of the block of a pylon, rigid.
-        block_depth_m: from the lower face of the plate down to where the leaf springs are clamped.
+        block_depth_m: distance from the lower face of the plate down to the clamp of the leaf springs.
         leaf_length_m: free length of a leaf spring, downwards.
-        leaf_width_m: of a leaf spring, along y.
-        leaf_thickness_m: of a leaf spring, along x, the direction it bends in.
-        leaf_spacing_m: between the middle lines of the two leaf springs of a pylon, along y.
+        leaf_width_m: width of a leaf spring, along y.
+        leaf_thickness_m: thickness of a leaf spring, along x, the direction in which it bends.
+        leaf_spacing_m: distance of the middle lines of the two leaf springs of a pylon, along y.
         steel_pa: Young's modulus of the leaf springs.
-        steel_kg_per_m3: their density.
+        steel_kg_per_m3: density of the leaf springs.
         tip_kg: mass at the end of each leaf spring.
-        tip_inertia_kg_m2: its moment of inertia about y through its centre; it turns as the leaf spring bends.
-        tip_below_m: its centre lies this much below the end of the leaf spring.
-        link_n_per_m: of the link between the two ends.
+        tip_inertia_kg_m2: moment of inertia of that mass about y through its centre; it turns as the leaf spring bends.
+        tip_below_m: distance of the centre of that mass below the end of the leaf spring.
+        link_n_per_m: stiffness of the link between the two ends.
         leaf_asymmetry: fraction by which the front leaf spring of each pylon is stiffer than nominal and the back one
             softer; 0.05 makes a 3:1 interaction near 15.3 Hz.
 
@@ -115,7 +115,7 @@ class WingEngine:
 
     @property
     def lever_m(self) -> float:
-        """From the middle plane of the plate down to the clamp of the leaf springs."""
+        """Distance from the middle plane of the plate down to the clamp of the leaf springs."""
         return self.thickness_m / 2 + self.block_depth_m
 
 
@@ -129,8 +129,8 @@ def wing_engine_structure(dimensions: WingEngine | None = None) -> AffineStructu
     plate and of the leaf springs at their nominal moduli; that of the suspension and of the links is not updated.
 
     Args:
-        dimensions: of the structure, `WingEngine(leaf_asymmetry=0.05)` for the one with a 3:1 interaction; the
-            calibrated symmetric one where left out.
+        dimensions: dimensions of the structure, `WingEngine(leaf_asymmetry=0.05)` for one with a 3:1 interaction; those
+            of the calibrated symmetric one where left out.
 
     Raises:
         InputError: scikit-fem is not installed.
@@ -140,8 +140,8 @@ def wing_engine_structure(dimensions: WingEngine | None = None) -> AffineStructu
     (1135, ['12-13', '12-14', '9-10', '9-11'])
     """
     given = WingEngine() if dimensions is None else dimensions
-    along, across = _mesh_lines(given)
-    plate_mass, plate_stiffness = _plate(given, along, across)
+    along, across = _place_mesh_lines(given)
+    plate_mass, plate_stiffness = _assemble_plate(given, along, across)
     indices = _Indices(given, along, across)
     mass, suspension, steel = (_Sum(indices.n_full) for _ in range(3))
     mass.add_matrix(plate_mass, np.arange(indices.n_plate))
@@ -158,13 +158,13 @@ def wing_engine_structure(dimensions: WingEngine | None = None) -> AffineStructu
     for pylon in range(len(PYLONS)):
         _add_pylon(given, indices, pylon, mass, suspension, steel)
     follow = indices.follow()
-    matrices = (_symmetric(follow.T @ part.matrix() @ follow) for part in (mass, suspension, aluminium, steel))
+    matrices = (_symmetrise(follow.T @ part.matrix() @ follow) for part in (mass, suspension, aluminium, steel))
     whole, fixed, plate, leaves = matrices
     return AffineStructure(whole, fixed, {E_ALUMINIUM: plate, E_STEEL: leaves}, indices.names(), SENSORS, JOINTS)
 
 
-def _mesh_lines(given: WingEngine) -> tuple[FloatArray, FloatArray]:
-    """Lines of the mesh along x, with one through each pylon and as even as that allows, and along y."""
+def _place_mesh_lines(given: WingEngine) -> tuple[FloatArray, FloatArray]:
+    """Return lines of the mesh along x, one through each pylon and as even as that allows, and along y."""
     outer = given.length_m / 2 - given.pylon_from_middle_m
     n_outer = min(max(1, round(given.n_along * outer / given.length_m)), (given.n_along - 1) // 2)
     ends = (0.0, outer, given.length_m - outer, given.length_m)
@@ -174,8 +174,8 @@ def _mesh_lines(given: WingEngine) -> tuple[FloatArray, FloatArray]:
     return along, np.linspace(0.0, given.width_m, given.n_across + 1)
 
 
-def _plate(given: WingEngine, along: FloatArray, across: FloatArray) -> tuple[Any, Any]:
-    """Mass and stiffness of the bending plate, four degrees of freedom a node, node after node."""
+def _assemble_plate(given: WingEngine, along: FloatArray, across: FloatArray) -> tuple[Any, Any]:
+    """Return mass and stiffness of the bending plate, four degrees of freedom for each node, node after node."""
     require("skfem", "the wing-engine structure", "scikit-fem", "wing")
     import skfem
     from skfem.helpers import dd, ddot, dot, grad, trace
@@ -194,13 +194,13 @@ def _plate(given: WingEngine, along: FloatArray, across: FloatArray) -> tuple[An
     def inertia(u: Any, v: Any, _: Any) -> Any:
         return per_area * (u * v + given.thickness_m**2 / 12 * dot(grad(u), grad(v)))
 
-    # nodes are ordered by x, then by y; the mesh has another order
+    # The nodes are ordered by x, then by y; the mesh has another order.
     node = np.lexsort((mesh.p[1].round(9), mesh.p[0].round(9)))
     order = basis.nodal_dofs[:, node].T.ravel()
     return inertia.assemble(basis)[order][:, order], bending.assemble(basis)[order][:, order]
 
 
-Row = dict[int, float]  # A motion as a sum of degrees of freedom: factor by index
+Row = dict[int, float]  # a motion as a sum of degrees of freedom: factor by index
 
 
 class _Indices:
@@ -213,7 +213,7 @@ class _Indices:
         self.n_full = self.n_plate + 3 + len(PYLONS) * (1 + 2 * 2 * LEAF_ELEMENTS)
 
     def node(self, x: float, y: float) -> int:
-        """Index of w of the node nearest to (x, y); its slopes follow."""
+        """Return the index of w of the node nearest to (x, y); its slopes follow."""
         column, line = np.argmin(np.abs(self.along - x)), np.argmin(np.abs(self.across - y))
         return int(len(PLATE_DOFS) * (column * self.across.size + line))
 
@@ -252,7 +252,7 @@ class _Indices:
         return follow.tocsr()
 
     def names(self) -> tuple[str, ...]:
-        """Names of the degrees of freedom that are left; the sensors carry their numbers."""
+        """Return the names of the remaining degrees of freedom; the sensors carry their numbers."""
         nodes = [f"plate {i} {j}" for i in range(self.along.size) for j in range(self.across.size)]
         names = [f"{node} {kind}" for node in nodes for kind in PLATE_DOFS] + ["span", "chord", "yaw"]
         for block, *tips in PYLONS:
@@ -330,7 +330,7 @@ def _add_pylon(given: WingEngine, indices: _Indices, pylon: int, mass: _Sum, lin
 
 
 def beam_stiffness(bending_n_m2: float, length_m: float) -> FloatArray:
-    """(4, 4) of an Euler-Bernoulli beam in deflection and slope at its two ends; E I is `bending_n_m2`."""
+    """Return the (4, 4) stiffness of a beam in deflection and slope at its two ends; E I is `bending_n_m2`."""
     k = length_m
     pattern = [[12, 6 * k, -12, 6 * k], [6 * k, 4 * k * k, -6 * k, 2 * k * k]]
     pattern += [[-12, -6 * k, 12, -6 * k], [6 * k, 2 * k * k, -6 * k, 4 * k * k]]
@@ -338,20 +338,20 @@ def beam_stiffness(bending_n_m2: float, length_m: float) -> FloatArray:
 
 
 def beam_mass(mass_kg: float, length_m: float) -> FloatArray:
-    """(4, 4) consistent mass of the same element of mass `mass_kg` and length `length_m`."""
+    """Return the (4, 4) consistent mass of the same element of mass `mass_kg` and length `length_m`."""
     k = length_m
     pattern = [[156, 22 * k, 54, -13 * k], [22 * k, 4 * k * k, 13 * k, -3 * k * k]]
     pattern += [[54, 13 * k, 156, -22 * k], [-13 * k, -3 * k * k, -22 * k, 4 * k * k]]
     return mass_kg / 420 * np.array(pattern)
 
 
-def _symmetric(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
-    """The matrix without the asymmetry of rounding."""
+def _symmetrise(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Return the matrix without the asymmetry of rounding."""
     return sparse.csr_matrix((matrix + matrix.T) / 2)
 
 
 def replace_matrices(structure: AffineStructure, directory: Path, kind: Literal["mat", "mtx"]) -> None:
-    """Put matrices of another kind in the place of structure.npz, as another finite-element code would give them."""
+    """Replace structure.npz by matrices of another kind, as another finite-element code would give them."""
     from scipy.io import mmwrite, savemat
 
     found = {"mass": structure.mass, "stiffness": structure.stiffness}
@@ -359,7 +359,7 @@ def replace_matrices(structure: AffineStructure, directory: Path, kind: Literal[
     if kind == "mat":
         named = {name: matrix.tocsc() for name, matrix in found.items()}
         with write_whole(directory / "structure.mat", "wb") as file:
-            # a cell array, which MATLAB has for texts of several lengths
+            # MATLAB holds texts of several lengths in a cell array.
             savemat(file, {**named, "dofs": np.array(structure.dofs, dtype=object)}, do_compression=True)
         given = 'matrices = "structure.mat"'
     else:

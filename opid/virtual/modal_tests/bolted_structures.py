@@ -1,6 +1,6 @@
 """Two bolted structures with known truth, a case with components and a plate on a fixture (Pacini, section 4), on rigs.
 
-Their joints slip (Iwan), a kind of law that no polynomial in displacement and velocity holds.
+Their joints slip (Iwan), a kind of law that no polynomial in displacement and velocity represents.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _AXES = ("x", "y", "z")
 # the case and its components: masses, positions about the centre of the case, and the mounts along x, y, z
 _CASE_KG, _CASE_M = 40.0, (0.6, 0.4, 0.3)
 _COMPONENT_KG = (6.0, 4.5, 3.2, 2.2)
-_COMPONENT_PLACE_M = ((0.17, 0.07, 0.06), (-0.18, 0.09, -0.05), (-0.10, -0.11, 0.07), (0.14, -0.10, -0.07))
+_COMPONENT_POSITION_M = ((0.17, 0.07, 0.06), (-0.18, 0.09, -0.05), (-0.10, -0.11, 0.07), (0.14, -0.10, -0.07))
 _MOUNT_N_PER_M = (
     (6.94e6, 17.0e6, 1.376e6),
     (7.66e6, 34.85e6, 2.02e6),
@@ -33,7 +33,7 @@ _MOUNT_N_PER_M = (
 )
 # loss of each mount, 2 zeta of the mode that it carries
 _MOUNT_LOSS = ((0.008, 0.007, 0.006), (0.006, 0.008, 0.010), (0.005, 0.011, 0.007), (0.006, 0.014, 0.009))
-# mounts that slip (component, axis): fraction of their stiffness in sliders, and the slip force
+# mounts that slip, by component and axis: fraction of their stiffness in sliders, and the slip force
 _SLIPPING_MOUNTS = {
     (0, 2): (0.12, 150.0),
     (1, 0): (0.11, 130.0),
@@ -42,7 +42,7 @@ _SLIPPING_MOUNTS = {
     (3, 0): (0.12, 60.0),
 }
 _CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
-# here the drive-point FRF passes through phase resonance in all five modes, even if they are damped twice as much
+# At this corner the drive-point FRF passes through phase resonance in all five modes, even with twice their damping.
 _DRIVE_CORNER, _DRIVE_DIRECTION = (1, 1, 1), (3.0, 3.0, 2.0)
 
 # the plate on its fixture; mode 10 shears the joint, mode 18 opens it
@@ -52,25 +52,25 @@ _OTHER_HZ = (118, 209, 303, 466, 522, 588, 641, 688, 731, 766, 934, 992, 1062, 1
 _SHEAR_MODE, _OPENING_MODE, _N_RIGID = 10, 18, 6
 _RATIO_RANGE = (1.93, 2.3)
 _SHEAR_ZETA, _OPENING_ZETA = 0.003, 0.006
-_SHEAR_SLIDERS_SHARE, _SHEAR_SLIP_N, _SHEAR_CUBIC_SHARE = 0.14, 900.0, 0.004
+_SHEAR_SLIDERS_FRACTION, _SHEAR_SLIP_N, _SHEAR_CUBIC_FRACTION = 0.14, 900.0, 0.004
 _NOMINAL_COUPLING_N_PER_M2 = 7e8
 
 
 CASE_SHAKER = Shaker(second_harmonic=0.01)
 PLATE_SHAKER = Shaker(armature_kg=0.15, back_emf_n_s_per_m=100.0, second_harmonic=0.02, full_voltage_v=70.0)
-"""A light armature: at 300 g one of 0.45 kg would take 1300 N to move itself."""
+"""A shaker with a light armature: at 300 g an armature of 0.45 kg would need 1300 N to move itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class CaseStudy:
-    """A rig, and what is known of its modes.
+    """A rig with its modes.
 
     Args:
         rig: the structure with its sensors and its shaker.
-        modes: its linear modes at the sensors, without the shaker.
+        modes: linear modes at the sensors, without the shaker.
         drive_point: the sensor at the drive point.
         nonlinear_modes: modes that shift with the level, counted from 1.
-        text: describes it in one sentence.
+        text: description in one sentence.
     """
 
     rig: Rig
@@ -82,10 +82,10 @@ class CaseStudy:
 
 @dataclass(frozen=True, eq=False)
 class LevelDependence:
-    """One mode at several amplitudes, all others at rest.
+    """One mode at several amplitudes, with all others at rest.
 
     Args:
-        amplitude: (n,) of the modal displacement, m kg^1/2.
+        amplitude: (n,) amplitudes of the modal displacement, m kg^1/2.
         frequency_hz: (n,) natural frequency, Hz.
         zeta: (n,) damping ratio.
     """
@@ -100,16 +100,16 @@ def component_assembly(*, shaker: Shaker | None = None) -> CaseStudy:
 
     18 modes: six rigid-body modes and twelve elastic ones from 86 to 690 Hz, each the motion of one component along one
     axis of its mount. The mounts that carry modes 7, 11, 12, 13 and 15 slip; with 10 g at their component these modes
-    lose about 1 % of their frequency and are damped 1.5 to 1.9 times as much. Eight triaxial sensors, and one at the
-    drive point, a corner of the case.
+    lose about 1 % of their frequency and are damped 1.5 to 1.9 times as much. There are eight triaxial sensors, and one
+    at the drive point, a corner of the case.
 
     Args:
-        shaker: at the drive point; None if the force itself is given.
+        shaker: the shaker at the drive point; None if the force is prescribed.
 
     >>> component_assembly().modes.frequency_hz[6:9].round()
     array([ 86., 118., 146.])
     """
-    positions = np.array(_COMPONENT_PLACE_M)
+    positions = np.array(_COMPONENT_POSITION_M)
     n_dof = 6 + 3 * len(positions)
     half = np.array(_CASE_M) / 2
     squares = (2 * half) ** 2
@@ -117,11 +117,11 @@ def component_assembly(*, shaker: Shaker | None = None) -> CaseStudy:
     mass = np.diag(np.concatenate([np.full(3, _CASE_KG), inertia, np.repeat(_COMPONENT_KG, 3)]))
 
     def on_case(position: FloatArray) -> FloatArray:
-        return np.hstack([_rigid_motion(position), np.zeros((3, n_dof - 6))])
+        return np.hstack([_find_rigid_motion(position), np.zeros((3, n_dof - 6))])
 
     components = np.eye(n_dof)[6:].reshape(len(positions), 3, n_dof)
     joints = tuple(
-        _mount(component, axis, components[component, axis] - on_case(position)[axis])
+        _make_mount(component, axis, components[component, axis] - on_case(position)[axis])
         for component, position in enumerate(positions)
         for axis in range(3)
     )
@@ -129,11 +129,11 @@ def component_assembly(*, shaker: Shaker | None = None) -> CaseStudy:
     drive = np.array(_DRIVE_DIRECTION) / np.linalg.norm(_DRIVE_DIRECTION) @ on_case(half * _DRIVE_CORNER)
     bodies = [f"component{k + 1}" for k in range(len(positions))] + [f"case{k + 1}" for k in range(len(corners))]
     zero = np.zeros((n_dof, n_dof))
-    names = [*(f"case_{axis}" for axis in (*_AXES, "rx", "ry", "rz")), *_per_axis(bodies[: len(positions)])]
-    return _on_rig(
+    names = [*(f"case_{axis}" for axis in (*_AXES, "rx", "ry", "rz")), *_name_axes(bodies[: len(positions)])]
+    return _put_on_rig(
         Structure(mass, zero, zero, joints, tuple(names)),
         np.vstack([*components, *corners, drive]),
-        (*_per_axis(bodies), "drive"),
+        (*_name_axes(bodies), "drive"),
         shaker,
         nonlinear_modes=(7, 11, 12, 13, 15),
         text="a free case of 40 kg that carries four components on bolted mounts, five of which slip",
@@ -156,11 +156,11 @@ def fixture_and_plate(
 
     Args:
         ratio: natural frequency of mode 18 over that of mode 10, from 1.93 to 2.3.
-        coupling_n_per_m2: the joint's asymmetry, N/m^2; 0 for modes that do not interact.
-        shaker: at the drive point; None if the force itself is given.
+        coupling_n_per_m2: asymmetry of the joint, N/m^2; 0 for modes that do not interact.
+        shaker: the shaker at the drive point; None if the force is prescribed.
 
     Raises:
-        InputError: a ratio at which mode 18 would be another one, or a coupling that is not finite.
+        InputError: a ratio at which mode 18 would have another number, or a coupling that is not finite.
 
     >>> fixture_and_plate(ratio=2.0).modes.frequency_hz[[9, 17]].round(6)
     array([400., 800.])
@@ -170,7 +170,7 @@ def fixture_and_plate(
             f"the ratio is {ratio}, the coupling {coupling_n_per_m2} N/m^2: give a ratio from {_RATIO_RANGE[0]} to "
             f"{_RATIO_RANGE[1]}, between the neighbours of mode {_OPENING_MODE}, and a finite coupling"
         )
-    shapes, rows = _plate_shapes()
+    shapes, rows = _make_plate_shapes()
     shear, opening = _SHEAR_MODE - 1, _OPENING_MODE - 1
     elastic = np.insert(np.array(_OTHER_HZ, dtype=np.float64), shear - _N_RIGID, _SHEAR_HZ)
     elastic = np.insert(elastic, opening - _N_RIGID, ratio * _SHEAR_HZ)
@@ -179,20 +179,20 @@ def fixture_and_plate(
     omega = np.concatenate([np.zeros(_N_RIGID), 2.0 * np.pi * elastic])
     zeta = np.concatenate([np.zeros(_N_RIGID), zeta])
 
-    # only modes 10 and 18 move the joint
+    # Only modes 10 and 18 move the joint.
     extension = np.zeros(omega.size)
     extension[shear], extension[opening] = rows["slip"][shear], rows["gap"][opening]
     slip = np.where(np.arange(omega.size) == shear, extension, 0.0)
-    tangent = _SHEAR_SLIDERS_SHARE * (omega[shear] / slip[shear]) ** 2
+    tangent = _SHEAR_SLIDERS_FRACTION * (omega[shear] / slip[shear]) ** 2
     sliders = iwan(stiffness_n_per_m=tangent, slip_force_n=_SHEAR_SLIP_N)
-    hardening = law("cubic_stiffness", stiffness_n_per_m3=_SHEAR_CUBIC_SHARE * tangent / 1e-3**2)
+    hardening = law("cubic_stiffness", stiffness_n_per_m3=_SHEAR_CUBIC_FRACTION * tangent / 1e-3**2)
     joints = [Joint("joint in shear", slip, law=hardening, sliders=sliders)]
     if coupling_n_per_m2:
         square = law("even_quadratic_stiffness", stiffness_n_per_m2=coupling_n_per_m2)
         joints.append(Joint("asymmetry of the joint", extension, law=square))
     stiffness = np.diag(omega**2) - tangent * np.outer(slip, slip)
     names = tuple(f"mode {k + 1}" for k in range(omega.size))
-    return _on_rig(
+    return _put_on_rig(
         Structure(np.eye(omega.size), np.diag(2.0 * zeta * omega), stiffness, tuple(joints), names),
         shapes,
         tuple(name for name in rows if name not in ("slip", "gap")),
@@ -207,7 +207,7 @@ def case_study_1(*, shaker: Shaker | None = CASE_SHAKER) -> CaseStudy:
     """Return the case with four components: 18 modes, of which 7, 11, 12, 13 and 15 are nonlinear.
 
     Args:
-        shaker: at the drive point; None where the force itself is given.
+        shaker: the shaker at the drive point; None if the force is prescribed.
 
     >>> study = case_study_1()
     >>> study.modes.n_modes, study.nonlinear_modes
@@ -219,15 +219,15 @@ def case_study_1(*, shaker: Shaker | None = CASE_SHAKER) -> CaseStudy:
 def case_study_2(
     *, ratio: float = 2.02, coupling_n_per_m2: float | None = None, shaker: Shaker | None = PLATE_SHAKER
 ) -> CaseStudy:
-    """Return the plate on its fixture: 26 modes, of which 10 is nonlinear and works on mode 18.
+    """Return the plate on its fixture: 26 modes, of which mode 10 is nonlinear and drives mode 18.
 
     Args:
-        ratio: as in `fixture_and_plate`.
-        coupling_n_per_m2: likewise.
-        shaker: at the drive point; None where the force itself is given.
+        ratio: natural frequency of mode 18 over that of mode 10, see `fixture_and_plate`.
+        coupling_n_per_m2: asymmetry of the joint, N/m^2, see `fixture_and_plate`; the nominal one where left out.
+        shaker: the shaker at the drive point; None if the force is prescribed.
 
     Raises:
-        InputError: as `fixture_and_plate`.
+        InputError: what `fixture_and_plate` refuses.
 
     >>> study = case_study_2(ratio=2.2)
     >>> study.modes.frequency_hz[[9, 17]].round(1).tolist()
@@ -241,14 +241,14 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
     """Return how one mode softens or stiffens with its level, by harmonic linearisation of the joints.
 
     With q = a cos(omega_0 t) in this mode alone, the first harmonic of the joints' forces, in phase with q and ahead of
-    it by 90 degrees, is a stiffness and a damping; means and higher harmonics are left out, and so is what the modes
-    do to each other.
+    it by 90 degrees, is a stiffness and a damping; means and higher harmonics are left out, and so is the coupling of
+    the modes.
 
     Args:
         structure: the structure.
-        mode: an elastic mode, counted from 1.
-        amplitude: (n,) of the modal displacement, m kg^1/2, positive.
-        n_phases: phases of a cycle.
+        mode: number of an elastic mode, from 1.
+        amplitude: (n,) amplitudes of the modal displacement, m kg^1/2, positive.
+        n_phases: number of phases of a cycle.
 
     Raises:
         InputError: no such mode, a rigid-body mode, or an amplitude that is not positive or leaves no stiffness.
@@ -261,19 +261,21 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
     modes = natural_frequencies(structure)
     amplitudes = np.atleast_1d(np.asarray(amplitude, dtype=np.float64))
     if not 1 <= mode <= structure.n_dof or modes.frequency_hz[mode - 1] == 0.0:
-        raise InputError(f"there is no elastic mode {mode} among the {structure.n_dof} modes: rigid ones do not shift")
+        raise InputError(
+            f"there is no elastic mode {mode} among the {structure.n_dof} modes: name one, for rigid modes do not shift"
+        )
     if amplitudes.ndim != 1 or not ((amplitudes > 0.0) & np.isfinite(amplitudes)).all():
         raise InputError(f"the amplitudes are {amplitude!r}: give positive numbers")
     omega = 2.0 * np.pi * modes.frequency_hz[mode - 1]
     shape = modes.shapes[:, mode - 1]
-    # only the joints are nonlinear
-    stiffness = omega**2 + np.array([_squares(structure, shape, a, omega, n_phases).real for a in amplitudes])
+    # Only the joints are nonlinear.
+    stiffness = omega**2 + np.array([_linearise_joints(structure, shape, a, omega, n_phases).real for a in amplitudes])
     if stiffness.min() <= 0.0:
         gone = amplitudes[np.argmin(stiffness)]
         raise InputError(f"mode {mode} has no stiffness left at an amplitude of {gone:g} m kg^1/2: give smaller ones")
-    # the velocity is that of the frequency at this amplitude
+    # The velocity is that of the frequency at this amplitude.
     squares = np.array(
-        [_squares(structure, shape, a, w, n_phases) for a, w in zip(amplitudes, stiffness**0.5, strict=True)]
+        [_linearise_joints(structure, shape, a, w, n_phases) for a, w in zip(amplitudes, stiffness**0.5, strict=True)]
     )
     damping = 2.0 * modes.zeta[mode - 1] * omega + squares.imag / np.sqrt(stiffness)
     return LevelDependence(
@@ -281,16 +283,18 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
     )
 
 
-def _on_rig(
+def _put_on_rig(
     structure: Structure, sensors: FloatArray, names: tuple[str, ...], shaker: Shaker | None, **facts: Any
 ) -> CaseStudy:
-    """The case study of a structure that is driven at the sensor "drive"."""
+    """Return the case study of a structure that is driven at the sensor "drive"."""
     rig = Rig(structure, sensors[names.index("drive")], sensors, names, shaker)
     return CaseStudy(rig, modes_of_structure(structure, sensors, names), "drive", **facts)
 
 
-def _squares(structure: Structure, shape: FloatArray, amplitude: float, omega: float, n_phases: int) -> complex:
-    """The part of omega^2 by laws and sliders, and as its imaginary part omega times their damping."""
+def _linearise_joints(
+    structure: Structure, shape: FloatArray, amplitude: float, omega: float, n_phases: int
+) -> complex:
+    """Return the part of omega^2 by laws and sliders, and as its imaginary part omega times their damping."""
     phase = 2.0 * np.pi * np.arange(n_phases) / n_phases
     total = 0.0 + 0.0j
     for joint in structure.joints:
@@ -300,14 +304,14 @@ def _squares(structure: Structure, shape: FloatArray, amplitude: float, omega: f
         z, v = pull * amplitude * np.cos(phase), -pull * amplitude * omega * np.sin(phase)
         force = joint.law.force(z, v)
         if joint.sliders:
-            # the loop repeats itself after its first turning point
+            # The loop repeats itself after its first turning point.
             _, start = force_of(joint.sliders, z[:1])
             force = force + force_of(joint.sliders, z, start)[0] - joint.sliders.tangent_n_per_m * z
         total += pull * complex(2.0 * np.mean(force * np.exp(-1j * phase))) / amplitude
     return total
 
 
-def _mount(component: int, axis: int, direction: FloatArray) -> Joint:
+def _make_mount(component: int, axis: int, direction: FloatArray) -> Joint:
     stiffness = _MOUNT_N_PER_M[component][axis]
     omega = np.sqrt(stiffness / _COMPONENT_KG[component])
     fraction, slip_force_n = _SLIPPING_MOUNTS.get((component, axis), (0.0, 0.0))
@@ -321,29 +325,29 @@ def _mount(component: int, axis: int, direction: FloatArray) -> Joint:
     )
 
 
-def _rigid_motion(position: FloatArray) -> FloatArray:
-    """(3, 6) motion of a point of a rigid body for a unit of each translation and rotation."""
+def _find_rigid_motion(position: FloatArray) -> FloatArray:
+    """Return the (3, 6) motion of a point of a rigid body for a unit of each translation and rotation."""
     x, y, z = position
     return np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])
 
 
-def _per_axis(names: Sequence[str]) -> tuple[str, ...]:
+def _name_axes(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name}_{axis}" for name in names for axis in _AXES)
 
 
-def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Mass-normalised shapes at the sensors, (n_sensors, 26), and by name with the "slip" and "gap" of the joint.
+def _make_plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return mass-normalised shapes at the sensors, (n_sensors, 26), and by name with "slip" and "gap" of the joint.
 
-    Point masses on a grid of the plate and one of the fixture; the shapes are the rigid-body motions, bending of the
-    plate in products of Legendre polynomials, and motions of the plate against the fixture, made orthogonal one after
-    the other, and mixed somewhat with their neighbours.
+    The masses are points on a grid of the plate and one of the fixture. The shapes are the rigid-body motions, bending
+    of the plate in products of Legendre polynomials, and motions of the plate against the fixture; they are made
+    orthogonal one after the other, and mixed somewhat with their neighbours.
     """
-    plate = _grid(_PLATE_M, 7, 0.0)
-    fixture = _grid(_FIXTURE_M, 3, -_FIXTURE_DEPTH_M)
+    plate = _make_grid(_PLATE_M, 7, 0.0)
+    fixture = _make_grid(_FIXTURE_M, 3, -_FIXTURE_DEPTH_M)
     cover = np.array([[0.0, 0.0, 0.03]])
     points = np.vstack([plate, fixture, cover])
     kg = np.repeat([_PLATE_KG / 49, _FIXTURE_KG / 9, _COVER_KG], [49, 9, 1]).repeat(3)
-    rigid = np.vstack([_rigid_motion(point) for point in points])
+    rigid = np.vstack([_find_rigid_motion(point) for point in points])
     of_plate = np.arange(rigid.shape[0])[:, None] < 3 * len(plate)
     against = np.where(of_plate, rigid, 0.0)
 
@@ -366,14 +370,14 @@ def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
     weight = np.sqrt(kg)[:, None]
     orthogonal, triangle = np.linalg.qr(weight * np.column_stack([rigid, *elastic]))
     shapes = orthogonal * np.sign(np.diag(triangle)) / weight
-    shapes = _mix_shapes(_alike(shapes, _N_RIGID + 14, mac=0.6))
-    at = dict(zip(_per_axis([f"p{k}" for k in range(len(points))]), shapes, strict=True))
+    shapes = _mix_shapes(_make_alike(shapes, _N_RIGID + 14, mac=0.6))
+    at = dict(zip(_name_axes([f"p{k}" for k in range(len(points))]), shapes, strict=True))
     corners = (0, 6, 42, 48)
     chosen = [f"p{7 * i + j}_z" for i in (0, 2, 4, 6) for j in (0, 2, 4, 6)]
     chosen += [f"p{k}_{axis}" for k in corners for axis in "xy"]
     chosen += [f"p{49 + k}_{axis}" for k in (0, 2, 6, 8) for axis in _AXES]
     rows = {name: at[name] for name in chosen}
-    # the drive point is on the edge of the plate, a little askew
+    # The drive point is on the edge of the plate, and its direction is a little inclined.
     rows["drive"] = np.cos(0.1) * at["p45_x"] + np.sin(0.1) * at["p45_z"]
     sensors = np.stack(list(rows.values()))
     rows["slip"] = at["p24_x"] - at["p53_x"]
@@ -381,7 +385,7 @@ def _plate_shapes() -> tuple[FloatArray, dict[str, FloatArray]]:
     return sensors, rows
 
 
-def _alike(shapes: FloatArray, first: int, *, mac: float) -> FloatArray:
+def _make_alike(shapes: FloatArray, first: int, *, mac: float) -> FloatArray:
     """Replace three shapes f, g and a by two orthogonal ones that are alike, by the given MAC, wherever a is zero."""
     f, g, a = shapes[:, first : first + 3].T
     alike, other = np.sqrt(mac), np.sqrt(1.0 - mac)
@@ -399,6 +403,6 @@ def _mix_shapes(shapes: FloatArray) -> FloatArray:
     return mixed
 
 
-def _grid(size_m: tuple[float, float], n: int, height_m: float) -> FloatArray:
+def _make_grid(size_m: tuple[float, float], n: int, height_m: float) -> FloatArray:
     x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, n) for side in size_m), indexing="ij")
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height_m)])

@@ -1,6 +1,6 @@
 """A virtual test series on a rig: impacts and sine beats at several levels, and a truth test (Pacini, section 4).
 
-Three structures have one: a mode with a known law, and the paper's two case studies.
+Three structures have such a series: modes of which one has a known law, and the paper's two case studies.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NEAR_ENOUGH, MOST_TRIES = 0.05, 10
 """Relative tolerance for the peak of the highest level, and the most runs in which it is approached."""
 
 SMALL = 1e-3
-"""Amplitude of the first run, from which those of the others are estimated, V or N."""
+"""Amplitude of the first run, from which the other amplitudes are estimated, V or N."""
 
 CASES = ("cubic", "1", "2")
 
@@ -56,13 +56,13 @@ CUBIC_MODE, CUBIC_STIFFNESS, CUBIC_DAMPING = 3, {3: -1.8e11}, {2: 20.0}
 """The nonlinear mode of case "cubic", its k3 and c2: at its top level it loses 3 % of frequency, and damps double."""
 
 CUBIC_TOP = 5e-4
-"""Its largest displacement, m kg^1/2."""
+"""Largest displacement of that mode, m kg^1/2."""
 
 N_AMPLITUDES = 25
 """Amplitudes at which the truth states frequency and damping of a mode, up to 1.5 times its highest level."""
 
 LEVELS_2 = (0.1, 0.25, 0.45, 0.65, 0.85, 1.0)
-"""Levels of case 2. The highest beat is the truth test, so that 0.85 is the highest level of the fit."""
+"""Levels of case 2. The highest beat is the truth test, so 0.85 is the highest level of the fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +70,20 @@ class VirtualSeries:
     """The plan of a test series.
 
     Args:
-        case: the rig with its sensors, its drive point and perhaps a shaker, its linear modes, and those to test.
+        case: the rig with its sensors, its drive point and perhaps a shaker, its linear modes, and the modes to test.
         top_m_per_s2: peak acceleration of the highest sine beat at `top_sensor`.
         top_sensor: a sensor; None for the one with the largest shape of each mode.
         fs: sampling rate, Hz; impacts are recorded at twice that rate.
         levels: voltages of the sine beats over that of the highest one, which must be among them.
-        rule: sets the length of the beats: "neighbours" for first minima on the neighbouring modes, "drive point"
+        rule: rule for the length of the beats: "neighbours" for first minima on the neighbouring modes, "drive point"
             for a main lobe as wide as the peak of the mode in the drive-point response.
         truth: "sweep" for a shaped sweep through all elastic modes, "beat" for the highest sine
             beat, which is then not fitted.
-        sweep_octaves_per_s: rate of the shaped sweep; at 0.1 modes of 0.3 % have the time to ring up.
-        title: of the study.
+        sweep_octaves_per_s: rate of the shaped sweep; at 0.1 modes of 0.3 % have the time to build up their vibration.
+        title: the title of the study.
 
     Raises:
-        InputError: levels that are no fractions of the highest one.
+        InputError: levels that are not fractions of the highest one.
     """
 
     case: CaseStudy
@@ -110,8 +110,8 @@ def virtual_series(case: str, *, shaker: bool | None = None) -> VirtualSeries:
         case: "cubic" for four modes, one of which softens and damps by powers that are known; "1" for a case that
             carries components, five of its modes nonlinear, to 20 g at the components; "2" for a plate bolted to a
             fixture, to 300 g at the drive point.
-        shaker: whether the force comes from a shaker and its amplifier, or is given as it is; where left out, it comes
-            from one in cases "1" and "2".
+        shaker: whether the force comes from a shaker and its amplifier, or is prescribed; where left out, it comes from
+            a shaker in cases "1" and "2".
 
     Raises:
         InputError: no such case.
@@ -121,7 +121,7 @@ def virtual_series(case: str, *, shaker: bool | None = None) -> VirtualSeries:
     ((3,), 'sweep')
     """
     if case == "cubic":
-        found = _cubic(bool(shaker))
+        found = _make_cubic(bool(shaker))
         shape = found.modes.shapes[:, CUBIC_MODE - 1]
         top = CUBIC_TOP * float(found.modes.stiffness()[CUBIC_MODE - 1] * np.abs(shape).max())
         return VirtualSeries(found, top, 1024.0, "A mode with cubic softening and quadratic damping")
@@ -154,11 +154,11 @@ def virtual_study(
     """Run a virtual test series and return it as a study.
 
     Args:
-        series: what it is to do.
+        series: the plan of the series.
         rng: source of the noise.
         noise_share: standard deviation of the noise over the rms of each channel.
         given: linear modes that the study states; the true ones where left out.
-        progress: called with the name of each test as it is run.
+        progress: a function that is called with the name of each test before it runs.
 
     Raises:
         InputError: modes that cannot be excited at the drive point.
@@ -174,10 +174,10 @@ def virtual_study(
 
     for number, level in enumerate(IMPACTS, start=1):
         say(f"impact {number}")
-        record(f"impact_{number}", _impact(series, level, rng, noise_share), "level")
+        record(f"impact_{number}", _run_impact(series, level, rng, noise_share), "level")
     for mode in series.case.nonlinear_modes:
         say(f"level of mode {mode}")
-        beat, reached[mode] = _highest_beat(series, mode)
+        beat, reached[mode] = _design_highest_beat(series, mode)
         for number, level in enumerate(sorted(series.levels), start=1):
             say(f"sine beat {number} of mode {mode}")
             voltage = sine_beat_voltage(replace(beat, amplitude=level * beat.amplitude), series.fs)
@@ -186,7 +186,7 @@ def virtual_study(
             record(f"beat_{mode}_level_{number}", run, use, mode)
     if series.truth == "sweep":
         say("shaped sweep")
-        run = rig_run(series.case.rig, _sweep(series, reached), fs=series.fs, rng=rng, noise_share=noise_share)
+        run = rig_run(series.case.rig, _design_sweep(series, reached), fs=series.fs, rng=rng, noise_share=noise_share)
         record("sweep", run, "truth")
     return ModalStudy(series.title, modes, series.case.nonlinear_modes, tuple(tests), series.case.drive_point)
 
@@ -202,19 +202,19 @@ def stated_modes(modes: LinearModes, *, frequency_error: float = 0.0, damping_er
 
 def top_displacement(series: VirtualSeries, mode: int) -> float:
     """Return the modal displacement that the highest sine beat of a mode shall reach, m kg^1/2."""
-    return _top(series, mode) / float(series.case.modes.stiffness()[series.case.modes.index(mode)])
+    return _find_top(series, mode) / float(series.case.modes.stiffness()[series.case.modes.index(mode)])
 
 
-def _top(series: VirtualSeries, mode: int) -> float:
-    """The modal acceleration that the highest level shall reach."""
+def _find_top(series: VirtualSeries, mode: int) -> float:
+    """Return the modal acceleration that the highest level shall reach."""
     shape = series.case.modes.shapes[:, series.case.modes.index(mode)]
     if series.top_sensor is not None:
         shape = series.case.modes.row(series.top_sensor)[[series.case.modes.index(mode)]]
     return series.top_m_per_s2 / float(np.abs(shape).max())
 
 
-def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
-    """The beat of a mode that reaches its peak, or the limit of the amplifier, and the fraction that it reaches."""
+def _design_highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
+    """Return the beat of a mode that reaches its peak, or the limit of the amplifier, and the fraction reached."""
     modes, drive_point = series.case.modes, series.case.drive_point
     if series.rule == "neighbours":
         beat = beat_between_neighbours(modes, mode, lead_s=0.05).beat
@@ -222,20 +222,20 @@ def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
         beat = beat_over_drive_point_peak(modes, mode, drive_point, lead_s=0.05).beat
 
     def peak(amplitude: float) -> float:
-        return _peaks(series, sine_beat_voltage(replace(beat, amplitude=amplitude), series.fs), [mode])[0]
+        return _find_peaks(series, sine_beat_voltage(replace(beat, amplitude=amplitude), series.fs), [mode])[0]
 
-    amplitude, reached = _amplitude(series, peak)
+    amplitude, reached = _adjust_amplitude(series, peak)
     return replace(beat, amplitude=amplitude), reached
 
 
-def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
-    """A sweep through all elastic modes that brings the nonlinear modes to the peaks of their beats."""
+def _design_sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
+    """Return a sweep through all elastic modes that brings the nonlinear modes to the peaks of their beats."""
     modes = series.case.modes
-    elastic, frequency = _elastic(modes), modes.frequency_hz[modes.elastic]
+    elastic, frequency = _list_elastic(modes), modes.frequency_hz[modes.elastic]
     push = np.abs(force_projection(modes, series.case.drive_point))
-    # the force that a slow sweep needs to bring each mode to its top, if it damps as at a low level
+    # A slow sweep needs this force to bring each mode to its top, if its damping is that of a low level.
     needed = {
-        mode: 2 * modes.damping_ratio[mode - 1] * most * _top(series, mode) / push[mode - 1]
+        mode: 2 * modes.damping_ratio[mode - 1] * most * _find_top(series, mode) / push[mode - 1]
         for mode, most in reached.items()
     }
     least = 0.3 * min(needed.values())
@@ -250,43 +250,43 @@ def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
     shape = np.concatenate([shape / np.abs(shape).max(), tail])
 
     def peak(amplitude: float) -> float:
-        found = _peaks(series, amplitude * shape, list(reached))
+        found = _find_peaks(series, amplitude * shape, list(reached))
         return max(each / most for each, most in zip(found, reached.values(), strict=True))
 
-    return _amplitude(series, peak)[0] * shape
+    return _adjust_amplitude(series, peak)[0] * shape
 
 
-def _peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) -> list[float]:
-    """Peak modal accelerations of a run without noise, over those that the highest level shall reach."""
+def _find_peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) -> list[float]:
+    """Return peak modal accelerations of a run without noise, over those that the highest level shall reach."""
     run = rig_run(series.case.rig, voltage, fs=series.fs, rng=np.random.default_rng(0), noise_share=0.0)
     readings = run.clean.samples[:, [run.clean.index(sensor) for sensor in series.case.modes.sensors]]
     motion = readings @ modal_filter(series.case.modes).T
-    return [float(np.abs(motion[:, mode - 1]).max()) / _top(series, mode) for mode in wanted]
+    return [float(np.abs(motion[:, mode - 1]).max()) / _find_top(series, mode) for mode in wanted]
 
 
-def _amplitude(series: VirtualSeries, peak: Callable[[float], float]) -> tuple[float, float]:
-    """The amplitude whose peak is 1, or the limit of the amplifier if that is smaller, and its peak."""
+def _adjust_amplitude(series: VirtualSeries, peak: Callable[[float], float]) -> tuple[float, float]:
+    """Return the amplitude whose peak is 1, or the limit of the amplifier if that is smaller, and its peak."""
     shaker = series.case.rig.shaker
     limit = np.inf if shaker is None else shaker.full_voltage_v
     amplitude, found = SMALL, max(peak(SMALL), 1e-300)
     for _ in range(MOST_TRIES):
         if abs(found - 1) < NEAR_ENOUGH or (amplitude == limit and found < 1):
             break
-        # each step is limited, as a joint may stiffen
+        # Each step is limited, as a joint may stiffen.
         longest = 5.0 if amplitude > SMALL else np.inf
         amplitude = min(amplitude * float(np.clip(1 / found, 0.2, longest)), limit)
         found = peak(amplitude)
     return amplitude, found
 
 
-def _impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise_share: float) -> RigRun:
+def _run_impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise_share: float) -> RigRun:
     modes, fs = series.case.modes, 2 * series.fs
     push = np.abs(force_projection(modes, series.case.drive_point))
     omega = np.sqrt(modes.stiffness())
-    # an impulse I starts a mode with phi I, and with an acceleration of omega times that
-    impulse = min(_top(series, mode) / (omega[mode - 1] * push[mode - 1]) for mode in series.case.nonlinear_modes)
+    # An impulse I starts a mode with the velocity phi I, and with an acceleration of omega times that.
+    impulse = min(_find_top(series, mode) / (omega[mode - 1] * push[mode - 1]) for mode in series.case.nonlinear_modes)
     pulse_s = max(4.0 / fs, 0.6 / float(modes.frequency_hz.max()))
-    slowest = max(quiet_s(modes, mode, decay_to=1e-3) for mode in _elastic(modes))
+    slowest = max(quiet_s(modes, mode, decay_to=1e-3) for mode in _list_elastic(modes))
     return impact(
         series.case.rig,
         peak_n=level * impulse * np.pi / (2 * pulse_s),
@@ -298,12 +298,12 @@ def _impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise
     )
 
 
-def _elastic(modes: LinearModes) -> list[int]:
+def _list_elastic(modes: LinearModes) -> list[int]:
     return [int(index) + 1 for index in np.flatnonzero(modes.elastic)]
 
 
-def _cubic(shaker: bool) -> CaseStudy:
-    """A rigid-body mode and three elastic ones at six sensors."""
+def _make_cubic(shaker: bool) -> CaseStudy:
+    """Return a case with a rigid-body mode and three elastic ones at six sensors."""
     shapes = np.array(
         [
             [0.35, 0.30, 0.28, -0.22],
@@ -330,27 +330,27 @@ def _cubic(shaker: bool) -> CaseStudy:
 
 
 def modal_truth(series: VirtualSeries, *, settings: Mapping[str, Any] | None = None) -> ModalTruth:
-    """Return what is true of a virtual series of modal tests."""
+    """Return the truth of a virtual series of modal tests."""
     case = series.case
     modes = case.modes
     return ModalTruth(
-        {mode: _true_mode(series, mode) for mode in case.nonlinear_modes},
+        {mode: _find_true_mode(series, mode) for mode in case.nonlinear_modes},
         LinearModesTruth(tuple(modes.frequency_hz.tolist()), tuple(modes.damping_ratio.tolist())),
         case.text,
         dict(settings or {}),
     )
 
 
-def _true_mode(series: VirtualSeries, mode: int) -> ModeTruth:
+def _find_true_mode(series: VirtualSeries, mode: int) -> ModeTruth:
     structure = series.case.rig.structure
     largest = 1.5 * top_displacement(series, mode)
     found = level_dependence(structure, mode=mode, amplitude=np.linspace(0, largest, N_AMPLITUDES + 1)[1:])
     curves = (tuple(each.tolist()) for each in (found.amplitude, found.frequency_hz, found.zeta))
-    return ModeTruth(*_powers(structure, mode), *curves)
+    return ModeTruth(*_list_powers(structure, mode), *curves)
 
 
-def _powers(structure: Structure, mode: int) -> tuple[dict[int, float], dict[int, float]]:
-    """The coefficients k and c of a mode whose joint is a sum of powers in its own coordinate."""
+def _list_powers(structure: Structure, mode: int) -> tuple[dict[int, float], dict[int, float]]:
+    """Return the coefficients k and c of a mode whose joint is a sum of powers in its own coordinate."""
     own = np.eye(structure.n_dof)[mode - 1]
     k: dict[int, float] = {}
     c: dict[int, float] = {}

@@ -1,1 +1,1 @@
-"""A gear or a whole aircraft that taxies over a rough runway, and what the loggers make of it."""
+"""A gear or a whole aircraft that taxies over a rough runway, and the records of its loggers."""

@@ -1,4 +1,4 @@
-"""Aircraft to simulate: one by default, any number of random ones, and how a fuselage bends."""
+"""Aircraft to simulate: one by default, any number of random ones, and the bending of a fuselage."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from opid.errors import InputError
 from opid.mechanics.laws.law import Law, law
 from opid.virtual.taxi_tests.airframe import Airframe, BendingMode, Gear
 
-# of a free uniform beam in its first bending mode: wave number times length, and the ratio in its shape
+# first bending mode of a free uniform beam: wave number times length, and the ratio in its shape
 _BEAM_WAVE, _BEAM_RATIO = 4.730040744862704, 0.9825022145762380
 
 
 def default_aircraft() -> Airframe:
-    """Return an aircraft of 5.4 t on the gears "nose", "left" and "right", friction in each strut.
+    """Return an aircraft of 5.4 t on the gears "nose", "left" and "right", with friction in each strut.
 
-    The origin is in the middle between the main gears, the nose gear 5 m before it. The nose carries 12 % of the
-    weight, each main gear about what the paper's gear does.
+    The origin is in the middle between the main gears, and the nose gear is 5 m in front of it. The nose carries 12 %
+    of the weight, and each main gear about as much as the paper's gear.
 
     >>> aircraft = default_aircraft()
     >>> aircraft.mass_kg, [gear.name for gear in aircraft.gears]
     (5400.0, ['nose', 'left', 'right'])
     """
-    nose = Gear("nose", 5.0, 0.0, 45.0, 1.5e5, 2.4e3, 2.4e5, 0.6e3, _friction(160.0, 0.02))
-    left = Gear("left", 0.0, 1.6, 120.0, 4.7e5, 7.2e3, 7.4e5, 1.8e3, _friction(480.0, 0.02))
+    nose = Gear("nose", 5.0, 0.0, 45.0, 1.5e5, 2.4e3, 2.4e5, 0.6e3, _make_friction(160.0, 0.02))
+    left = Gear("left", 0.0, 1.6, 120.0, 4.7e5, 7.2e3, 7.4e5, 1.8e3, _make_friction(480.0, 0.02))
     return Airframe(
         mass_kg=5400.0,
         ixx_kg_m2=1.6e4,
@@ -39,9 +39,10 @@ def default_aircraft() -> Airframe:
 def random_aircraft(rng: np.random.Generator) -> Airframe:
     """Return a random aircraft of 4 to 8 t on the gears "nose", "left" and "right".
 
-    Wheel base 4 to 7 m, track 2.4 to 4 m, 8 to 15 % of the weight on the nose; origin between the main gears. Every
-    strut has friction, arctan in its velocity; in one aircraft out of three those of the main gears harden too.
-    Stiffness, damping and law of left and right each differ by up to 5 % from what both would have.
+    The wheel base is 4 to 7 m, the track 2.4 to 4 m, the nose carries 8 to 15 % of the weight, and the origin lies
+    between the main gears. Every strut has friction, arctan in its velocity; in one aircraft out of three the struts of
+    the main gears harden, too. Stiffness, damping and law of left and right each differ by up to 5 % from a common
+    value.
 
     Args:
         rng: source of everything random.
@@ -50,10 +51,10 @@ def random_aircraft(rng: np.random.Generator) -> Airframe:
     'arctan_velocity'
     """
     mass_kg = rng.uniform(4e3, 8e3)
-    wheel_base_m, track_m, nose_share = rng.uniform(4.0, 7.0), rng.uniform(2.4, 4.0), rng.uniform(0.08, 0.15)
+    wheel_base_m, track_m, nose_fraction = rng.uniform(4.0, 7.0), rng.uniform(2.4, 4.0), rng.uniform(0.08, 0.15)
     hardening = rng.uniform(0.3, 1.0) if rng.random() < 1.0 / 3.0 else 0.0
-    nose = _random_gear("nose", wheel_base_m, nose_share * mass_kg, 0.0, rng)
-    main = _random_gear("main", 0.0, 0.5 * (1.0 - nose_share) * mass_kg, hardening, rng)
+    nose = _draw_gear("nose", wheel_base_m, nose_fraction * mass_kg, 0.0, rng)
+    main = _draw_gear("main", 0.0, 0.5 * (1.0 - nose_fraction) * mass_kg, hardening, rng)
     left, right = (
         replace(
             main,
@@ -69,7 +70,7 @@ def random_aircraft(rng: np.random.Generator) -> Airframe:
         mass_kg=mass_kg,
         ixx_kg_m2=mass_kg * (rng.uniform(0.5, 0.75) * track_m) ** 2,
         iyy_kg_m2=mass_kg * (rng.uniform(0.36, 0.5) * wheel_base_m) ** 2,
-        x_cg_m=nose_share * wheel_base_m,
+        x_cg_m=nose_fraction * wheel_base_m,
         y_cg_m=0.0,
         gears=(nose, left, right),
     )
@@ -88,10 +89,11 @@ def with_bending(
     The shape is 1 at both ends and -0.61 in the middle; the modal mass is a quarter of that of the beam.
 
     Args:
-        airframe: the airframe; a bending mode that it has is replaced.
-        frequency_hz: of the mode.
-        damping_ratio: of the mode.
-        length_m: of the beam; where left out, 2.5 times the distance from the centre of gravity to the farthest gear.
+        airframe: the airframe; its bending mode is replaced if it has one.
+        frequency_hz: natural frequency of the mode.
+        damping_ratio: damping ratio of the mode.
+        length_m: length of the beam; where left out, 2.5 times the distance from the centre of gravity to the farthest
+            gear.
         beam_mass_share: mass of the beam over that of the airframe.
 
     Raises:
@@ -104,7 +106,8 @@ def with_bending(
     length = 2.5 * max(reach_m, 1.0) if length_m is None else length_m
     if not (0.0 < length < np.inf and 0.0 < beam_mass_share < np.inf):
         raise InputError(
-            f"the beam is {length} m long and has {beam_mass_share} of the airframe's mass: give positive numbers"
+            f"the beam is {length} m long and has {beam_mass_share} times the mass of the airframe: give positive "
+            "numbers"
         )
     position = np.linspace(0.0, 1.0, 101)
     arc = _BEAM_WAVE * position
@@ -119,12 +122,12 @@ def with_bending(
     return replace(airframe, bending=bending)
 
 
-def _random_gear(name: str, x_m: float, load_kg: float, hardening: float, rng: np.random.Generator) -> Gear:
-    """Return a gear under `load_kg` of the airframe; hardening is cubic over linear force at 10 mm of travel."""
+def _draw_gear(name: str, x_m: float, load_kg: float, hardening: float, rng: np.random.Generator) -> Gear:
+    """Draw a gear under `load_kg` of the airframe; hardening is cubic over linear force at 10 mm of travel."""
     omega = 2.0 * np.pi * rng.uniform(2.0, 2.6)
     stiffness = load_kg * omega**2
     damping = 2.0 * rng.uniform(0.07, 0.2) * load_kg * omega
-    strut = _friction(load_kg * rng.uniform(0.1, 0.35), rng.uniform(0.008, 0.022))
+    strut = _make_friction(load_kg * rng.uniform(0.1, 0.35), rng.uniform(0.008, 0.022))
     if hardening:
         strut = strut + law("cubic_stiffness", stiffness_n_per_m3=hardening * stiffness / 0.01**2)
     return Gear(
@@ -140,5 +143,5 @@ def _random_gear(name: str, x_m: float, load_kg: float, hardening: float, rng: n
     )
 
 
-def _friction(amplitude_n: float, scale_m_per_s: float) -> Law:
+def _make_friction(amplitude_n: float, scale_m_per_s: float) -> Law:
     return law("arctan_velocity", amplitude_n=amplitude_n, scale_m_per_s=scale_m_per_s)

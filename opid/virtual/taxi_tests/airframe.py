@@ -1,6 +1,6 @@
 """A rigid airframe on one gear or several, with one bending mode if wanted: records, loadings and its structure.
 
-Coordinates, with one origin anywhere: x forward, y to the left, z up. The airframe heaves by w, rolls by rx about x and
+Coordinates have any common origin: x forward, y to the left, z up. The airframe heaves by w, rolls by rx about x and
 pitches by ry about y; at (x, y) it goes up by j . (w, rx, ry), j = (1, y, -x). A gear alone is an airframe on one gear
 that only heaves.
 """
@@ -30,17 +30,17 @@ class Gear:
     The strut pulls with F = K z + C z' + f(z, z'), z the motion of the airframe at (x, y) less that of the wheel.
 
     Args:
-        name: what its channels begin with; empty only for a gear alone.
-        x_m: where it stands, forward.
-        y_m: where it stands, to the left.
-        unsprung_mass_kg: wheel and rocker.
-        suspension_stiffness_n_per_m: K.
-        suspension_damping_n_s_per_m: C.
-        tyre_stiffness_n_per_m: of the tyre.
-        tyre_damping_n_s_per_m: of the tyre.
+        name: prefix of its channels; empty only for a gear alone.
+        x_m: position of the gear, forward.
+        y_m: position of the gear, to the left.
+        unsprung_mass_kg: mass of wheel and rocker.
+        suspension_stiffness_n_per_m: stiffness K of the strut.
+        suspension_damping_n_s_per_m: damping C of the strut.
+        tyre_stiffness_n_per_m: stiffness of the tyre.
+        tyre_damping_n_s_per_m: damping of the tyre.
         law: f(z, z') of the strut.
-        ground_stiffness_n_per_m: of a spring from the airframe at (x, y) to the ground; 0 for a free aircraft.
-        sliders: of the strut, beside the law; None for none.
+        ground_stiffness_n_per_m: stiffness of a spring from the airframe to the ground at (x, y); 0 if it is free.
+        sliders: sliders of the strut, beside the law; None if it has none.
 
     Raises:
         InputError: the name of a motion of the airframe, a position that is not finite, a mass or tyre stiffness
@@ -66,7 +66,7 @@ class Gear:
             if field in ("name", "law", "sliders"):
                 continue
             may_be_zero = "damping" in field or field == "ground_stiffness_n_per_m"
-            # gas alone may carry the weight
+            # The gas alone may carry the weight.
             may_be_zero |= field == "suspension_stiffness_n_per_m" and float(self.law.gradient(0.0, 0.0)[0]) > 0.0
             if field in ("x_m", "y_m"):
                 is_sound, needed = np.isfinite(value), "a finite number"
@@ -90,9 +90,9 @@ class LandingGear(Gear):
 
     Args:
         name: empty, for its channels need none.
-        x_m: where it stands, forward; of no effect.
-        y_m: where it stands, to the left; of no effect.
-        unsprung_mass_kg: M1, wheel and rocker.
+        x_m: position of the gear, forward; it has no effect.
+        y_m: position of the gear, to the left; it has no effect.
+        unsprung_mass_kg: M1, mass of wheel and rocker.
         suspension_stiffness_n_per_m: K2.
         suspension_damping_n_s_per_m: C2.
         tyre_stiffness_n_per_m: K1.
@@ -124,13 +124,13 @@ class BendingMode:
     """A mode in which the fuselage bends, the same over the whole width; linear between the stations.
 
     Args:
-        frequency_hz: sqrt(k/m)/(2 pi) with heave, roll and pitch held: without coupling that of the free airframe.
+        frequency_hz: sqrt(k/m)/(2 pi) with heave, roll and pitch held; without coupling, that of the free airframe.
         damping_ratio: c/(2 sqrt(k m)).
-        modal_mass_kg: m, for the shape as it is given.
+        modal_mass_kg: modal mass m, for the shape as it is given.
         stations_m: positions along x, ascending.
         shape: upward motion at each station for a unit of the mode.
-        coupling: mass that it shares with heave (kg), roll and pitch (kg m), sum of dm shape j; zero for a free mode of
-            the airframe, until masses are put on it.
+        coupling: mass that couples the mode to heave (kg), roll and pitch (kg m), sum of dm shape j; zero for a free
+            mode of the airframe, until masses are put on it.
 
     Raises:
         InputError: a frequency or mass that is not positive, negative damping, stations that do not ascend or do not
@@ -160,7 +160,9 @@ class BendingMode:
                 "give two stations or more that ascend, and one value for each"
             )
         if len(self.coupling) != 3 or not np.isfinite([*self.stations_m, *self.shape, *self.coupling]).all():
-            raise InputError("stations, shape and coupling of the bending mode: give finite numbers, three couplings")
+            raise InputError(
+                "stations, shape or coupling of the bending mode are wrong: give finite numbers and three couplings"
+            )
 
     @property
     def stiffness_n_per_m(self) -> float:
@@ -189,14 +191,14 @@ class Airframe:
     """Everything above the struts, and the gears it stands on.
 
     Args:
-        mass_kg: of all that is sprung.
+        mass_kg: sprung mass.
         ixx_kg_m2: sum of dm y^2 about the centre of gravity, moment of inertia in roll; None, as the next one, for an
             airframe on one gear that only heaves.
         iyy_kg_m2: sum of dm x^2 about the centre of gravity, moment of inertia in pitch.
         x_cg_m: centre of gravity, forward.
         y_cg_m: centre of gravity, to the left.
-        gears: one or more.
-        bending: a mode in which it bends; None for a rigid airframe.
+        gears: one gear or more.
+        bending: bending mode; None for a rigid airframe.
         ixy_kg_m2: sum of dm x y about the centre of gravity; 0 for a symmetric airframe.
 
     Raises:
@@ -225,7 +227,7 @@ class Airframe:
             if not (getattr(self, field) or 0.0) > 0.0:
                 raise InputError(f"{field} of the airframe is {getattr(self, field)}: give a positive number")
         if not names or len(set(names)) != len(names) or ("" in names and len(names) > 1):
-            raise InputError(f"the gears are called {names}: give one gear or more, each a name of its own")
+            raise InputError(f"the gears are called {names}: give one gear or more, each with a name of its own")
         if not _is_positive(airframe_mass(self)):
             raise InputError(
                 f"the mass matrix of the airframe is not positive definite: ixy_kg_m2 is {self.ixy_kg_m2}, "
@@ -235,7 +237,7 @@ class Airframe:
 
     @property
     def is_one_gear(self) -> bool:
-        """Whether it is a gear alone with the mass that it carries, which only heaves."""
+        """Whether the airframe is a gear alone with the mass that it carries, which only heaves."""
         return self.ixx_kg_m2 is None
 
     @property
@@ -245,7 +247,7 @@ class Airframe:
 
     @property
     def strut_directions(self) -> FloatArray:
-        """(n_gears, n_body) how far each strut goes up for a unit of each motion, as of `place_directions`."""
+        """(n_gears, n_body) upward motion of each strut for a unit of each motion, by `place_directions`."""
         return place_directions(self, [(gear.x_m, gear.y_m) for gear in self.gears])
 
 
@@ -254,9 +256,9 @@ class Loading:
     """A point mass put on an airframe, or taken off it.
 
     Args:
-        mass_kg: negative for a mass taken off.
-        x_m: where, forward.
-        y_m: where, to the left.
+        mass_kg: mass, negative if it is taken off.
+        x_m: position of the mass, forward.
+        y_m: position of the mass, to the left.
 
     Raises:
         InputError: a value that is not finite.
@@ -272,7 +274,7 @@ class Loading:
 
 
 def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
-    """Return how far positions go up for a unit of each motion of the airframe, (1, y, -x) and the bending shape.
+    """Return the upward motion of positions for a unit of each motion of the airframe, (1, y, -x) and bending shape.
 
     Args:
         airframe: the airframe.
@@ -325,7 +327,7 @@ def airframe_mass(airframe: Airframe) -> FloatArray:
 def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
     """Return the airframe with point masses put on it: mass, centre of gravity, inertias and bending mode change.
 
-    Stiffness and damping of the bending mode stay what they are.
+    Stiffness and damping of the bending mode do not change.
 
     Args:
         airframe: the airframe.
@@ -347,7 +349,7 @@ def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
     if not _is_positive(mass):
         raise InputError(
             f"loadings of {[loading.mass_kg for loading in given]} kg leave a mass matrix that is not positive "
-            "definite: less mass or inertia is there to be taken off, check signs and positions"
+            "definite: they take off more mass or inertia than there is, check signs and positions"
         )
     total = float(mass[0, 0])
     if airframe.is_one_gear:
@@ -361,7 +363,7 @@ def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
         ixx_kg_m2=float(mass[1, 1]) - total * y**2,
         iyy_kg_m2=float(mass[2, 2]) - total * x**2,
         ixy_kg_m2=-float(mass[1, 2]) - total * x * y,
-        bending=_loaded_bending(airframe.bending, mass) if airframe.bending else None,
+        bending=_load_bending(airframe.bending, mass) if airframe.bending else None,
     )
 
 
@@ -408,7 +410,7 @@ def airframe_structure(airframe: Airframe) -> Structure:
     return Structure(mass, damping, stiffness, tuple(joints), (*airframe.body_motions, *names))
 
 
-def _loaded_bending(bending: BendingMode, mass: FloatArray) -> BendingMode:
+def _load_bending(bending: BendingMode, mass: FloatArray) -> BendingMode:
     """Return the mode with the mass matrix of a loaded airframe; its stiffness and damping are kept."""
     ratio = float(mass[3, 3]) / bending.modal_mass_kg
     return replace(
@@ -421,6 +423,6 @@ def _loaded_bending(bending: BendingMode, mass: FloatArray) -> BendingMode:
 
 
 def _is_positive(mass: FloatArray) -> bool:
-    """Whether a mass matrix is positive definite, whatever the units of its motions."""
+    """Return whether a mass matrix is positive definite, whatever the units of its motions."""
     scale = np.sqrt(np.abs(np.diag(mass)))
     return bool((np.diag(mass) > 0.0).all() and np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] > 1e-12)

@@ -25,8 +25,8 @@ class Road:
     """Elevation of the road under the tyre, a cubic spline, so that elevation and slope agree everywhere.
 
     Attributes:
-        length_m: after this length the road repeats itself.
-        footprint_m: length of the contact patch that the elevation is averaged over.
+        length_m: length after which the road repeats itself.
+        footprint_m: length of the contact patch over which the elevation is averaged.
     """
 
     length_m: float
@@ -46,7 +46,7 @@ def road_psd(road_class: str, cycles_per_m: ArrayLike) -> FloatArray:
     """Return the one-sided displacement PSD of ISO 8608, Gd(n) = Gd(n0) (n/n0)^-2, n0 = 0.1 cycles/m.
 
     Args:
-        road_class: "A" (16e-6 m^3 at n0) to "H", four times rougher each.
+        road_class: "A" (16e-6 m^3 at n0) to "H", each four times rougher than the one before.
         cycles_per_m: spatial frequencies n, cycles/m.
 
     Returns:
@@ -79,7 +79,7 @@ def iso8608_road(
 
     Args:
         road_class: "A" to "H".
-        length_m: the shortest length before the road may repeat; at least ten of the longest waves are made.
+        length_m: the shortest length before the road may repeat; the road has at least ten of the longest waves.
         rng: source of the phases.
         footprint_m: length of the contact patch, m; 0 for a point.
         band_cycles_per_m: lowest and highest spatial frequency.
@@ -102,7 +102,7 @@ def iso8608_road(
     inside = (cycles_per_m >= low) & (cycles_per_m <= high)
     n = cycles_per_m[inside]
     amplitude = np.sqrt(2.0 * road_psd(road_class, n) / length_m) * np.sinc(n * footprint_m)
-    # irfft sums conjugate pairs and divides by n_grid
+    # The function irfft sums conjugate pairs and divides by n_grid.
     spectrum = np.zeros(cycles_per_m.size, dtype=np.complex128)
     spectrum[inside] = 0.5 * n_grid * amplitude * np.exp(2j * np.pi * rng.random(n.size))
     profile = np.fft.irfft(spectrum, n_grid)
@@ -177,7 +177,7 @@ def track_correlation(cycles_per_m: ArrayLike, distance_m: ArrayLike) -> FloatAr
 
     n, b = np.broadcast_arrays(np.asarray(cycles_per_m, dtype=np.float64), np.asarray(distance_m, dtype=np.float64))
     x = 2.0 * np.pi * np.abs(n * b)
-    # x K_1(x) goes to 1 as x goes to 0, where K_1 is infinite
+    # x K_1(x) goes to 1 as x goes to 0, where K_1 is infinite.
     correlation = np.ones(x.shape)
     np.multiply(x, k1(np.maximum(x, 1e-12)), out=correlation, where=x > 1e-12)
     return correlation
@@ -192,21 +192,21 @@ def iso8608_tracks(
     footprint_m: float = 0.3,
     coherent: bool = True,
 ) -> tuple[Road, ...]:
-    """Return the roads under wheels that stand side by side, each of the PSD of an ISO 8608 class.
+    """Return the roads under wheels that stand side by side, each with the PSD of an ISO 8608 class.
 
     Independent roads are mixed wave by wave with the square root of the matrix of `track_correlation`. The PSD of a
-    mixed road is that of the class in the mean over draws; that of a road alone is so in each draw.
+    mixed road is that of the class in the mean over draws; a single road has it in each draw.
 
     Args:
         road_class: "A" to "H".
-        lateral_m: where the wheels stand across the runway; wheels at the same position have the same road.
+        lateral_m: positions of the wheels across the runway; wheels at the same position have the same road.
         length_m: the shortest length before the roads may repeat.
         rng: source of the phases; each of several roads has a stream of its own.
         footprint_m: length of the contact patch, m; 0 for a point.
         coherent: whether they lie on one isotropic surface; if not, different positions have independent roads.
 
     Returns:
-        One road a wheel, in the order of `lateral_m`.
+        One road for each wheel, in the order of `lateral_m`.
 
     Raises:
         InputError: no position or one that is not finite; an unknown class, a length that is not positive.
@@ -217,7 +217,7 @@ def iso8608_tracks(
     """
     lateral = np.asarray(lateral_m, dtype=np.float64)
     if lateral.ndim != 1 or lateral.size == 0 or not np.isfinite(lateral).all():
-        raise InputError(f"lateral_m is {lateral_m!r}: give one finite number a wheel, m")
+        raise InputError(f"lateral_m is {lateral_m!r}: give one finite number for each wheel, m")
     positions, which = np.unique(lateral, return_inverse=True)
     roads = tuple(
         iso8608_road(road_class, length_m=length_m, rng=stream, footprint_m=footprint_m)
@@ -234,11 +234,11 @@ def _mix_roads(roads: tuple[Road, ...], distance_m: FloatArray) -> tuple[Road, .
     n_grid = int(np.ceil(_POINTS_PER_M * length_m))
     position_m = np.linspace(0.0, length_m, n_grid + 1)
     spectra = np.fft.rfft([road.elevation(position_m[:-1]) for road in roads], axis=1)
-    # a road has no mean
+    # A road has no mean.
     waves = np.flatnonzero(np.abs(spectra).max(axis=0) > 1e-9 * np.abs(spectra).max())
     correlation = track_correlation((waves / length_m)[:, None, None], distance_m)
     values, vectors = np.linalg.eigh(correlation)
-    # tracks close together leave eigenvalues that rounding makes negative
+    # Tracks that are close together have eigenvalues that rounding makes negative.
     root = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
     mixed = np.zeros_like(spectra)
     mixed[:, waves] = np.einsum("nij,jn->in", root, spectra[:, waves])

@@ -1,4 +1,4 @@
-"""What a logger makes of an acceleration."""
+"""The reading of an acceleration by a sensor and a logger, with their faults."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ANTI_ALIAS_STOP_DB = 90.0
 
 @dataclass(frozen=True)
 class Sensor:
-    """An accelerometer, its amplifier and converter; by default its only fault is 5 mm/s^2 of white noise.
+    """An accelerometer with its amplifier and converter; by default its only fault is 5 mm/s^2 of white noise.
 
     Args:
         noise_m_per_s2: rms of the white noise, m/s^2.
@@ -26,10 +26,10 @@ class Sensor:
         cross_axis: fraction of the motion across the axis that leaks in.
         lag_s: delay of this channel, s.
         bits: resolution of the converter from -range to +range; None for a fine one.
-        range_m_per_s2: largest magnitude of a reading, m/s^2, at which others are clipped; None for no limit.
+        range_m_per_s2: largest magnitude of a reading, m/s^2, at which larger ones are clipped; None for no limit.
 
     Raises:
-        InputError: a negative value where none can be, or bits without a range.
+        InputError: a negative value where it makes no sense, or bits without a range.
     """
 
     noise_m_per_s2: float = 0.005
@@ -62,13 +62,13 @@ def measure(
     rng: np.random.Generator,
     cross_axis_acceleration: ArrayLike | None = None,
 ) -> FloatArray:
-    """Return what the sensor reads: leak, gain, lag, AC coupling, noise, converter steps, clipping, in turn.
+    """Return the reading of a sensor: leak, gain, lag, AC coupling, noise, converter steps and clipping, in this order.
 
     Args:
         acceleration: (n,) true acceleration along the axis, m/s^2, already without content above fs/2.
         fs: sampling rate, Hz.
         sensor: the sensor.
-        rng: source of the noise; one draw a sample, whatever the noise level.
+        rng: source of the noise; it makes one draw for each sample, whatever the rms of the noise.
         cross_axis_acceleration: (n,) true acceleration across the axis; needed where the sensor leaks.
 
     Raises:
@@ -83,7 +83,9 @@ def measure(
     noise = rng.standard_normal(reading.size)
     if sensor.cross_axis != 0.0:
         if cross_axis_acceleration is None or np.shape(cross_axis_acceleration) != reading.shape:
-            raise InputError("the sensor leaks across its axis: give the acceleration across it, as long as the other")
+            raise InputError(
+                "the sensor has a cross-axis leak: give the acceleration across its axis, as long as that along it"
+            )
         reading = reading + sensor.cross_axis * np.asarray(cross_axis_acceleration)
     reading = sensor.gain * reading
     if sensor.lag_s != 0.0:
@@ -104,11 +106,11 @@ def measure(
 def decimate(samples: ArrayLike, factor: int) -> FloatArray:
     """Return every factor-th sample after a sharp zero-phase low-pass, the logger's anti-alias filter.
 
-    Flat up to 0.8 of the new Nyquist frequency, 90 dB down from that frequency on (Kaiser window design).
+    The filter is flat up to 0.8 of the new Nyquist frequency and 90 dB down from that frequency on (Kaiser window).
 
     Args:
         samples: (n, ...) samples, time along the first axis.
-        factor: whole number of samples for each one kept.
+        factor: number of samples of which one is kept.
 
     Returns:
         (ceil(n / factor), ...) samples; the first one keeps its time.

@@ -13,18 +13,18 @@ from opid.virtual.taxi_tests.taxiing import TaxiTest
 
 
 def taxi_truth(test: TaxiTest, *, settings: Mapping[str, Any] | None = None) -> TaxiTruth:
-    """Return what is true of a simulated taxi test: of a gear a `GearTruth`, of an aircraft a `BodyTruth`.
+    """Return the truth of a simulated taxi test: a `GearTruth` for a gear, a `BodyTruth` for an aircraft.
 
     Args:
         test: the field test; its first run is the reference.
-        settings: what it was simulated with, kept as they are.
+        settings: the settings of the simulation, which are kept as they are.
     """
     airframe, given = test.runs[0].airframe, dict(settings or {})
     if airframe.is_one_gear:
         gear = test.heavy.gear
         numbers = GearNumbers(*(getattr(gear, each.name) for each in fields(GearNumbers)))
         return GearTruth(numbers, gear.law, test.mass_change_kg, given)
-    assert airframe.ixx_kg_m2 is not None  # which one gear alone may lack
+    assert airframe.ixx_kg_m2 is not None  # only a gear alone may lack it
     assert airframe.iyy_kg_m2 is not None
     return BodyTruth(
         BodyNumbers(airframe.mass_kg, airframe.ixx_kg_m2, airframe.iyy_kg_m2, airframe.x_cg_m, airframe.y_cg_m),
@@ -51,15 +51,15 @@ def taxi_study(
     noise_m_per_s2: float | None = None,
     day: date | None = None,
 ) -> Study:
-    """Return the study of a simulated taxi test: what its owner knows of it.
+    """Return the study of a simulated taxi test, as the owner of the aircraft would write it.
 
     Args:
         test: the field test; its first run is the reference.
-        title: of the study.
-        shared: names of gears that are to share stiffness, damping and law.
+        title: the title of the study.
+        shared: names of gears that have the same stiffness, damping and law.
         position_tolerance_m: tolerance that is stated for the coordinates of an aircraft.
         noise_m_per_s2: rms noise that is stated for the sensors of an aircraft; None if it is not known.
-        day: of the runs.
+        day: day of the runs.
     """
     first = test.runs[0]
     is_one_gear = first.airframe.is_one_gear

@@ -30,8 +30,8 @@ from opid.virtual.taxi_tests.road import Road, SpeedProfile, iso8608_tracks
 from opid.virtual.taxi_tests.sensors import DEFAULT_SENSOR, Sensor, decimate, measure
 
 Place = tuple[float, float]
-# before the record begins the start from rest has decayed to exp(-8) in the bounce of a gear, and to exp(-2.5) in the
-# least damped mode of a random aircraft; the filter needs the tail
+# Before the record begins, the start from rest has decayed to exp(-8) in the bounce of a gear, and to exp(-2.5) in the
+# least damped mode of a random aircraft; the filter needs the tail.
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
 _NOISE_BAND_HZ = (0.5, 40.0)
 _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
@@ -39,16 +39,16 @@ _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending
 
 @dataclass(frozen=True, eq=False)
 class TaxiRun:
-    """One taxi run of an aircraft: what the logger wrote, and the truth behind it.
+    """One taxi run of an aircraft: the record of the logger, and the truth behind it.
 
     Attributes:
         airframe: the aircraft that ran, loadings included.
-        recording: for each gear <gear>_lower_z (wheel), then for each <gear>_upper_z (airframe), then the further
-            channels, m/s^2; with fore_aft also <gear>_lower_x, ... Those of a gear alone are lower_z, upper_z, ...
-        truth: at the same times, the same vertical channels without sensor faults; <gear>_travel z (m) and
+        recording: channels <gear>_lower_z (wheel) of all gears, then <gear>_upper_z (airframe) of all gears, then the
+            further channels, m/s^2; with fore_aft also <gear>_lower_x, ... Those of a gear alone are lower_z, ...
+        truth: the same vertical channels at the same times without sensor faults; <gear>_travel z (m) and
             <gear>_travel_velocity z' (m/s) of each strut; heave (m/s^2), roll and pitch (rad/s^2) of the airframe about
             the origin, and bending (m/s^2) if it bends. A gear alone has no name before these, and only heaves.
-        places_m: (x, y) of each vertical channel of `recording`, m.
+        places_m: positions (x, y) of each vertical channel of `recording`, m.
         speed: the speed over the ground.
     """
 
@@ -60,17 +60,17 @@ class TaxiRun:
 
     @property
     def gear(self) -> LandingGear:
-        """The first gear, with all of the mass: what ran, of a gear alone."""
+        """The first gear with all of the mass; for a gear alone, the machine that ran."""
         return LandingGear(**vars(self.airframe.gears[0]), sprung_mass_kg=self.airframe.mass_kg)
 
 
 @dataclass(frozen=True, eq=False)
 class TaxiTest:
-    """Taxi runs of one aircraft, the first as it stands, the others with loadings.
+    """Taxi runs of one aircraft, the first without loadings, the others with loadings.
 
     Args:
         runs: the runs.
-        loadings: what was put on the aircraft of the first run, one tuple a run; the first is empty.
+        loadings: masses put on the aircraft of the first run, one tuple for each run; the first is empty.
     """
 
     runs: tuple[TaxiRun, ...]
@@ -98,16 +98,18 @@ def tyre_forces(
     """Return the force of the road through each tyre, K1 xb + C1 xb' on its wheel, (n, n_gears) N.
 
     Args:
-        airframe: the airframe; where its origin is does not matter.
+        airframe: the airframe, with any origin.
         tracks: the road under each gear, xb = elevation and xb' = slope times speed.
-        travelled_m: (n,) place of the rearmost gear on its track, m.
-        speed_m_per_s: (n,) speed there, m/s.
+        travelled_m: (n,) position of the rearmost gear on its track, m.
+        speed_m_per_s: (n,) speed at these positions, m/s.
 
     Raises:
-        InputError: not one track a gear.
+        InputError: another number of tracks than of gears.
     """
     if len(tracks) != len(airframe.gears):
-        raise InputError(f"there are {len(tracks)} track(s) for {len(airframe.gears)} gear(s): give one road a gear")
+        raise InputError(
+            f"there are {len(tracks)} track(s) for {len(airframe.gears)} gear(s): give one road for each gear"
+        )
     forces = np.empty((travelled_m.size, len(airframe.gears)))
     rearmost_m = min(gear.x_m for gear in airframe.gears)
     for column, (gear, road) in enumerate(zip(airframe.gears, tracks, strict=True)):
@@ -137,37 +139,38 @@ def taxi_run(
     pushed_fraction: float = 0.0,
     lowest_step_rate_hz: float = 4096.0,
 ) -> TaxiRun:
-    """Return one run over a fresh runway, braking linearly, recorded as a logger would.
+    """Return one run over a new runway, braking linearly, as a logger would record it.
 
-    The aircraft rolls for 8 s at the first speed before the record begins: nothing starts from rest in it. Gears with
-    the same y run over the same track one after the other. The response is computed at a whole multiple of fs,
-    low-passed, decimated to fs, and read by the sensors. The fore-aft motion at each sensor, which leaks in through its
-    cross-axis sensitivity, is band-limited (0.5 to 40 Hz) Gaussian noise, independent of the vertical motion, with
+    The aircraft rolls for 8 s at the first speed before the record begins, so that the start from rest is not in it.
+    Gears with the same y run over the same track one after the other. The response is computed at a whole multiple of
+    fs, low-passed, decimated to fs, and read by the sensors. The fore-aft motion at each sensor, which leaks in through
+    its cross-axis sensitivity, is band-limited (0.5 to 40 Hz) Gaussian noise, independent of the vertical motion, with
     `fore_aft_ratio` times its rms.
 
     Args:
-        aircraft: on several gears, or a gear alone.
+        aircraft: an aircraft on several gears, or a gear alone.
         rng: source of the runway, of the noise of each channel and of the fore-aft motion, each with a stream of its
             own: other sensors do not change the runway.
         duration_s: length of the record, s.
         fs: sampling rate of the record, Hz.
-        speed_m_per_s: speed at its begin and at its end.
+        speed_m_per_s: speed at the beginning and at the end of the record.
         road_class: ISO 8608 class, "A" to "H".
         footprint_m: length of the contact patch, m.
         coherent_tracks: whether the tracks lie on one isotropic surface; if not, they are independent.
-        sprung_sensors: (x, y) of the sensor on the airframe that belongs to a gear, m; at the strut where left out.
-        further_sensors: name and (x, y) of further sensors on the airframe.
-        lower_sensor: what every sensor on a wheel is like.
-        upper_sensor: what every sensor on the airframe is like.
-        sensors: other ones, by the name of the vertical channel.
-        fore_aft: whether the fore-aft accelerations are recorded too.
+        sprung_sensors: position (x, y) of the sensor on the airframe that belongs to a gear, m; at the strut where left
+            out.
+        further_sensors: names and positions (x, y) of further sensors on the airframe.
+        lower_sensor: properties of every sensor on a wheel.
+        upper_sensor: properties of every sensor on the airframe.
+        sensors: properties of single sensors, by the name of the vertical channel.
+        fore_aft: whether the fore-aft accelerations are recorded, too.
         fore_aft_ratio: rms of fore-aft over vertical acceleration.
-        pushed_fraction: a random force and moments on the airframe, 0.5 to 40 Hz, which no sensor measures, would alone
-            move it by this fraction of the rms acceleration by the road, in heave, roll and pitch alike.
-        lowest_step_rate_hz: the step rate is the lowest multiple of fs that is not below this.
+        pushed_fraction: rms acceleration of the airframe by a random force and moments alone, over that by the road, in
+            heave, roll and pitch alike; no sensor measures this force, of 0.5 to 40 Hz.
+        lowest_step_rate_hz: least step rate; the step rate is the lowest multiple of fs that is not below it.
 
     Raises:
-        InputError: a value that is out of range, a gear or channel that is not there.
+        InputError: a value that is out of range, or a gear or channel that does not exist.
 
     >>> run = taxi_run(LandingGear(), duration_s=4.0, rng=np.random.default_rng(1))
     >>> run.recording.names, run.recording.n_samples
@@ -183,7 +186,7 @@ def taxi_run(
         raise InputError(f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more")
     if not 0.0 <= pushed_fraction < np.inf:
         raise InputError(f"pushed_fraction is {pushed_fraction}: give zero or a positive number")
-    lower, upper = _places(airframe, sprung_sensors or {}, further_sensors or {})
+    lower, upper = _find_places(airframe, sprung_sensors or {}, further_sensors or {})
     fitted = dict.fromkeys(lower, lower_sensor) | dict.fromkeys(upper, upper_sensor)
     for name in sensors or {}:
         if name not in fitted:
@@ -191,13 +194,13 @@ def taxi_run(
     fitted |= sensors or {}
     reading = place_directions(airframe, [*upper.values()])
 
-    runway_rng, streams = _streams(rng, len(fitted), is_one_gear=airframe.is_one_gear)
+    runway_rng, streams = _spawn_streams(rng, len(fitted), is_one_gear=airframe.is_one_gear)
     speed = SpeedProfile(*speed_m_per_s, duration_s)
     lead_in = round(_LEAD_IN_S * fs)
     record = slice(lead_in, lead_in + round(duration_s * fs))
     track_settings = {"road_class": road_class, "footprint_m": footprint_m, "coherent": coherent_tracks}
     push = (pushed_fraction, rng.spawn(1)[0]) if pushed_fraction else None
-    motion = _roll(airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz, push)
+    motion = _simulate_roll(airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz, push)
     steps = round(motion.fs / fs)
 
     n_body = len(airframe.body_motions)
@@ -206,7 +209,7 @@ def taxi_run(
     true = np.hstack([wheels, body @ reading.T])
     along, across = {}, {}
     for (name, sensor), up, (z_rng, x_rng, motion_rng) in zip(fitted.items(), true.T, streams, strict=True):
-        forward = _band_noise(up, fore_aft_ratio, fs, motion_rng)
+        forward = _draw_band_noise(up, fore_aft_ratio, fs, motion_rng)
         along[name] = measure(up, fs=fs, sensor=sensor, rng=z_rng, cross_axis_acceleration=forward)[record]
         x_name = f"{name.removesuffix('_z')}_x"
         across[x_name] = measure(forward, fs=fs, sensor=sensor, rng=x_rng, cross_axis_acceleration=up)[record]
@@ -216,8 +219,8 @@ def taxi_run(
     travels = [each[:, :n_body] @ airframe.strut_directions.T - each[:, n_body:] for each in (z, rate)]
     channels = (
         *(Channel(name, "m/s^2") for name in fitted),
-        *(Channel(f"{_prefix(gear.name)}travel", "m") for gear in airframe.gears),
-        *(Channel(f"{_prefix(gear.name)}travel_velocity", "m/s") for gear in airframe.gears),
+        *(Channel(f"{_make_prefix(gear.name)}travel", "m") for gear in airframe.gears),
+        *(Channel(f"{_make_prefix(gear.name)}travel_velocity", "m/s") for gear in airframe.gears),
         *(Channel(name, _BODY_UNITS[name]) for name in airframe.body_motions),
     )
     truth = Recording(np.hstack([true[record], *travels, body[record]]), fs=fs, channels=channels)
@@ -234,20 +237,21 @@ def taxi_test(
     departures: Sequence[Departure] | None = None,
     **settings: Any,
 ) -> TaxiTest:
-    """Return a run of the aircraft as it stands and further ones with loadings, each over a runway of its own.
+    """Return a run of the aircraft without loadings and further ones with loadings, each over a runway of its own.
 
-    Each rests where its weight puts it on the laws of its struts.
+    In each run the aircraft rests at the travel that its weight gives on the laws of its struts.
 
     Args:
-        aircraft: of the first run, its laws where it rests then.
+        aircraft: the aircraft of the first run, with its laws about the travel at which it then rests.
         rng: source of everything random.
         mass_removed_kg: sprung mass taken away before the second run, where no loadings are given.
-        loadings: for each further run, the masses put on the aircraft of the first.
-        departures: by how much the struts of each run are not the ones given; None for not at all.
+        loadings: masses put on the aircraft of the first run, for each further run.
+        departures: departures of the struts of each run from the given ones; None if there are none.
         settings: keyword arguments of `taxi_run`, for all runs.
 
     Raises:
-        InputError: as much mass removed as there is, or more, or less than none; as `loaded` and `taxi_run`.
+        InputError: a removed mass that is negative or not below the sprung mass, or what `loaded` and `taxi_run`
+            refuse.
 
     >>> test = taxi_test(LandingGear(), duration_s=2.0, rng=np.random.default_rng(1))
     >>> test.mass_change_kg
@@ -268,13 +272,13 @@ def taxi_test(
         loadings = [[Loading(-mass_removed_kg, airframe.x_cg_m, airframe.y_cg_m)]]
     every = ((), *(tuple(one) for one in loadings))
     departures = (Departure(),) * len(every) if departures is None else departures
-    resting = [_resting(airframe, *each) for each in zip(every, departures, strict=True)]
+    resting = [_put_to_rest(airframe, *each) for each in zip(every, departures, strict=True)]
     runs = (taxi_run(each, rng=stream, **settings) for each, stream in zip(resting, rng.spawn(len(every)), strict=True))
     return TaxiTest(tuple(runs), every)
 
 
-def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departure) -> Airframe:
-    """The airframe of one run, at rest under its weight; its bending by that weight is neglected."""
+def _put_to_rest(airframe: Airframe, loadings: Sequence[Loading], departure: Departure) -> Airframe:
+    """Return the airframe of one run, at rest under its weight; its bending by that weight is neglected."""
     struts = [
         departure.of(
             Interface(
@@ -287,7 +291,7 @@ def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departu
         for gear in airframe.gears
     ]
     rigid = slice(0, 3)
-    # stiffer springs carry more at the same travel, so that the body is lifted
+    # Stiffer springs carry more at the same travel, so that the body is lifted.
     lifted_kg = departure.spring * airframe_mass(airframe)[0, rigid]
     for each in loadings:
         lifted_kg = lifted_kg - each.mass_kg * place_directions(airframe, [(each.x_m, each.y_m)])[0, rigid]
@@ -299,31 +303,31 @@ def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departu
     return replace(loaded(airframe, loadings), gears=tuple(gears))
 
 
-def _prefix(gear: str) -> str:
-    """The prefix of the channels of a gear; a gear alone has none."""
+def _make_prefix(gear: str) -> str:
+    """Return the prefix of the channels of a gear; a gear alone has none."""
     return f"{gear}_" if gear else ""
 
 
-def _places(
+def _find_places(
     airframe: Airframe, sprung_sensors: Mapping[str, Place], further_sensors: Mapping[str, Place]
 ) -> tuple[dict[str, Place], dict[str, Place]]:
-    """The places of the sensors on the wheels, and of those on the airframe, by channel."""
+    """Return the positions of the sensors on the wheels, and of those on the airframe, by channel."""
     gears = {gear.name: (gear.x_m, gear.y_m) for gear in airframe.gears}
     for name in sprung_sensors:
         if name not in gears:
             raise InputError(f"sprung_sensors has a gear {name!r}: {nearest(name, gears)}")
-    lower = {f"{_prefix(name)}lower_z": place for name, place in gears.items()}
-    upper = {f"{_prefix(name)}upper_z": sprung_sensors.get(name, place) for name, place in gears.items()}
+    lower = {f"{_make_prefix(name)}lower_z": place for name, place in gears.items()}
+    upper = {f"{_make_prefix(name)}upper_z": sprung_sensors.get(name, place) for name, place in gears.items()}
     for name in further_sensors:
         if name in lower or name in upper:
             raise InputError(f"further_sensors has {name!r}, a channel of a gear: give it another name")
     return lower, {**upper, **further_sensors}
 
 
-def _streams(
+def _spawn_streams(
     rng: np.random.Generator, n_channels: int, *, is_one_gear: bool
 ) -> tuple[np.random.Generator, list[Sequence[np.random.Generator]]]:
-    """The generator of the runway; and those of each channel for its noise, its fore-aft noise and its motion.
+    """Return the generator of the runway, and those of each channel for its noise, fore-aft noise and motion.
 
     The order in which they are spawned must not change: it makes a seed the same run in every version.
     """
@@ -335,7 +339,7 @@ def _streams(
     return runway, [*zip(*(of_channels.spawn(n_channels) for _ in range(3)), strict=True)]
 
 
-def _roll(
+def _simulate_roll(
     airframe: Airframe,
     speed: SpeedProfile,
     track_settings: dict[str, Any],
@@ -345,7 +349,7 @@ def _roll(
     lowest_step_rate_hz: float,
     push: tuple[float, np.random.Generator] | None,
 ) -> Response:
-    """Return the response from `lead_in_s` before the record to a little after it, at a multiple of fs."""
+    """Simulate the response from `lead_in_s` before the record to a little after it, at a multiple of fs."""
     gears = airframe.gears
     begin_m = float(speed.position_m(-lead_in_s))
     distance_m = float(speed.position_m(speed.duration_s + _TAIL_S)) - begin_m
@@ -365,11 +369,11 @@ def _roll(
     motion = respond(road, loads=wheels)
     if push is None:
         return motion
-    # the force M a gives the free airframe the acceleration a, which is a fraction of that by the road
+    # The force M a gives the free airframe the acceleration a, which is a fraction of that by the road.
     rigid = slice(0, min(len(airframe.body_motions), 3))
     fraction, push_rng = push
     each = [
-        _band_noise(moved, fraction, fs, stream)
+        _draw_band_noise(moved, fraction, fs, stream)
         for moved, stream in zip(motion.acceleration[::steps, rigid].T, push_rng.spawn(rigid.stop), strict=True)
     ]
     pushed = interpolate.make_interp_spline(motion.time_s[::steps], np.stack(each, axis=1))
@@ -377,8 +381,8 @@ def _roll(
     return respond(lambda time_s: np.hstack([road(time_s), pushed(time_s)]), loads=loads)
 
 
-def _band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
-    """Band-limited noise whose rms is `ratio` times that of a motion."""
+def _draw_band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
+    """Draw band-limited noise whose rms is `ratio` times that of a motion."""
     low, high = _NOISE_BAND_HZ
     band = signal.butter(2, (low, min(high, 0.4 * fs)), "bandpass", fs=fs, output="sos")
     noise = signal.sosfilt(band, rng.standard_normal(motion.size))

@@ -32,8 +32,8 @@ _UNDERSCORE_UNITS = frozenset(("mg", "ug", "mm", "mV", "kN", "Hz", "kHz", "rpm",
 class Column:
     """A column of a text."""
 
-    name: str  # as its header calls it
-    unit: str | None  # as it is written; None where none is
+    name: str  # name in the header
+    unit: str | None  # unit as it is written; None where there is none
     kind: str = NUMBER  # what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT`, `EMPTY` or `INDEX`
 
 
@@ -42,8 +42,8 @@ class TextHeader:
     """What was found above the numbers."""
 
     columns: tuple[Column, ...]  # all columns
-    delimiter: str  # between them
-    decimal: str  # "." or ","
+    delimiter: str  # delimiter between the columns
+    decimal: str  # decimal mark, "." or ","
     line: int  # number of the header's line, 0 where there is none
     first_line: int  # number of the first line of numbers
 
@@ -136,7 +136,7 @@ def cells_or_text(line: str, delimiter: str) -> list[str]:
 
 
 def _find_layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tuple[str, str]:
-    """The delimiter and the decimal with which most cells of the last lines are numbers."""
+    """Return the delimiter and the decimal with which most cells of the last lines are numbers."""
     own = settings.delimiter
     if own is not None and (len(own) != 1 or own.isalnum() or own in '+-."\n\r'):
         raise InputError(f"{path}: delimiter is {own!r}: give one like ',', ';', '|', '\\t', or ' ' for runs of blanks")
@@ -160,7 +160,7 @@ def _find_layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tup
 
 
 def _guess_delimiter(lines: Sequence[str]) -> str:
-    """The delimiter of a header without numbers below it: the one that makes most cells, the comma on a tie."""
+    """Return the delimiter of a header without numbers below it: the one that makes most cells, the comma on a tie."""
     return max((",", ";", "\t", "|"), key=lambda mark: len(cells_or_text(lines[0], mark)))
 
 
@@ -176,7 +176,7 @@ def _classify(cell: str, decimal: str) -> str:
 
 
 def _find_kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...] | None, int]:
-    """The kinds of the columns in most rows, None where no column holds numbers; and the weight of these rows."""
+    """Return the kinds of the columns in most rows (None if no column holds numbers), and the weight of these rows."""
     found = [tuple(_classify(cell, decimal) for cell in cells) for cells in rows]
     best, most = None, 0
     for count in dict.fromkeys(map(len, found)):
@@ -206,7 +206,7 @@ def _is_match(kinds: Sequence[str], usual: Sequence[str]) -> bool:
 
 
 def _find_first_row(rows: Sequence[tuple[int, list[str]]], kinds: Sequence[str], decimal: str) -> int:
-    """The index of the first row of numbers; a faulty row counts if it begins like the others."""
+    """Return the index of the first row of numbers; a faulty row counts if it begins like the others."""
     found = [tuple(_classify(cell, decimal) for cell in cells) for _, cells in rows]
     begin = next(at for at, own in enumerate(found) if _is_match(own, kinds) and {NUMBER, STAMP} & set(own))
     while begin and len(found[begin - 1]) == len(kinds) and found[begin - 1][0] == kinds[0] in (NUMBER, STAMP):
@@ -225,7 +225,7 @@ def _find_header(
     kinds: Sequence[str],
     delimiter: str,
 ) -> tuple[int, list[str], list[str | None]]:
-    """Line, cells and units of the header: the line above the rows, or two lines, or a remark, or none."""
+    """Return the line, cells and units of the header: the line above the rows, or two lines, or a remark, or none."""
     n = len(kinds)
     above = [each for each in above if not _RULE.fullmatch(each[1])]
     plain: list[str | None] = [None] * n
@@ -233,7 +233,7 @@ def _find_header(
         at, text = above[-1]
         cells = _split_header(text, kinds, delimiter)
         before = _split_header(above[-2][1], kinds, delimiter) if len(above) > 1 else None
-        if cells and before and _are_units(cells) and all(before[:-1]) and not _are_units(before):
+        if cells and before and _is_unit_line(cells) and all(before[:-1]) and not _is_unit_line(before):
             return above[-2][0], before, [cell.strip("[]() ") or None for cell in cells]
         if cells is None:
             k = len(cells_or_text(text, delimiter))
@@ -252,7 +252,7 @@ def _find_header(
 
 
 def _split_header(text: str, kinds: Sequence[str], delimiter: str) -> list[str] | None:
-    """The cells of a header, one for each column; their delimiter may differ from that of the numbers."""
+    """Return the cells of a header, one for each column; their delimiter may differ from that of the numbers."""
     splits = [cells_or_text(text, delimiter)]
     if len(kinds) > 1:
         splits += [cells_or_text(text, other) for other in (",", ";", "\t", "|")]
@@ -271,7 +271,7 @@ def _is_counting(cells: Sequence[str]) -> bool:
 
 
 def _match_columns(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
-    """The cells where there is one for each column; a delimiter at the end of lines may make one more or one less."""
+    """Return the cells if there is one for each column; a delimiter at the end of lines may add or remove one."""
     if len(cells) == len(kinds) + 1 and not cells[-1]:
         return cells[:-1]
     if len(cells) == len(kinds) - 1 and kinds[-1] == EMPTY:
@@ -279,8 +279,8 @@ def _match_columns(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
     return cells if len(cells) == len(kinds) else None
 
 
-def _are_units(cells: Sequence[str]) -> bool:
-    """Whether the cells of a line are units and no names: at least half of them known, or all of them in brackets."""
+def _is_unit_line(cells: Sequence[str]) -> bool:
+    """Return whether the cells of a line are units: at least half of them are known, or all are in brackets."""
     held = [cell for cell in cells if cell]
     known = [si_unit(cell.strip("[]() ")) is not None for cell in held]
     bracketed = [cell[0] in "[(" and cell[-1] in "])" for cell in held]

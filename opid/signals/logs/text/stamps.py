@@ -58,7 +58,7 @@ def moment(cell: str) -> datetime | None:
     if found is None or not has_date(cell):
         return None
     try:
-        since = timedelta(microseconds=_nanoseconds(cell.strip(), 0) // 1000)
+        since = timedelta(microseconds=_find_nanoseconds(cell.strip(), 0) // 1000)
     except ValueError:
         return None
     return datetime(1970, 1, 1, tzinfo=UTC if found["zone"] else None) + since
@@ -83,10 +83,10 @@ def nanoseconds(cells: Sequence[str]) -> NDArray[np.int64]:
         else:
             if not np.isnat(days).any():
                 return days.astype(np.int64)
-    return np.array([_nanoseconds(cell, at) for at, cell in enumerate(plain)], dtype=np.int64)
+    return np.array([_find_nanoseconds(cell, at) for at, cell in enumerate(plain)], dtype=np.int64)
 
 
-def _nanoseconds(cell: str, at: int) -> int:
+def _find_nanoseconds(cell: str, at: int) -> int:
     found = _STAMP.fullmatch(cell)
     if found is None:
         raise ValueError(at)

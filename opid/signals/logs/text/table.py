@@ -69,11 +69,11 @@ class TextTable:
     """A table of numbers in a text."""
 
     path: Path  # the file
-    encoding: str | None  # of the text; None where its first bytes decide
+    encoding: str | None  # encoding of the text; None where its first bytes decide
     delimiter: str  # one character, `BLANKS` for any number of blanks
     decimal: str  # "." or ","
     first_line: int  # number of the first line of numbers, counted from 1
-    names: tuple[str, ...]  # of all columns, for messages
+    names: tuple[str, ...]  # names of all columns, for messages
     more: bool = False  # whether other cells may follow those of the columns, like the comments of a LabVIEW file
     time: int | None = None  # index of the column with the time, for messages
     # all lines of the text, header included, where they are in memory; None where they are in the file
@@ -87,7 +87,7 @@ def lines_of(
     path: Path, encoding: str | None = None, *, bytes_at_once: int = BYTES_AT_ONCE
 ) -> Generator[list[str], None, None]:
     r"""Yield the lines of a text, block by block, without their ends (\n, \r\n or \r)."""
-    number, rest = 0, ""  # complete lines so far, and the beginning of the next
+    number, remainder = 0, ""  # number of complete lines so far, and the beginning of the next
     with _open(path) as file:
         data = file.read(bytes_at_once)
         # an explicit encoding of UTF-8 must not keep the mark as a part of the first name
@@ -107,9 +107,10 @@ def lines_of(
                     f"{path} line {line} is binary or UTF-16 without its mark, not text: export the log as UTF-8 text, "
                     "or give `encoding` in [log]"
                 )
-            lines = (rest + text).split("\n")
-            rest = lines.pop() if data else ""
-            for at, line_text in enumerate((*lines, rest) if len(rest) + len(text) > LONGEST_LINE else (), start=1):
+            lines = (remainder + text).split("\n")
+            remainder = lines.pop() if data else ""
+            may_be_long = len(remainder) + len(text) > LONGEST_LINE
+            for at, line_text in enumerate((*lines, remainder) if may_be_long else (), start=1):
                 if len(line_text) > LONGEST_LINE:
                     raise InputError(
                         f"{path} line {number + at} has more than {LONGEST_LINE} characters, as no log has: "
@@ -133,7 +134,7 @@ def with_encoding(path: Path, settings: LogSettings) -> tuple[LogSettings, tuple
 
 
 def _is_western(path: Path) -> bool:
-    """Whether the beginning of a text is no UTF-8, but ASCII and signs of Western Windows that are usual in headers."""
+    """Return whether a text does not begin as UTF-8, but with ASCII and the usual Western Windows signs of headers."""
     with _open(path) as file:
         head = file.read(HEAD_BYTES)
     with suppress(UnicodeDecodeError):
@@ -295,7 +296,7 @@ def has_thousands_mark(cell: str, decimal: str, *, allow_ambiguous: bool = False
 
 
 def _is_even(table: TextTable, rows: Sequence[str]) -> bool:
-    """Whether plain splitting gives every row its cells."""
+    """Return whether plain splitting gives every row its cells."""
     n = len(table.names)
     if table.delimiter == BLANKS:
         counts = {len(row.split()) for row in rows}
@@ -306,7 +307,7 @@ def _is_even(table: TextTable, rows: Sequence[str]) -> bool:
 
 
 def _parse(table: TextTable, rows: list[str], columns: Sequence[int]) -> FloatArray | None:
-    """The numbers by numpy's parser, which reads no empty cells and names no lines; None where it fails."""
+    """Return the numbers by numpy's parser, which reads no empty cells and names no lines; None where it fails."""
     mark = table.delimiter
     if mark == table.decimal:
         return None
@@ -345,7 +346,7 @@ def _load(rows: Sequence[str], delimiter: str, columns: Sequence[int] | None) ->
 
 
 def _number_rows(table: TextTable, number: int, lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each row; an error at the first row with a wrong number of cells."""
+    """Return the line number and cells of each row; an error at the first row with a wrong number of cells."""
     n = len(table.names)
     for at, line in enumerate(lines, start=number):
         if not is_row(line, table.delimiter):
