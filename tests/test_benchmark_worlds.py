@@ -195,3 +195,15 @@ def test_a_record_of_every_searched_kind_is_drawn_for_the_bench(kind):
     bench, truth = script("benchmarks/bench_laws.py").record_of((kind,), "random", 0, 400, 0.01)
     assert truth.name == kind
     assert np.isfinite(bench.force).all()
+
+
+def test_a_spring_so_hard_that_its_free_motion_leaves_the_measured_one_is_identified():
+    """The motion of gear 32 depends on its start forever: followed reading by reading it leaves noise, freely 80 %."""
+    flights = script("benchmarks/unlike_flights.py")
+    outcome = flights.run(flights.Job("alike", 32, True, 2))
+    assert outcome.holds
+    assert abs(outcome.error) < 0.1
+
+
+def test_noise_alone_is_no_motion_that_is_followed():
+    assert script("benchmarks/refusals.py").outcome("noise", 0).refused

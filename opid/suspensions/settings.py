@@ -26,6 +26,8 @@ class Verdicts:
             reported for a body on several suspensions, for a user's own structure, or by the classical chain.
         refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the body's
             rms acceleration: it then explains less than 36 % of the power.
+        followed_fraction: a model whose prediction errors are noise and less than this fraction of the readings follows
+            them, although its free motion may not: the motion of a very hard spring depends on its start forever.
         loosely_known: a value is not determined if its standard deviation exceeds this fraction of it.
     """
 
@@ -34,6 +36,7 @@ class Verdicts:
     doubtful: float = 3.0
     refused: float = 20.0
     refused_fraction: float = 0.8
+    followed_fraction: float = 0.01
     loosely_known: float = 0.25
 
 

@@ -15,7 +15,13 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, FittedStructure
-from opid.suspensions.fitting.fit import Fit, fit_each_run, loading_changes, runs_contradict_each_other
+from opid.suspensions.fitting.fit import (
+    Fit,
+    fit_each_run,
+    follows_readings,
+    loading_changes,
+    runs_contradict_each_other,
+)
 from opid.suspensions.fitting.noise import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.model.driven_model import straight_equivalent
 from opid.suspensions.model.law_parameters import describe_unreached_stop, distance_to_stop
@@ -49,7 +55,7 @@ def _why_gear_refused(study: Study, part: FittedStructure) -> str | None:
             "check mass_change_kg"
         )
     left = unexplained_fraction(part)
-    if left <= verdicts.refused_fraction:
+    if left <= verdicts.refused_fraction or follows_readings(fit):
         return None
     if not np.isfinite(left):
         unexplained = "has a free motion that grows without bound"

@@ -560,6 +560,18 @@ def explains_nothing(fit: Fit) -> bool:
     return float(np.sqrt(np.mean(np.square(unexplained(fit))))) > fit.model.settings.verdicts.refused_fraction
 
 
+def follows_readings(fit: Fit) -> bool:
+    """Return whether the prediction errors of a fit are noise, and small beside the readings.
+
+    Args:
+        fit: a fitted model.
+    """
+    verdicts, model = fit.model.settings.verdicts, fit.model
+    read = [model.correct(fit.theta, index)[1].value for index in range(len(model.runs))]
+    rms = float(np.sqrt(np.mean([np.var(each, axis=0).mean() for each in read])))
+    return fit.ratio <= verdicts.explained and fit.noise_m_per_s2 < verdicts.followed_fraction * rms
+
+
 def free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
     """Return, for each run, the lines of the error of the free motion and of the readings, (n_sensors, n_lines).
 
