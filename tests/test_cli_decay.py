@@ -74,15 +74,12 @@ def test_the_law_is_found_and_reported(log, tmp_path):
     assert abs(result["frequency_hz"][0] - expected) < 0.05
     assert result["settings"]["channel"] == "az"
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png") == 1
-    assert "http" not in page
+    assert page.count('data-chart="') == 1
     assert f"opid decay {log} --channel az --stiffness-order 3 --damping-order 2" in page
-    assert (out / "decay.png").read_bytes()[1:4] == b"PNG"
 
 
 @pytest.mark.parametrize(("channel", "more"), [("vz", ()), ("z", ()), ("raw", ("--unit", "g"))])
-def test_velocity_displacement_and_a_unit_that_is_told_give_the_same(log, tmp_path, monkeypatch, channel, more):
-    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+def test_velocity_displacement_and_a_unit_that_is_told_give_the_same(log, tmp_path, channel, more):
     done = opid("decay", log, "--channel", channel, "--near", 60, *more, *ORDERS, "--out", tmp_path)
     assert done.exit_code == 0
     result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))

@@ -45,7 +45,6 @@ def test_a_simulation_writes_a_study_and_its_truth(simulated):
 
 
 def test_the_study_of_a_simulation_is_identified(simulated, tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
     out = tmp_path / "out"
     done = opid("modal", simulated / "study.toml", "--truth", simulated / "truth.json", "--out", out,
                 "--stiffness-order", 3, "--damping-order", 2, "--fixed-linear")  # fmt: skip
@@ -119,7 +118,6 @@ def blocks(language):
 
 
 def test_the_first_study_of_the_page_runs_from_python_and_from_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
     monkeypatch.chdir(tmp_path)
     space = {}
     exec(compile(blocks("python")[0], PAGE.name, "exec"), space)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 import time
 
@@ -38,7 +39,7 @@ def test_every_command_that_writes_has_the_options():
         assert "--force" in options_of(each)  # of `opid law` it is the column of the force
         assert "--quiet" in options_of(each)
     for each in REPORTING.values():
-        assert {"--json", "--quiet", "--verbose", "--no-figures"} <= options_of(each)
+        assert {"--json", "--quiet", "--verbose", "--no-figures", "--png"} <= options_of(each)
 
 
 @pytest.mark.parametrize("words", WRITING, ids=" ".join)
@@ -140,7 +141,20 @@ def test_a_report_has_no_figures_where_none_are_wanted(field_test, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"mine.png", "report.html", "result.json"}
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "sprung mass" in page
-    assert "<img" not in page
+    assert "<script" not in page
+
+
+def test_figures_are_files_where_they_are_wanted(field_test, tmp_path):
+    command = ("identify", field_test / "study.toml", "--law", "arctan_velocity", "--out", tmp_path / "out")
+    assert opid(*command, "--png").exit_code == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    names = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    assert names == set(re.findall(r'data-chart="(\w+)"', page))
+    assert all(path.read_bytes()[1:4] == b"PNG" for path in (tmp_path / "out").glob("*.png"))
+    # a later report without them leaves none of an older result
+    assert opid(*command, "--force").exit_code == 0
+    assert list((tmp_path / "out").glob("*.png")) == []
+    assert "give one of them" in opid(*command, "--png", "--no-figures").stderr
 
 
 @pytest.mark.usefixtures("few_figures")

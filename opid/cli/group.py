@@ -225,6 +225,7 @@ class Output:
     quiet: bool
     verbose: bool
     figures: bool
+    png: bool
     option: str = "--force"
 
     def reserve(self, names: tuple[str, ...] = REPORT, *, default: str = "") -> Output:
@@ -256,7 +257,9 @@ class Output:
 
         if self.out is None:
             return ()
-        page = write_report(result, self.out, truth, command=command, figures=self.figures, progress=progress)
+        page = write_report(
+            result, self.out, truth, command=command, figures=self.figures, png=self.png, progress=progress
+        )
         return (f"Report: {page} (open it in a browser)",)
 
     def show(self, result: Result, truth: Truth | None = None, *, notes: Sequence[str] = ()) -> None:
@@ -292,14 +295,25 @@ def with_output(command: Callable[..., None], *, options: Sequence[str] = OVERWR
 
     @wraps(command)
     def run(
-        *, out: Path | None, overwrite: bool, as_json: bool, quiet: bool, verbose: bool, figures: bool, **given: Any
+        *,
+        out: Path | None,
+        overwrite: bool,
+        as_json: bool,
+        quiet: bool,
+        verbose: bool,
+        figures: bool,
+        png: bool,
+        **given: Any,
     ) -> None:
         if quiet and verbose:
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
-        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, options[0]), **given)
+        if png and not figures:
+            raise click.UsageError("--png and --no-figures are both given: give one of them")
+        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, png, options[0]), **given)
 
     decorated: Callable[..., None] = run
     for each in (
+        click.option("--png", is_flag=True, help="Write each figure as a PNG file, too."),
         click.option(
             "--no-figures", "figures", flag_value=False, default=True, help="Write the report without figures."
         ),

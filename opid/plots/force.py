@@ -49,8 +49,8 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         run: one run of the evidence.
         ax: three-dimensional Axes, or None for a new figure.
     """
-    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+    from mpl_toolkits.mplot3d import Axes3D
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     with house_style():
         if ax is None:

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import base64
+import gzip
+import json
 import os
 import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
 from opid.provenance import traced
 from opid.report.as_text import as_text
-from opid.report.document import Block, Document, Figure, ended
+from opid.report.document import Block, Document, Figure, Remarks, Table, ended
 from opid.result import Result
 from opid.signals.files import write_together
+
+Chart = dict[str, Any]
+"""A chart of Plotly as JSON: traces, axes, shapes and the entries of its legend."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +96,10 @@ def write_report(
     *,
     command: Sequence[str] | None = None,
     figures: bool = True,
+    png: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
-    """Write result.json, report.html and the figures as PNG, and return the path of the page.
+    """Write result.json and report.html, and return the path of the page.
 
     Everything is made before the first file is written, and the files appear together. Files of an older report are
     replaced, any other file in the directory stays. The numbers of a comparison stand in comparison.json.
@@ -100,7 +109,8 @@ def write_report(
         directory: made if it is not there.
         truth: of a simulation: shown beside the estimates.
         command: words of the command that gave the result; where left out, of one that gives the same.
-        figures: whether they are drawn; where not, those of an older report are deleted.
+        figures: whether the page has them.
+        png: whether each figure is written as a PNG file, too; where not, those of an older report are deleted.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -109,17 +119,17 @@ def write_report(
     document = document_of(result, truth)
     every = tuple(document.details())
     pictures = [block for block in every if isinstance(block, Figure)]
-    images = draw_pictures(pictures if figures else [], progress=progress)
+    charts, images = draw_figures(pictures if figures else [], png=png, progress=progress)
     shown = [block for block in every if figures or not isinstance(block, Figure)]
     words = document.command if command is None else command
-    html = as_page(document, (*document.blocks, *shown), images, None if words is None else shlex.join(words))
+    html = as_page(document, (*document.blocks, *shown), charts, None if words is None else shlex.join(words))
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = html.encode("utf-8", "backslashreplace")
     # result.json is the last file, so that it never exists without its report
     contents[document.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
     write_together(directory, contents)
     # the figures of an older report would show another result
-    for figure in () if figures else pictures:
+    for figure in () if images else pictures:
         Path(directory, f"{figure.name}.png").unlink(missing_ok=True)
     return Path(directory) / "report.html"
 
@@ -133,34 +143,79 @@ def _kind_of(result: Result) -> KindOfResult:
     raise InputError(f"a {type(result).__name__} is no result of opid: give one of {kinds}")
 
 
-def draw_pictures(figures: Sequence[Figure], *, progress: Callable[[str], None] | None = None) -> dict[str, bytes]:
-    """Return figures as PNG, by their names."""
-    from opid.plots.style import figure_of, png
+def draw_figures(
+    figures: Sequence[Figure], *, png: bool = False, progress: Callable[[str], None] | None = None
+) -> tuple[dict[str, Chart], dict[str, bytes]]:
+    """Return the chart of each figure by its name, and its PNG file where that is wanted."""
+    from opid.plots.charts.figure import chart_of
+    from opid.plots.style import figure_of, png as png_of
 
+    charts: dict[str, Chart] = {}
     images: dict[str, bytes] = {}
     for figure in figures:
         if progress is not None:
             progress(f"figure {figure.name}")
-        images[figure.name] = png(figure_of(figure.draw()))
-    return images
+        drawn = figure_of(figure.draw())
+        charts[figure.name] = chart_of(drawn)
+        if png:
+            images[figure.name] = png_of(drawn)
+    return charts, images
 
 
-def as_page(document: Document, blocks: Sequence[Block], images: Mapping[str, bytes], command: str | None) -> str:
-    """Return a document as a page that opens offline, with its figures inside."""
+def as_page(document: Document, blocks: Sequence[Block], charts: Mapping[str, Chart], command: str | None) -> str:
+    """Return a document as a page that opens offline, with its charts and their script inside."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup, escape
 
-    from opid.plots.style import DPI, WIDTH_IN, pretty
+    from opid.plots.style import pretty
 
     def printed(text: str) -> Markup:
         return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(pretty(text)))))
 
+    def embedded(chart: Chart) -> Markup:
+        return Markup(json.dumps(chart, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"))
+
     loader = PackageLoader("opid.report")
     page = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     page.filters |= {"printed": printed, "ended": ended, "kind": lambda block: type(block).__name__}
-    source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
-    # figures get a width in proportion to their dots, which a PNG has in its head: so all letters have one size
-    parts = {name: int.from_bytes(image[16:20], "big") / (DPI * WIDTH_IN) for name, image in images.items()}
+    places = find_places(blocks)
+    page.filters |= {"embedded": embedded, "place": lambda block: places[id(block)]}
     return page.get_template("document.html.jinja").render(
-        document=document, blocks=blocks, source=source, parts=parts, command=command, version=version("opid")
+        document=document,
+        blocks=blocks,
+        charts=charts,
+        contents=[(heading_of(block), places[id(block)]) for block in blocks if heading_of(block)],
+        script=packed_script() if charts else "",
+        command=command,
+        version=version("opid"),
     )
+
+
+def heading_of(block: Block) -> str:
+    """Return the heading of a block; empty if it has none."""
+    if isinstance(block, Table):
+        return block.title
+    return "" if isinstance(block, Remarks) else block.heading
+
+
+def find_places(blocks: Sequence[Block]) -> dict[int, str]:
+    """Return the place of each block on the page, to which a link may lead, by its identity.
+
+    >>> from opid.report.document import Paragraph
+    >>> first, second = Paragraph("", "The law"), Paragraph("", "The law")
+    >>> list(find_places([first, second]).values())
+    ['the-law', 'the-law-2']
+    """
+    places: dict[int, str] = {}
+    for block in blocks:
+        stem = re.sub(r"\W+", "-", heading_of(block).casefold()).strip("-")
+        n_before = sum(re.fullmatch(rf"{re.escape(stem)}(-\d+)?", place) is not None for place in places.values())
+        places[id(block)] = f"{stem}-{n_before + 1}" if n_before else stem
+    return places
+
+
+@cache
+def packed_script() -> str:
+    """Return the script of Plotly, compressed: the page unpacks it, which makes it three times as small."""
+    path = Path(str(files("plotly"))) / "package_data" / "plotly.min.js"
+    return base64.b64encode(gzip.compress(path.read_bytes(), mtime=0)).decode()

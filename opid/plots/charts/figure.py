@@ -1,0 +1,150 @@
+"""From a figure to a chart: where its panels stand, their axes, and the entries of the legend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import ticker
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from opid.plots.charts.artists import Panel, add_artist
+from opid.plots.charts.looks import Json, html_of, legend_look
+from opid.plots.charts.surfaces import add_surfaces
+
+Domain = tuple[list[float], list[float]]
+"""From where to where a panel reaches, as fractions of the width and of the height."""
+
+# pixels for the titles and labels of the panels: between two rows, above the first and below the last one
+_BETWEEN_ROWS, _ABOVE, _BELOW = 74, 34, 56
+# fraction of the width between two columns
+_BETWEEN_COLUMNS = 0.12
+_LEAST_HEIGHT, _SURFACE_HEIGHT = 150, 460
+
+
+def chart_of(figure: Figure) -> Json:
+    """Return a figure as a chart: {"data", "layout"} for Plotly.js, and {"legend"} for the page.
+
+    Args:
+        figure: one of `opid.plots`.
+
+    Raises:
+        UnknownArtistError: the figure holds something that no chart can show.
+    """
+    panels = [ax for ax in figure.axes if not hasattr(ax, "_colorbar") and (ax.axison or isinstance(ax, Axes3D))]
+    chart: Json = {"data": [], "layout": {"annotations": [], "shapes": []}, "legend": []}
+    if any(isinstance(ax, Axes3D) for ax in panels):
+        chart["layout"]["height"] = _SURFACE_HEIGHT
+        for ax in panels:
+            add_surfaces(chart, ax)
+        return chart
+    domains, chart["layout"]["height"] = _arrange_panels(figure, panels)
+    for number, (ax, domain) in enumerate(zip(panels, domains, strict=True), start=1):
+        _add_panel(chart, ax, number, domain, panels)
+    return chart
+
+
+def _arrange_panels(figure: Figure, panels: Sequence[Axes]) -> tuple[list[Domain], int]:
+    """The domain of each panel, in the rows and columns of its grid, and the height of the chart in pixels."""
+    specs = [spec for ax in panels if (spec := ax.get_subplotspec()) is not None]
+    n_rows = max(spec.get_gridspec().nrows for spec in specs)
+    n_columns = max(spec.get_gridspec().ncols for spec in specs)
+    height = max(figure.get_figheight() * 100, n_rows * _LEAST_HEIGHT) + (n_rows - 1) * 30
+    between = _BETWEEN_ROWS / (height - _ABOVE - _BELOW)
+    domains = []
+    for spec in specs:
+        grid = spec.get_gridspec()
+        x = _span(grid.get_width_ratios(), n_columns, _BETWEEN_COLUMNS, spec.colspan)
+        down = _span(grid.get_height_ratios(), n_rows, between, spec.rowspan)
+        domains.append((x, [1 - down[1], 1 - down[0]]))
+    return domains, round(height)
+
+
+def _span(ratios: Any, n: int, gap: float, taken: range) -> list[float]:
+    gap = min(gap, 0.6 / max(1, n - 1))
+    sizes = np.asarray(ratios, dtype=float) / np.sum(ratios) * (1 - gap * (n - 1))
+    edges = np.concatenate([[0.0], np.cumsum(sizes + gap)])
+    return [float(edges[taken.start]), float(edges[taken.stop] - gap)]
+
+
+def _add_panel(chart: Json, ax: Axes, number: int, domain: Domain, panels: Sequence[Axes]) -> None:
+    panel = Panel(chart, ax, "" if number == 1 else str(number), domain)
+    for letter, ends in zip("xy", domain, strict=True):
+        chart["layout"][f"{letter}axis{panel.suffix}"] = _describe_axis(panel, letter, ends, panels)
+    for artist in sorted(ax.get_children(), key=lambda each: each.get_zorder()):
+        if artist.get_visible():
+            add_artist(panel, artist)
+    _add_title(panel)
+    _add_legend(chart, ax)
+
+
+def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Sequence[Axes]) -> Json:
+    ax = panel.ax
+    axis: Any = ax.xaxis if letter == "x" else ax.yaxis
+    is_log = axis.get_scale() == "log"
+    ends = np.array(ax.get_xlim() if letter == "x" else ax.get_ylim())
+    ticks = axis.get_tick_params("major")
+    found: Json = {
+        "domain": domain,
+        "anchor": panel.y if letter == "x" else panel.x,
+        "type": "log" if is_log else "linear",
+        "range": (np.log10(ends) if is_log else ends).tolist(),
+        "title": {"text": html_of(axis.get_label_text())},
+        "label": html_of(panel.label(letter)),
+        "showgrid": bool(ticks.get("gridOn", True)),
+    }
+    shared = ax.get_shared_x_axes() if letter == "x" else ax.get_shared_y_axes()
+    first = next(number for number, each in enumerate(panels, start=1) if each in shared.get_siblings(ax))
+    if letter == "y" and ax.get_aspect() == 1.0:
+        found |= {"scaleanchor": panel.x, "constrain": "domain"}
+    if panels[first - 1] is not ax:
+        found["matches"] = letter + ("" if first == 1 else str(first))
+    locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
+    if not ticks.get("labelbottom" if letter == "x" else "labelleft", True) or isinstance(
+        formatter, ticker.NullFormatter
+    ):
+        found["showticklabels"] = False
+    if isinstance(locator, ticker.FixedLocator):
+        found["tickvals"] = [float(each) for each in locator()]
+        found["ticktext"] = [html_of(text) for text in formatter.format_ticks(locator())]
+    elif is_log:
+        has_plain_numbers = isinstance(formatter, ticker.StrMethodFormatter)
+        found |= (
+            {"dtick": "D2", "exponentformat": "none"} if has_plain_numbers else {"dtick": 1, "exponentformat": "power"}
+        )
+    return found
+
+
+def _add_title(panel: Panel) -> None:
+    ax, (across, up) = panel.ax, (f"{panel.x} domain", f"{panel.y} domain")
+    title = next((text for text in (ax.get_title(loc="left"), ax.get_title(), ax.get_title(loc="right")) if text), "")
+    if not title:
+        return
+    # a text that stands on the upper edge of the panel has the title above it
+    notes = panel.chart["layout"]["annotations"]
+    is_below = any(
+        each["yref"] == up and each["xref"] in (panel.x, across) and each["y"] >= 0.99 and each["yanchor"] == "bottom"
+        for each in notes
+    )
+    notes.append(
+        {
+            "x": 0, "y": 1, "xref": across, "yref": up, "xanchor": "left", "yanchor": "bottom", "align": "left",
+            "yshift": 22 if is_below else 4, "showarrow": False, "text": f"<b>{html_of(title)}</b>",
+        }
+    )  # fmt: skip
+
+
+def _add_legend(chart: Json, ax: Axes) -> None:
+    """The entries of a panel; one text has one entry, whatever the colours of its lines in several panels."""
+    legend = ax.get_legend()
+    known = {entry["text"]: entry["looks"] for entry in chart["legend"]}
+    for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True) if legend else ():
+        words, look = text.get_text(), legend_look(handle)
+        if words not in known:
+            known[words] = []
+            chart["legend"].append({"text": words, "looks": known[words]})
+        if look not in known[words]:
+            known[words].append(look)

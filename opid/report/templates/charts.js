@@ -1,0 +1,273 @@
+// The charts of a page: drawn when they come into view, in the colours of the scheme, with buttons for keyboard and mouse.
+"use strict";
+const INK = { light: "#222222", dark: "#e8e8e8" }, GRID = { light: "#e4e4e4", dark: "#3a3f44" };
+const MOST_POINTS = 3000; // of a line that is drawn; of more, the least and the largest of each stretch
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const scheme = () => (dark.matches ? "dark" : "light");
+
+async function unpack(id) {
+  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+}
+
+// ---- numbers ----
+
+function decode(values) {
+  if (!values || values.bdata === undefined) return values;
+  const bytes = Uint8Array.from(atob(values.bdata), (c) => c.charCodeAt(0));
+  if (values.dtype === "u2") return Float64Array.from(new Uint16Array(bytes.buffer), (code) => values.low + code * values.step);
+  const numbers = new Float32Array(bytes.buffer);
+  if (!values.shape) return numbers;
+  const [rows, columns] = values.shape.split(",").map(Number);
+  return Array.from({ length: rows }, (_, k) => numbers.subarray(k * columns, (k + 1) * columns));
+}
+
+function rises(x) {
+  for (let k = 1; k < x.length; k++) if (!(x[k] > x[k - 1])) return false;
+  return true;
+}
+
+// the part of a long line between two ends as pairs of its least and largest values, so that no peak is lost
+function thin(x, y, low, high) {
+  let first = 0, last = x.length;
+  while (first < last && x[first] < low) first++;
+  while (last > first && x[last - 1] > high) last--;
+  first = Math.max(0, first - 1), last = Math.min(x.length, last + 1);
+  const n = last - first, step = Math.ceil((2 * n) / MOST_POINTS);
+  if (step < 2) return { x: x.slice(first, last), y: y.slice(first, last) };
+  const xs = [], ys = [];
+  for (let k = first; k < last; k += step) {
+    let least = k, most = k;
+    for (let j = k; j < Math.min(k + step, last); j++) {
+      if (y[j] < y[least]) least = j;
+      if (y[j] > y[most]) most = j;
+    }
+    for (const j of [Math.min(least, most), Math.max(least, most)]) xs.push(x[j]), ys.push(y[j]);
+  }
+  return { x: xs, y: ys };
+}
+
+// ---- colours ----
+
+function recolor(value) {
+  if (scheme() === "light" || typeof value !== "string") return value;
+  const rgb = /^#(..)(..)(..)$/.exec(value);
+  if (!rgb) return value === "white" ? "#16191d" : value;
+  const [r, g, b] = rgb.slice(1).map((each) => parseInt(each, 16));
+  if (Math.max(r, g, b) - Math.min(r, g, b) > 24) return value; // a colour, not a grey
+  const level = 255 - (r + g + b) / 3;
+  const gray = Math.round(22 + (level / 255) * 210);
+  return `rgb(${gray},${gray},${gray})`;
+}
+
+function recolored(node) {
+  if (Array.isArray(node)) return node.length > 60 ? node : node.map(recolored);
+  if (node === null || typeof node !== "object" || ArrayBuffer.isView(node)) return recolor(node);
+  return Object.fromEntries(Object.entries(node).map(([key, value]) =>
+    [key, ["x", "y", "z", "text", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata"].includes(key) ? value : recolored(value)]));
+}
+
+// a text in lines of at most so many letters
+function broken(html, most) {
+  if (/<br>/.test(html)) return html;
+  const lines = [[]];
+  for (const word of html.split(" ")) {
+    if ([...lines.at(-1), word].join(" ").length > most && lines.at(-1).length) lines.push([]);
+    lines.at(-1).push(word);
+  }
+  return lines.map((line) => line.join(" ")).join("<br>");
+}
+
+function layoutOf(chart, width) {
+  const axis = { gridcolor: GRID[scheme()], zeroline: false, linecolor: "#888", showline: true, ticks: "outside", automargin: true,
+    tickfont: { size: width < 560 ? 10 : 12 }, title: { font: { size: width < 560 ? 11 : 13 }, standoff: 8 } };
+  const layout = recolored(chart.layout);
+  if (width < 560) for (const each of layout.annotations || []) if (/^<b>/.test(each.text)) each.text = broken(each.text, Math.round(width / 9));
+  for (const key of Object.keys(layout))
+    if (/^[xy]axis/.test(key)) layout[key] = { ...axis, ...layout[key], title: { ...axis.title, ...layout[key].title } };
+  return { ...layout, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false, hovermode: "closest", autosize: true,
+    margin: { l: 62, r: 16, t: (layout.annotations || []).some((each) => each.yshift > 10) ? 52 : 34, b: 52 }, font: { family: "system-ui, sans-serif", size: 12.5, color: INK[scheme()] },
+    hoverlabel: { namelength: -1 }, dragmode: chart.layout.scene ? "orbit" : "zoom" };
+}
+
+// panels beside each other one below the other, where the page is narrow
+function stack(layout) {
+  const keys = Object.keys(layout).filter((key) => /^xaxis/.test(key)), columns = new Set(keys.map((key) => layout[key].domain[0]));
+  if (columns.size < 2) return;
+  const yOf = (key) => key.replace("x", "y"), order = (key) => -layout[yOf(key)].domain[1] * 100 + layout[key].domain[0];
+  const gap = 80, heights = keys.map((key) => (layout[yOf(key)].domain[1] - layout[yOf(key)].domain[0]) * layout.height);
+  const total = heights.reduce((sum, each) => sum + Math.max(each, 150) + gap, 0);
+  let top = 1;
+  for (const key of keys.sort((a, b) => order(a) - order(b))) {
+    const height = Math.max((layout[yOf(key)].domain[1] - layout[yOf(key)].domain[0]) * layout.height, 150) / total;
+    layout[key].domain = [0, 1], layout[yOf(key)].domain = [Math.max(0, top - height), top];
+    layout[key].showticklabels = layout[yOf(key)].showticklabels = true;
+    top -= height + gap / total;
+  }
+  layout.height = total;
+}
+
+// ---- one chart ----
+
+class Chart {
+  constructor(box, chart) {
+    this.box = box, this.chart = chart, this.off = new Set();
+    for (const trace of chart.data) for (const key of ["x", "y", "z", "customdata"]) if (trace[key]) trace[key] = decode(trace[key]);
+    for (const trace of chart.data)
+      if (trace.dx !== undefined) {
+        trace.x = Float64Array.from(trace.y, (_, k) => trace.x0 + k * trace.dx);
+        delete trace.x0, delete trace.dx;
+      }
+    this.full = chart.data.map((trace) =>
+      trace.type === "scatter" && /lines/.test(trace.mode) && trace.x.length > MOST_POINTS && rises(trace.x) ? { x: trace.x, y: trace.y } : null);
+    this.plot = document.createElement("div");
+    this.plot.className = "plot";
+    box.append(this.legend(), this.plot, this.tools());
+  }
+  data() {
+    return this.chart.data.map((trace, k) => ({ ...recolored(trace), ...(this.full[k] ? thin(this.full[k].x, this.full[k].y, ...this.ends(trace.xaxis)) : {}),
+      visible: !this.off.has(trace.meta) }));
+  }
+  ends(name) {
+    const key = (name || "x").replace("x", "xaxis"), axis = (this.plot.layout || this.chart.layout)[key] || {};
+    const ends = (axis.range || [-Infinity, Infinity]).map((end) => (axis.type === "log" ? 10 ** end : end));
+    return [Math.min(...ends), Math.max(...ends)];
+  }
+  layout() {
+    const layout = layoutOf(this.chart, this.box.clientWidth);
+    if (this.box.clientWidth < 560) stack(layout);
+    layout.shapes = (layout.shapes || []).filter((shape) => !this.off.has(shape.name));
+    return layout;
+  }
+  async draw() {
+    const config = { responsive: true, displayModeBar: false, scrollZoom: false };
+    const first = !this.plot.layout, layout = first ? this.layout() : this.kept();
+    this.plot.style.height = `${layout.height}px`;
+    await Plotly.react(this.plot, this.data(), layout, config);
+    if (first) {
+      this.start = JSON.parse(JSON.stringify(this.axes()));
+      this.plot.on("plotly_relayout", () => this.refine());
+    }
+    this.box.dataset.drawn = "yes";
+  }
+  axes() {
+    return Object.fromEntries(Object.keys(this.plot.layout).filter((key) => /^[xy]axis/.test(key)).map((key) => [`${key}.range`, this.plot.layout[key].range.slice()]));
+  }
+  kept() { // a new layout, zoomed as the old one
+    const layout = this.layout();
+    for (const key of Object.keys(layout)) if (/^[xy]axis/.test(key)) layout[key].range = this.plot.layout[key].range;
+    if (layout.scene) layout.scene.camera = this.plot.layout.scene.camera;
+    return layout;
+  }
+  refine() {
+    const long = this.full.map((each, k) => (each ? k : -1)).filter((k) => k >= 0);
+    if (!long.length) return;
+    const parts = long.map((k) => thin(this.full[k].x, this.full[k].y, ...this.ends(this.chart.data[k].xaxis)));
+    Plotly.restyle(this.plot, { x: parts.map((part) => part.x), y: parts.map((part) => part.y) }, long);
+  }
+  zoom(factor) {
+    const ranges = Object.entries(this.axes()).map(([key, [low, high]]) => {
+      const middle = (low + high) / 2, half = ((high - low) / 2) * factor;
+      return [key, [middle - half, middle + half]];
+    });
+    if (this.chart.layout.scene) {
+      const eye = this.plot.layout.scene.camera.eye;
+      return Plotly.relayout(this.plot, { "scene.camera.eye": { x: eye.x * factor, y: eye.y * factor, z: eye.z * factor } });
+    }
+    return Plotly.relayout(this.plot, Object.fromEntries(ranges));
+  }
+  reset() {
+    if (this.chart.layout.scene) return Plotly.relayout(this.plot, { "scene.camera": this.chart.layout.scene.camera });
+    return Plotly.relayout(this.plot, structuredClone(this.start));
+  }
+  legend() {
+    const list = document.createElement("div");
+    list.className = "legend";
+    for (const entry of this.chart.legend) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.setAttribute("aria-pressed", "true");
+      button.append(...entry.looks.map(swatch), entry.text);
+      const same = this.chart.data.some((trace) => trace.meta === entry.text) || (this.chart.layout.shapes || []).some((shape) => shape.name === entry.text);
+      button.disabled = !same;
+      button.addEventListener("click", () => {
+        this.off.has(entry.text) ? this.off.delete(entry.text) : this.off.add(entry.text);
+        for (const each of list.children) if (each.textContent === entry.text) each.setAttribute("aria-pressed", String(!this.off.has(entry.text)));
+        this.draw();
+      });
+      list.append(button);
+    }
+    return list;
+  }
+  tools() {
+    const bar = document.createElement("div");
+    bar.className = "tools";
+    const name = this.box.dataset.chart, actions = { "Zoom in": () => this.zoom(0.5), "Zoom out": () => this.zoom(2), "Whole": () => this.reset(),
+      "PNG": () => Plotly.downloadImage(this.plot, { format: "png", filename: name, width: 1000, height: this.chart.layout.height, scale: 2 }),
+      "CSV": () => save(`${name}.csv`, csv(this.chart)) };
+    for (const [label, action] of Object.entries(actions)) {
+      const button = document.createElement("button");
+      button.type = "button", button.textContent = label;
+      button.addEventListener("click", action);
+      bar.append(button);
+    }
+    return bar;
+  }
+}
+
+function swatch(entry) {
+  const sign = document.createElement("span");
+  sign.className = "swatch", sign.setAttribute("aria-hidden", "true");
+  sign.style.color = recolor(entry.color);
+  if (entry.symbol === "patch") sign.style.background = recolor(entry.color), sign.style.height = ".8em";
+  else if (entry.dash) sign.style.borderTop = `2px ${entry.dash === "solid" ? "solid" : entry.dash === "dot" ? "dotted" : "dashed"}`;
+  const open = /-open/.test(entry.symbol || ""), signs = { circle: "●○", square: "■□", diamond: "◆◇", "triangle-up": "▲△", "triangle-down": "▼▽" };
+  const pair = signs[(entry.symbol || "").replace("-open", "")];
+  if (pair && !entry.dash) sign.textContent = pair[open ? 1 : 0], sign.classList.add("sign");
+  return sign;
+}
+
+function csv(chart) {
+  const quoted = (text) => `"${String(text).replaceAll('"', '""')}"`, plain = (html) => (html || "").replace(/<[^>]*>/g, " ");
+  const axis = (trace, letter) => plain((chart.layout[(trace[`${letter}axis`] || letter).replace(letter, `${letter}axis`)] || {}).label);
+  const rows = [["curve", "x is", "y is", "x", "y"].map(quoted).join(",")];
+  for (const trace of chart.data) {
+    if (trace.type === "heatmap" || trace.type === "mesh3d") continue;
+    for (let k = 0; k < trace.x.length; k++)
+      if (Number.isFinite(trace.x[k]) && Number.isFinite(trace.y[k]))
+        rows.push([quoted(plain(trace.name)), quoted(axis(trace, "x")), quoted(axis(trace, "y")), trace.x[k], trace.y[k]].join(","));
+  }
+  for (const trace of chart.data.filter((each) => each.type === "heatmap"))
+    trace.z.forEach((row, j) => row.forEach((value, k) => Number.isFinite(value) &&
+      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), (trace.x[k] + trace.x[k + 1]) / 2, (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
+  return rows.join("\r\n") + "\r\n";
+}
+
+function save(name, text) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" })), link.download = name;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
+// ---- the page ----
+
+(async () => {
+  const boxes = [...document.querySelectorAll("[data-chart]")];
+  if (!boxes.length) return;
+  const script = document.createElement("script");
+  script.textContent = await unpack("plotly");
+  document.head.append(script);
+  const charts = new Map();
+  const open = (box) => {
+    if (!charts.has(box)) charts.set(box, new Chart(box, JSON.parse(box.querySelector("script").textContent)));
+    return charts.get(box).draw();
+  };
+  const watcher = new IntersectionObserver((entries) => {
+    for (const { target, isIntersecting } of entries) if (isIntersecting) watcher.unobserve(target), open(target);
+  }, { rootMargin: "400px" });
+  boxes.forEach((box) => watcher.observe(box));
+  dark.addEventListener("change", () => charts.forEach((chart) => chart.draw()));
+  addEventListener("beforeprint", () => boxes.forEach(open));
+})();
