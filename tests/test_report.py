@@ -17,15 +17,17 @@ from hypothesis import given, strategies as st
 import opid
 from opid import plots
 from opid.errors import InputError, NotDeterminedError
-from opid.estimate import Estimate, rounded
+from opid.estimate import Estimate, rounded, with_std
 from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import default_law, law_from_parameters
 from opid.mechanics.truth import BodyNumbers, BodyTruth, GearNumbers, GearTruth, SuspensionTruth
 from opid.report.as_text import wrapped
+from opid.report.document import Table
 from opid.report.estimates import estimate_row
 from opid.report.suspensions import identification as report_module
 from opid.report.suspensions.again import command_of, python_of
 from opid.report.suspensions.figures import figures_of
+from opid.report.suspensions.sketch import sketch_of
 from opid.report.writing import document_of
 from opid.signals import files
 from opid.signals.files import make_directory, require_directory, write_together
@@ -76,9 +78,13 @@ def one_picture(name):
     return lambda result, truth: [each for each in figures_of(result, truth) if each.name == name]
 
 
+def first_table(result, truth=None):
+    return next(block for block in document_of(result, truth).blocks if isinstance(block, Table))
+
+
 def rows_of(result, truth=None):
     """Return the cells of each row of the table of numbers by its label."""
-    return {row[0]: row[1:] for row in document_of(result, truth).blocks[0].rows}
+    return {row[0]: row[1:] for row in first_table(result, truth).rows}
 
 
 @pytest.fixture(scope="module")
@@ -661,3 +667,27 @@ def test_no_path_is_cut_in_two(path, before):
     lines = wrapped(text, "Warning: ")
     assert any(path in line for line in lines)
     assert " ".join(line.strip() for line in lines).replace("  ", " ") == f"Warning: {text}"
+
+
+def test_the_page_begins_with_a_sketch_that_holds_the_numbers(identified, report, refused):
+    html = (report / "report.html").read_text(encoding="utf-8")
+    sketch = re.search(r'<div class="sketch" role="img" aria-label="(.*?)">(.*?)</div>', html, re.DOTALL)
+    mass, parameters = identified.result.parameters.sprung_mass_kg, identified.result.parameters
+    stiffness = parameters.suspension_stiffness_n_per_m
+    for words in (
+        f"M₂ = {with_std(mass.value, mass.std)} kg",
+        f"K₂ = {with_std(stiffness.value, stiffness.std)} N/m",
+        "law: arctan velocity",
+    ):
+        assert words in sketch[1]
+        assert words in sketch[2]
+    assert "K₃" not in sketch[2]  # no spring to the ground was found
+    assert html.index('class="sketch"') < html.index("<table>")
+    assert sketch_of(refused) is None
+
+
+def test_a_spring_to_the_ground_is_drawn_where_there_is_one_and_ratios_where_no_mass_is(identified, one_run):
+    found = identified.result
+    changed = replace(found.parameters, ground_stiffness_n_per_m=Estimate.normal(5e4, 500.0))
+    assert "K₃ = 50000 ± 500 N/m" in sketch_of(replace(found, parameters=changed)).alt
+    assert sketch_of(one_run).alt.startswith("M₂ is not determined; K₂/M₂ = ")

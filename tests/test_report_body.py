@@ -13,6 +13,7 @@ from opid.estimate import Estimate
 from opid.json_values import json_text
 from opid.mechanics.laws.law import law
 from opid.mechanics.truth import BodyTruth
+from opid.report.document import Table
 from opid.report.suspensions.figures import figures_of
 from opid.report.writing import document_of
 from opid.suspensions.identification import identify
@@ -29,7 +30,7 @@ def truth():
 
 def rows_of(result, truth=None):
     """Return the rows of the table of numbers: label and cells."""
-    return document_of(result, truth).blocks[0].rows
+    return next(block for block in document_of(result, truth).blocks if isinstance(block, Table)).rows
 
 
 def lines(text):
@@ -235,5 +236,5 @@ def test_a_truth_is_read_back(tmp_path, truth):
     with pytest.raises(InputError, match="body-truth/1' is needed"):
         read_truth(path, BodyTruth)
     path.write_text(json.dumps({**table, "parameters": {}}), encoding="utf-8")
-    with pytest.raises(InputError, match=r"no truth of a simulated aircraft, it has no .*: give the truth"):
+    with pytest.raises(InputError, match=r"not the truth of a simulated aircraft, it has no .*: give the truth"):
         read_truth(path, BodyTruth)

@@ -104,7 +104,20 @@ class Figure:
     draw: Callable[[], Any]
 
 
-Block = Paragraph | Remarks | Table | Figure
+@dataclass(frozen=True)
+class Sketch:
+    """A drawing of the machine with its numbers; only the page shows it.
+
+    Args:
+        svg: the drawing, in the colour of the text around it.
+        alt: the same in words.
+    """
+
+    svg: str
+    alt: str
+
+
+Block = Paragraph | Remarks | Table | Figure | Sketch
 
 
 @dataclass(frozen=True)

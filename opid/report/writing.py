@@ -22,7 +22,7 @@ from opid.json_values import json_text
 from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
 from opid.provenance import traced
 from opid.report.as_text import as_text
-from opid.report.document import Block, Document, Figure, Remarks, Table, ended
+from opid.report.document import Block, Document, Figure, Remarks, Sketch, Table, ended
 from opid.result import Result
 from opid.signals.files import write_together
 
@@ -195,7 +195,7 @@ def heading_of(block: Block) -> str:
     """Return the heading of a block; empty if it has none."""
     if isinstance(block, Table):
         return block.title
-    return "" if isinstance(block, Remarks) else block.heading
+    return "" if isinstance(block, Remarks | Sketch) else block.heading
 
 
 def find_places(blocks: Sequence[Block]) -> dict[int, str]:

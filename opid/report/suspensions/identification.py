@@ -27,6 +27,7 @@ from opid.report.document import (
 from opid.report.estimates import estimate_row, estimate_table, gas_rows, law_in_words, law_rows
 from opid.report.suspensions.again import command_of, python_of
 from opid.report.suspensions.figures import figures_of
+from opid.report.suspensions.sketch import sketch_of
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.answer.intervals import limits_of_mass
 from opid.suspensions.fitting.noise import over_noise
@@ -119,6 +120,8 @@ def _blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Bloc
     about_body = (
         " Values are those of the reference loading; inertias about the centre of gravity, x forward, y to the left."
     )
+    if (sketch := sketch_of(result)) is not None:
+        yield sketch
     yield estimate_table(
         _rows(result, truth),
         truth,
