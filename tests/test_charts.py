@@ -133,9 +133,11 @@ def test_an_axis_that_runs_down_does_so_on_the_page():
     ((ax,),) = axes()
     ax.set_ylim(3.5, -0.5)
     ax.set_yticks([0, 1, 2, 3], ["a", "b < c", "d", "e"])
+    ax.get_yticklabels()[2].set(color="#D55E00", fontweight="bold")
     axis = chart_of(ax.figure)["layout"]["yaxis"]
     assert axis["range"] == [3.5, -0.5]
-    assert axis["ticktext"] == ["a", "b &lt; c", "d", "e"]
+    chosen = '<span style="color:#d55e00"><b>d</b></span>'
+    assert axis["ticktext"] == ["a", "b &lt; c", chosen, "e"]
 
 
 def test_a_surface_is_made_of_triangles():

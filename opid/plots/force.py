@@ -168,7 +168,7 @@ def _verdict(curve: SliceCurve, fit: LawFit) -> str:
     amplitude, inner = fit.law.vector
     unit, beside = ("mm", "stiffness") if curve.along == "travel" else ("m/s", "damping")
     if not fit.verdicts[0].distinguishable:
-        return f"the arctangent cannot\nbe told from {beside}"
+        return f"the arctangent cannot be\ndistinguished from {beside}"
     return f"amplitude {amplitude:.3g} m/s²\nscale {1e3 * inner if unit == 'mm' else inner:.3g} {unit}"
 
 

@@ -27,6 +27,7 @@ from opid.plots.style import (
     thicken,
 )
 
+MOST_WRITTEN = 10  # modes up to which each value of a matrix is written into its cell
 DECADES_SHOWN = 5  # decades that are shown below the highest value of a mode indicator function
 
 
@@ -46,6 +47,9 @@ def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
             result.auto_mac, origin="lower", vmin=0, vmax=1, cmap=COUNT_MAP, extent=(*edges, *edges), aspect="equal"
         )
         figure_of(ax).colorbar(image, ax=ax, label="MAC", shrink=0.85)
+        for (row, column), value in np.ndenumerate(result.auto_mac if n <= MOST_WRITTEN else np.empty((0, 0))):
+            ink = INK if value > 0.5 else "white"
+            ax.text(column + 1, row + 1, f"{value:.2f}", ha="center", va="center", color=ink, fontsize=8.5)
         ticks = np.arange(1, n + 1, 1 if n <= 30 else 5)
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_ticks(ticks, [str(mode) for mode in ticks])

@@ -90,6 +90,11 @@ class Panel:
         """Units of both axes, with a blank before each."""
         return unit_of(self.label("x")), unit_of(self.label("y"))
 
+    @cached_property
+    def keeps_colors(self) -> bool:
+        """Whether texts and lines lie on coloured cells, which are the same in a dark scheme."""
+        return any(isinstance(each, QuadMesh | AxesImage) for each in self.ax.get_children())
+
     def label(self, letter: str) -> str:
         """Return the label of an axis; that of a panel with the same axis where only the lowest panel has one."""
         ax = self.ax
@@ -113,6 +118,7 @@ class Panel:
         """Add a trace with the label of its artist; without a label it is not pointed at."""
         name, alpha = label_of(artist), artist.get_alpha()
         where = {"xaxis": self.x, "yaxis": self.y, "opacity": 1.0 if alpha is None else float(alpha)}
+        where["keep"] = self.keeps_colors
         words = f"%{{x:.5g}}{self.units[0]}, %{{y:.5g}}{self.units[1]}<extra>{html_of(name)}</extra>"
         said = {"name": html_of(name), "meta": name, "hovertemplate": words} if name else {"hoverinfo": "skip"}
         self.chart["data"].append(where | said | trace)
@@ -353,6 +359,7 @@ def _add_text(panel: Panel, text: Any) -> None:
             **refs,
             "text": bold_as(html_of(text.get_text()), text),
             "showarrow": False,
+            "keep": panel.keeps_colors,
             "xshift": shift[0] * PX_PER_PT,
             "yshift": shift[1] * PX_PER_PT,
             "xanchor": text.get_ha(),

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib import ticker
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from opid.plots.charts.artists import Panel, add_artist
-from opid.plots.charts.looks import Json, html_of, legend_look
+from opid.plots.charts.looks import Json, bold_as, color_of, html_of, legend_look
 from opid.plots.charts.surfaces import add_surfaces
 
 Domain = tuple[list[float], list[float]]
@@ -23,6 +24,8 @@ _BETWEEN_ROWS, _ABOVE, _BELOW = 74, 34, 56
 # fraction of the width between two columns
 _BETWEEN_COLUMNS = 0.12
 _LEAST_HEIGHT, _SURFACE_HEIGHT = 150, 460
+# red, green and blue of a grey differ by less than this
+_GREY = 0.1
 
 
 def chart_of(figure: Figure) -> Json:
@@ -109,12 +112,25 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         found["showticklabels"] = False
     if isinstance(locator, ticker.FixedLocator):
         found["tickvals"] = [float(each) for each in locator()]
-        found["ticktext"] = [html_of(text) for text in formatter.format_ticks(locator())]
+        found["ticktext"] = _color_labels(axis, formatter.format_ticks(locator()))
     elif is_log:
         has_plain_numbers = isinstance(formatter, ticker.StrMethodFormatter)
         found |= (
             {"dtick": "D2", "exponentformat": "none"} if has_plain_numbers else {"dtick": 1, "exponentformat": "power"}
         )
+    return found
+
+
+def _color_labels(axis: Any, texts: Sequence[str]) -> list[str]:
+    """The numbers or names at an axis; those in a colour keep it, for it says which one is chosen."""
+    labels = axis.get_ticklabels()
+    if len(labels) != len(texts):
+        return [html_of(text) for text in texts]
+    found = []
+    for text, label in zip(texts, labels, strict=True):
+        words, color = bold_as(html_of(text), label), label.get_color()
+        has_color = np.ptp(to_rgba(color)[:3]) > _GREY
+        found.append(f'<span style="color:{color_of(color)}">{words}</span>' if has_color else words)
     return found
 
 

@@ -64,6 +64,7 @@ function recolor(value) {
 function recolored(node) {
   if (Array.isArray(node)) return node.length > 60 ? node : node.map(recolored);
   if (node === null || typeof node !== "object" || ArrayBuffer.isView(node)) return recolor(node);
+  if (node.keep) return node;
   return Object.fromEntries(Object.entries(node).map(([key, value]) =>
     [key, ["x", "y", "z", "text", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata"].includes(key) ? value : recolored(value)]));
 }
