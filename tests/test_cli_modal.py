@@ -166,7 +166,9 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
     refused(opid("modal", study, "--stiffness-order", 9, "--out", tmp_path / "out"), "--stiffness-order")
     refused(opid("modal", study, "--damping-threshold", 0, "--out", tmp_path / "out"), "--damping-threshold")
     refused(opid("modal", study, "--frequency-threshold", 5, "--out", tmp_path / "out"), "--frequency-threshold", "<=1")
-    refused(opid("modal", study, "--truth", study, "--out", tmp_path / "out"), "no truth of a simulated modal test")
+    refused(
+        opid("modal", study, "--truth", study, "--out", tmp_path / "out"), "not the truth of a simulated modal test"
+    )
     refused(opid("simulate", "sine-beats", tmp_path, "--case", "9"), "--case")
     refused(opid("simulate", "sine-beats", study), "is no directory")
     assert quick == []

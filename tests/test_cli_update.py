@@ -88,7 +88,7 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
     refused(opid("update", study, "--out", study), "is no directory")
     refused(opid("update", study, "--samples", 10, "--out", tmp_path / "out"), "--samples")
     refused(opid("update", study, "--form", "other", "--out", tmp_path / "out"), "--form")
-    refused(opid("update", study, "--truth", study, "--out", tmp_path / "out"), "no truth of simulated backbones")
+    refused(opid("update", study, "--truth", study, "--out", tmp_path / "out"), "not the truth of simulated backbones")
     assert quick == []
     assert not (tmp_path / "out").exists()
 

@@ -113,7 +113,7 @@ def test_bad_input_is_refused():
             modal_interaction(found, **wrong)
     with pytest.raises(InputError, match="least_levels is 0"):
         modal_interaction(found, least_levels=0)
-    with pytest.raises(InputError, match="different sensors"):
+    with pytest.raises(InputError, match="other sensors or another number of modes"):
         modal_interaction(found, LinearModes([100.0], [0.004], [[1.0]], ("drive",)))
     single = LinearModes(modes.frequency_hz * [1.0, 0.0], modes.damping_ratio, modes.shapes, NAMES)
     with pytest.raises(InputError, match="no other elastic mode"):

@@ -216,7 +216,7 @@ def test_a_rolling_aircraft_ends_the_command_with_status_1(tmp_path):
     arguments = ["identify", str(tmp_path / "study.toml"), "--law", "arctan_velocity", "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(cli.main, arguments, catch_exceptions=False)
     assert done.exit_code == 1
-    assert "Not determined: what the model leaves" in done.stdout
+    assert "Not determined: no mass is reported, because an error of the model" in done.stdout
     assert done.stderr.endswith("Error: not determined, for the reason above\n")
     assert json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]["sprung_mass_kg"]["value"] is None
 

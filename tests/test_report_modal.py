@@ -210,9 +210,12 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     assert read_truth(path, ModalTruth) == TRUTH
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.modal-truth/1' is needed"),
-        ('{"schema": "opid.modal-truth/1", "nonlinear": {"3": {"k": {"x": 1}, "c": {}}}}', "no truth of a simulated"),
-        ("[1]", "no truth of a simulated"),
-        ("{", "no truth of a simulated"),
+        (
+            '{"schema": "opid.modal-truth/1", "nonlinear": {"3": {"k": {"x": 1}, "c": {}}}}',
+            "not the truth of a simulated",
+        ),
+        ("[1]", "not the truth of a simulated"),
+        ("{", "not the truth of a simulated"),
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):

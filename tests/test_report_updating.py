@@ -305,9 +305,12 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     assert read_truth(path, UpdatingTruth) == small_truth()
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.updating-truth/1' is needed"),
-        ('{"schema": "opid.updating-truth/1", "linear": {}, "law": {"a": "x"}}', "no truth of simulated backbones"),
-        ("[1]", "no truth of simulated backbones"),
-        ("{", "no truth of simulated backbones"),
+        (
+            '{"schema": "opid.updating-truth/1", "linear": {}, "law": {"a": "x"}}',
+            "not the truth of simulated backbones",
+        ),
+        ("[1]", "not the truth of simulated backbones"),
+        ("{", "not the truth of simulated backbones"),
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):

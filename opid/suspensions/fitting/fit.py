@@ -190,7 +190,7 @@ def make_carrying_column(kind: str, weight: float, stiffness: float) -> Term:
         weight: the carried weight, m/s^2, or N.
         stiffness: stiffness of the spring, 1/s^2, or N/m.
 
-    >>> carrying("gas_column", 18e3, 225e3).values
+    >>> make_carrying_column("gas_column", 18e3, 225e3).values
     (18000.0, 0.098, 1.225)
     """
     exponent = LAWS[kind].parameters[2].default

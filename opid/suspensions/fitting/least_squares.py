@@ -198,7 +198,7 @@ def fit_separable(
 
     >>> z = np.linspace(-1.0, 1.0, 201)
     >>> friction, motion = Law((Term("arctan_velocity", (3.0, 0.2)),)), Motion(z, np.sin(9 * z))
-    >>> fit = separable_fit(z[:, np.newaxis], friction, motion, 5 * z + motion.force(friction))
+    >>> fit = fit_separable(z[:, np.newaxis], friction, motion, 5 * z + motion.force(friction))
     >>> np.round([*fit.weights, *fit.law.vector], 6).tolist()
     [5.0, 3.0, 0.2]
     """

@@ -196,7 +196,7 @@ def list_terms(
         lags: lags, over the ratio of the rms motions.
         exponents: exponents; that of the default law if there are none.
 
-    >>> [term.inner for term in offered_terms("cubic_stiffness", travel_rms=1e-3, velocity_rms=1e-2, n_scales=3)]
+    >>> [term.inner for term in list_terms("cubic_stiffness", travel_rms=1e-3, velocity_rms=1e-2, n_scales=3)]
     [()]
     """
     inner = LAWS[kind].parameters[1:]
