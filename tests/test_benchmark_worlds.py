@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 from scripts import script
 
 import opid
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.response import time_response
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.sensor_facts import SensorFacts, SensorPair
+from opid.suspensions.study import Run, study_of_gear
 from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 
 
@@ -207,3 +210,16 @@ def test_a_spring_so_hard_that_its_free_motion_leaves_the_measured_one_is_identi
 
 def test_noise_alone_is_no_motion_that_is_followed():
     assert script("benchmarks/refusals.py").outcome("noise", 0).refused
+
+
+@pytest.mark.parametrize("stated", [0.005, 0.2])
+def test_smooth_motions_that_have_nothing_in_common_are_refused_whatever_noise_is_stated(stated):
+    """The next sample of a slow motion is easily guessed, above all by a filter that is told of much noise."""
+    rng, fs, runs = np.random.default_rng(0), 256.0, []
+    for name, change in (("heavy", 0.0), ("light", -220.0)):
+        slow = signal.sosfilt(signal.butter(4, 1.0, fs=fs, output="sos"), rng.standard_normal((2, 5120)))
+        samples = 5.0 * slow / slow.std() + 0.005 * rng.standard_normal(slow.shape)
+        runs.append(Run(name, recording_from_arrays(samples, ["lower_z", "upper_z"], fs=fs), change))
+    facts = SensorPair(SensorFacts(noise_m_per_s2=stated), SensorFacts(noise_m_per_s2=stated))
+    study = study_of_gear("slow", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=facts)
+    assert opid.identify(study).is_refused

@@ -72,7 +72,7 @@ def test_zoom_changes_all_axes_of_one_time_and_the_whole_comes_back(reader):
     low, high = reader.ranges("accelerations")
     assert high - low == pytest.approx((whole[1] - whole[0]) / 2)
     assert reader.ranges("accelerations", "xaxis2") == pytest.approx([low, high])
-    reader.press("accelerations", "Whole")
+    reader.press("accelerations", "Reset")
     assert reader.ranges("accelerations") == pytest.approx(whole)
 
 
@@ -85,7 +85,7 @@ def test_a_zoom_shows_samples_that_the_whole_record_has_no_pixels_for(reader):
     reader.page.wait_for_function(f"{shown}.length < 300")
     inside = [each for each in reader.page.evaluate(f"[...{shown}]") if 5 <= each <= 6]
     assert len(inside) == 257 > sum(5 <= each <= 6 for each in thinned)  # every sample of that second
-    reader.press("accelerations", "Whole")
+    reader.press("accelerations", "Reset")
 
 
 def test_pointing_shows_the_value_of_the_result(reader):

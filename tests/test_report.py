@@ -342,6 +342,7 @@ def test_the_charts_of_the_page_are_the_figures(report, identified):
     assert len(charts) == N_PICTURES
     for text in charts.values():
         assert {"data", "layout", "legend"} == json.loads(text).keys()
+        assert "<" not in text  # whatever a channel is called, it ends no script
 
 
 def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identified):
@@ -410,7 +411,8 @@ def test_no_figure_of_the_paper_draws_a_fit_that_ran_away(method, field_test):
         plots.law_curves(found)
 
 
-def test_a_refused_answer_draws_no_masses(refused):
+def test_a_refused_answer_names_no_law_and_draws_no_masses(refused):
+    assert "Law: " not in opid.text(refused)
     assert isinstance(refused, Identification)
     assert "estimates" not in {each.name for each in figures_of(refused)}
 

@@ -173,7 +173,8 @@ def as_page(document: Document, blocks: Sequence[Block], charts: Mapping[str, Ch
         return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(pretty(text)))))
 
     def embedded(chart: Chart) -> Markup:
-        return Markup(json.dumps(chart, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"))
+        # no name of a channel can end the script or begin a comment in it
+        return Markup(json.dumps(chart, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
     loader = PackageLoader("opid.report")
     page = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -152,7 +152,8 @@ def _rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     """Parameters, suspensions, and the ratios that need no known mass, which may be all that a body is known by."""
     yield from _parameter_rows(result, truth)
     if result.study.is_one_gear:
-        yield from _law_of_gear(result, truth)
+        if not result.is_refused:
+            yield from _law_of_gear(result, truth)
         yield from _ratio_rows(result, truth)
         yield from _equivalent_rows(result)
     elif isinstance(result, Identification):

@@ -47,6 +47,8 @@ def _is_seen(estimate: Estimate) -> bool:
 
 
 def _equation(symbol: str, estimate: Estimate, unit: str) -> str:
+    if estimate.value is None:
+        return f"{symbol} is not determined"
     return f"{symbol} = {with_std(estimate.value, estimate.std)} {pretty(unit)}"
 
 

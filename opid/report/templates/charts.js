@@ -204,7 +204,7 @@ class Chart {
   tools() {
     const bar = document.createElement("div");
     bar.className = "tools";
-    const name = this.box.dataset.chart, actions = { "Zoom in": () => this.zoom(0.5), "Zoom out": () => this.zoom(2), "Whole": () => this.reset(),
+    const name = this.box.dataset.chart, actions = { "Zoom in": () => this.zoom(0.5), "Zoom out": () => this.zoom(2), "Reset": () => this.reset(),
       "PNG": () => Plotly.downloadImage(this.plot, { format: "png", filename: name, width: 1000, height: this.chart.layout.height, scale: 2 }),
       "CSV": () => save(`${name}.csv`, csv(this.chart)) };
     for (const [label, action] of Object.entries(actions)) {

@@ -548,7 +548,8 @@ def unexplained(fit: Fit) -> tuple[float, ...]:
         errors = free_errors(fit)
     except NO_FIT:
         return (np.inf,) * len(fit.model.runs)
-    return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
+    with np.errstate(over="ignore"):  # a free motion may grow beyond any number
+        return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
 
 
 def explains_nothing(fit: Fit) -> bool:
