@@ -15,6 +15,7 @@ from itertools import product
 from math import sqrt
 
 import numpy as np
+from harness import share, table_head, table_row
 from tqdm import tqdm
 from trials import Case, Trial, trial
 
@@ -89,15 +90,10 @@ def short(percent: float) -> str:
     return f"{percent:.2f}" if percent < 1 else f"{percent:.1f}" if percent < 10 else f"{percent:.0f}"
 
 
-def share(flags: Iterable[bool]) -> str:
-    flags = list(flags)
-    return f"{sum(flags)} of {len(flags)}" if flags else "-"
-
-
 def inside(trials: list[Trial]) -> str:
     """How many 95 % intervals of M2, K2, C2 and K3 hold the truth, of those that were given."""
     held = [each.holds[name] for each in trials for name in INTERVALS]
-    return share(each for each in held if each is not None)
+    return share(held)
 
 
 def law_errors(trials: list[Trial]) -> str:
@@ -139,10 +135,9 @@ COLUMNS = [
 
 
 def print_table(header: list[str], rows: list[list[str]]) -> None:
-    print("| " + " | ".join(header) + " |")
-    print("|" + "---|" * len(header))
+    print(table_head(*header))
     for row in rows:
-        print("| " + " | ".join(row) + " |")
+        print(table_row(*row))
     print()
 
 

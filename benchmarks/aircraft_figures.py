@@ -24,6 +24,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from estimator import AircraftIdentification, AnyStudy, aircraft_study, gear_study, identify
+from harness import read_names, table_head, table_row
 from tqdm import tqdm
 
 from opid.estimate import Estimate
@@ -272,7 +273,7 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
     yield from (f"- seed {seed}: {error}" for seed, error in failed.items())
     if not found:
         return
-    yield "\n| | median error % | 95th percentile % | worst % (seed) | interval holds |\n|---|---|---|---|---|"
+    yield "\n" + table_head("", "median error %", "95th percentile %", "worst % (seed)", "interval holds")
 
     def column(key: str) -> np.ndarray:
         return np.array([each.get(key, np.nan) for each in found.values()])
@@ -282,17 +283,15 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
         held = np.concatenate([column(f"holds {key}") for key in keys])
         n = int(np.isfinite(held).sum())
         if np.isnan(values).all():
-            yield f"| {label} | not told | | | withheld |"
+            yield table_row(label, "not told", "", "", "withheld")
             continue
         share = f"{int(np.nansum(held))} of {n}" if n else "withheld"
         worst = np.fmax.reduce(values)
-        yield (
-            f"| {label} | {np.nanmedian(values):.3f} | {np.nanquantile(values, 0.95):.3f} | {np.nanmax(worst):.3f} "
-            f"({list(found)[int(np.nanargmax(worst))]}) | {share} |"
-        )
+        farthest = f"{np.nanmax(worst):.3f} ({list(found)[int(np.nanargmax(worst))]})"
+        yield table_row(label, f"{np.nanmedian(values):.3f}", f"{np.nanquantile(values, 0.95):.3f}", farthest, share)
     told = int(np.isfinite(column("mass")).sum())
     held = column("holds x_cg")
-    yield f"| x_cg | | | | {int(np.nansum(held))} of {int(np.isfinite(held).sum())} |"
+    yield table_row("x_cg", "", "", "", f"{int(np.nansum(held))} of {int(np.isfinite(held).sum())}")
     residual = column("residual")
     yield (
         f"\nmass told of {told} of {len(found)}; "
@@ -340,9 +339,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
-    names = args.rows.split(",") if args.rows else list(ROWS)
-    if unknown := [name for name in names if name not in ROWS]:
-        parser.error(f"there is no row {', '.join(map(repr, unknown))}: give of {', '.join(ROWS)}")
+    names = read_names(parser, args.rows, ROWS, "row")
     rigid: list[Figures] = []
     for name in names:
         jobs = [(name, seed) for seed in range(args.first, args.first + args.seeds)]

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from harness import table_head, table_row
 
 from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
@@ -83,19 +84,19 @@ def rows(path: Path) -> list[str]:
         "true constants, force band-limited between samples": errors_of(records, true),
         "travel itself": [_rms(records[f"y_{name}"]) for name in TESTS],
     }
-    lines = ["| model | multisine, m rms | sine sweep, m rms |", "|---|---|---|", ASKED]
-    lines += [f"| {name} | {errors[0]:.2e} | {errors[1]:.2e} |" for name, errors in named.items()]
+    lines = [table_head("model", "multisine, m rms", "sine sweep, m rms"), ASKED]
+    lines += [table_row(name, *(f"{error:.2e}" for error in errors)) for name, errors in named.items()]
     return [*lines, "", *parameter_rows(found)]
 
 
 def parameter_rows(found: BenchLaw) -> list[str]:
     """Return the parameters beside the true ones, where the law is the true one."""
-    lines = ["| parameter | found | interval | true |", "|---|---|---|---|"]
+    lines = [table_head("parameter", "found", "interval", "true")]
     estimates = dict(found.parameters.items()) | dict(found.law_estimates.get("bouc_wen", {}))
     true = [*TRUE_STRAIGHT, *TRUE.vector] if found.law.name == TRUE.name else []
     for k, (name, each) in enumerate(estimates.items()):
         ends = "-" if each.interval95 is None else f"{each.interval95[0]:.6g} to {each.interval95[1]:.6g}"
-        lines.append(f"| {name} | {each.value:.6g} | {ends} | {f'{true[k]:.6g}' if true else '-'} |")
+        lines.append(table_row(name, f"{each.value:.6g}", ends, f"{true[k]:.6g}" if true else "-"))
     return lines
 
 

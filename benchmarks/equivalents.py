@@ -14,11 +14,9 @@ the same with force, travel and rate band-passed to the lines that are fitted: h
 Two runs of a seed share one fit, so their intervals do not hold or fail independently. No seed is dropped.
 """
 
-import argparse
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 # before numpy is loaded, here and in every process that this one starts
@@ -27,6 +25,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 import worlds
 from estimator import identify
+from harness import Answer, compare, read_names, run_all, seeds_parser, share, table_head, table_row
 from worlds import Rolled, study_of_rolled, two_rolled
 
 from opid.estimate import Estimate
@@ -67,9 +66,7 @@ class Outcome:
         mass_is_told: whether a mass is told with an interval.
         truth: (2, 4) of each run in the order of NAMES.
         in_band: likewise, in the band of the fit.
-        error: (2, 4) relative, NaN where nothing is told.
-        half_width: (2, 4) of the interval over the truth, NaN where there is none.
-        holds: likewise, None where there is no interval.
+        answers: 4 of each of 2 runs, relative to the truth.
         busy_s: processor time, s.
     """
 
@@ -80,9 +77,7 @@ class Outcome:
     mass_is_told: bool
     truth: FloatArray
     in_band: FloatArray
-    error: FloatArray
-    half_width: FloatArray
-    holds: tuple[tuple[bool | None, ...], ...]
+    answers: tuple[tuple[Answer, ...], ...]
     busy_s: float
 
 
@@ -112,20 +107,10 @@ def run(job: Job) -> Outcome:
     truth = np.array([straight(*each) for each in zip(rolled, masses, strict=True)])
     in_band = np.array([straight(*each, band_hz) for each in zip(rolled, masses, strict=True)])
     told = [[getattr(each, name) for name in NAMES] for each in found.equivalents] or [[Estimate()] * 4] * 2
-    error, half_width, holds = np.full((2, 4), np.nan), np.full((2, 4), np.nan), []
-    for row, estimates in enumerate(told):
-        for column, estimate in enumerate(estimates):
-            true = truth[row, column]
-            if estimate.value is not None:
-                error[row, column] = estimate.value / true - 1
-            if estimate.interval95 is not None:
-                half_width[row, column] = 0.5 * np.ptp(estimate.interval95) / true
-        holds.append(
-            tuple(
-                None if each.interval95 is None else each.holds(true)
-                for each, true in zip(estimates, truth[row].tolist(), strict=True)
-            )
-        )
+    answers = tuple(
+        tuple(compare(each, true, unit=true) for each, true in zip(estimates, row.tolist(), strict=True))
+        for estimates, row in zip(told, truth, strict=True)
+    )
     errors = [each.error for each in found.evidence if each.error is not None]
     return Outcome(
         job,
@@ -135,55 +120,50 @@ def run(job: Job) -> Outcome:
         found.parameters.sprung_mass_kg.interval95 is not None,
         truth,
         in_band,
-        error,
-        half_width,
-        tuple(holds),
+        answers,
         busy_s,
     )
 
 
-def print_rows(each: Outcome) -> None:
-    """Print a row for each run of a seed."""
-    for row, name in enumerate(("heavy", "light")):
-        cells = [each.job.strut, str(each.job.seed), name, f"{each.limited_by} ({each.departure:.1f})"]
+def describe(each: Outcome) -> str:
+    """Return a row for each run of a seed."""
+    rows = []
+    for name, truth, answers in zip(("heavy", "light"), each.truth, each.answers, strict=True):
+        cells = [each.job.strut, each.job.seed, name, f"{each.limited_by} ({each.departure:.1f})"]
         cells += [f"{100 * each.unexplained:.0f}", "yes" if each.mass_is_told else "no"]
-        for column in range(4):
-            holds = {None: "-", True: "holds", False: "NO"}[each.holds[row][column]]
-            cells.append(
-                f"{each.truth[row, column]:.4g}: {100 * each.error[row, column]:+.2f}, "
-                f"{100 * each.half_width[row, column]:.2f} %, {holds}"
-            )
-        print(f"| {' | '.join(cells)} | {each.busy_s:.1f} |", flush=True)
+        for true, answer in zip(truth, answers, strict=True):
+            holds = {None: "-", True: "holds", False: "NO"}[answer.holds]
+            cells.append(f"{true:.4g}: {100 * answer.error:+.2f}, {100 * answer.half_width:.2f} %, {holds}")
+        rows.append(table_row(*cells, f"{each.busy_s:.1f}"))
+    return "\n".join(rows)
 
 
 def print_table(outcomes: list[Outcome]) -> None:
     """Print a row for each strut."""
-    titles = " | ".join(f"{title}: hold; half width, %; error, worst, %; in the band, %" for title in TITLES)
-    print(f"\n| strut, law linear | limited by the model | left, % | mass told | {titles} | processor, s |")
-    print("|---" * (5 + len(TITLES)) + "|")
-    print(f"| asked | | | {' | '.join(['| 92 to 98 % hold'] + ['92 to 98 % hold'] * 3)} | |")
+    titles = [f"{title}: hold; half width, %; error, worst, %; in the band, %" for title in TITLES]
+    print(
+        "\n" + table_head("strut, law linear", "limited by the model", "left, %", "mass told", *titles, "processor, s")
+    )
+    print(table_row("asked", "", "", "", *["92 to 98 % hold"] * 4, ""))
     for strut in STRUTS:
         own = [each for each in outcomes if each.job.strut == strut]
         if not own:
             continue
         cells = [
-            f"{sum(each.limited_by == 'model' for each in own)} of {len(own)}",
+            strut,
+            share(each.limited_by == "model" for each in own),
             f"{100 * np.median([each.unexplained for each in own]):.0f}",
-            f"{sum(each.mass_is_told for each in own)} of {len(own)}",
+            share(each.mass_is_told for each in own),
         ]
         for column in range(4):
-            held = [row[column] for each in own for row in each.holds if row[column] is not None]
-            wide, off = (
-                100 * np.abs(np.concatenate([getattr(each, what)[:, column] for each in own]))
-                for what in ("half_width", "error")
-            )
+            answers = [row[column] for each in own for row in each.answers]
+            wide, off = (100 * np.abs([getattr(each, what) for each in answers]) for what in ("half_width", "error"))
             apart = np.concatenate([each.in_band[:, column] / each.truth[:, column] - 1 for each in own])
             cells.append(
-                f"{sum(held)} of {len(held)}; {_median(wide):.2g}; {_median(off):.2g}, {_worst(off):.2g}; "
+                f"{share(each.holds for each in answers)}; {_median(wide):.2g}; {_median(off):.2g}, {_worst(off):.2g}; "
                 f"{100 * np.median(apart):+.1g}"
             )
-        cells.append(f"{np.median([each.busy_s for each in own]):.1f}")
-        print(f"| {strut} | {' | '.join(cells)} |")
+        print(table_row(*cells, f"{np.median([each.busy_s for each in own]):.1f}"))
 
 
 def _median(values: FloatArray) -> float:
@@ -195,25 +175,16 @@ def _worst(values: FloatArray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="of each strut, counted from 0")
-    parser.add_argument("--struts", default=",".join(STRUTS), help="names joined by commas")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = seeds_parser(__doc__, seeds=20, what="of each strut")
+    parser.add_argument("--struts", help=f"names joined by commas, of {', '.join(STRUTS)}; all where left out")
     options = parser.parse_args()
-    struts = options.struts.split(",")
-    unknown = set(struts) - set(STRUTS)
-    if unknown:
-        parser.error(f"there is no strut {', '.join(sorted(unknown))}: give some of {', '.join(STRUTS)}")
-    titles = " | ".join(f"{title}: truth, error, half of the 95 % interval" for title in TITLES)
-    print(f"| strut | seed | run | limited by (departure) | left, % | mass told | {titles} | processor, s |")
-    print("|---" * (7 + len(TITLES)) + "|")
+    struts = read_names(parser, options.struts, STRUTS, "strut")
+    titles = [f"{title}: truth, error, half of the 95 % interval" for title in TITLES]
+    head = ("strut", "seed", "run", "limited by (departure)", "left, %", "mass told")
+    print(table_head(*head, *titles, "processor, s"))
     # every strut once before any a second time
-    jobs, outcomes = [Job(strut, seed) for seed in range(options.seeds) for strut in struts], []
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for each in pool.map(run, jobs):
-            print_rows(each)
-            outcomes.append(each)
-    print_table(outcomes)
+    jobs = [Job(strut, seed) for seed in range(options.first, options.seeds) for strut in struts]
+    print_table(run_all(run, jobs, describe, processes=options.jobs))
 
 
 if __name__ == "__main__":

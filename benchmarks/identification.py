@@ -23,6 +23,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from estimator import identify
+from harness import table_head, table_row
 from tqdm import tqdm
 from trials import Case, Trial, compared, simulated, study_of
 from worlds import WORLDS
@@ -113,15 +114,13 @@ def main() -> None:
     found = list(timings(ways))
     plain_s = next((each.busy_s for each in found if each.method == "least squares"), np.nan)
     print(f"Two 40 s runs at 512 Hz; medians of {N_REPEATS} calls on each of {N_STUDIES} studies (refusal: one)\n")
-    print(
-        "| | processor, s | wall, s | over plain least squares | peak memory, MiB | M2, % | K2, % | friction force, % |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    titles = ("", "processor, s", "wall, s", "over plain least squares", "peak memory, MiB")
+    print(table_head(*titles, "M2, %", "K2, %", "friction force, %"))
     for each in found:
-        errors = " | ".join("-" if np.isnan(error) else f"{error:.2f}" for error in each.percent)
-        over = each.busy_s / plain_s
+        errors = ["-" if np.isnan(error) else f"{error:.2f}" for error in each.percent]
+        times = (f"{seconds:.2f}" for seconds in (each.busy_s, each.seconds))
         name = f"{each.method}, law {each.law}" + (f" ({each.n_refused} refused)" if each.n_refused else "")
-        print(f"| {name} | {each.busy_s:.2f} | {each.seconds:.2f} | {over:.1f} | {each.peak_mib:.0f} | {errors} |")
+        print(table_row(name, *times, f"{each.busy_s / plain_s:.1f}", f"{each.peak_mib:.0f}", *errors))
 
     study = study_of(simulated(Case(GEAR), 0))
     identify(study)

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from harness import table_head, table_row
 from tqdm import tqdm
 
 if TYPE_CHECKING:
@@ -246,8 +247,8 @@ def main() -> None:
         needed = 2.5 * whole * BYTES_PER_ROW[".h5"]
         if shutil.disk_usage(directory).free < needed:
             parser.error(f"{directory} has no room for {needed / 2**30:.1f} GiB: give --where or fewer --hours")
-        print("| log | hours | MiB | task | time, s | of the processor, s | over plainly reading | peak memory, MiB |")
-        print("|---|---|---|---|---|---|---|---|")
+        titles = ("log", "hours", "MiB", "task", "time, s", "of the processor, s", "over plainly reading")
+        print(table_head(*titles, "peak memory, MiB"))
         told = []
         for ending, part in tqdm(LENGTHS, unit="length", disable=None):
             n = round(part * whole)
@@ -260,12 +261,10 @@ def main() -> None:
                     drop_from_cache(path)
                 cost = measured(task, paths, n)
                 plain_s = plain_s or float(cost["seconds"])
-                head = f"| {ending} | {n / FS / 3600:.3g} | {n_logs * size:.0f} | {task}"
                 over = float(cost["seconds"]) / (n_logs * plain_s)
-                print(
-                    f"{head} | {cost['seconds']:.2f} | {cost['cpu_s']:.2f} | {over:.1f} | {cost['peak_mib']:.0f} |",
-                    flush=True,
-                )
+                cells = [ending, f"{n / FS / 3600:.3g}", f"{n_logs * size:.0f}", task, f"{cost['seconds']:.2f}"]
+                cells += [f"{cost['cpu_s']:.2f}", f"{over:.1f}", f"{cost['peak_mib']:.0f}"]
+                print(table_row(*cells), flush=True)
                 told += [f"{ending}, {n / FS / 3600:.3g} h, {task}: {cost['words']}"] if cost["words"] else []
             for path in paths:
                 path.unlink()

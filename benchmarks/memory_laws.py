@@ -6,10 +6,8 @@ one after the other; forces are 100 to 2000 N, presliding travels from a fiftiet
 is searched, by the paper's chain as well. No seed is dropped.
 """
 
-import argparse
 import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 # before numpy is loaded, here and in every process that this one starts
@@ -17,12 +15,12 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from drawn_laws import Motion, log_uniform, typical_motion
-from model_figures import short
+from harness import Answer, compare, quantiles, run_all, seeds_parser, share, table_head, table_row
 from paper_chain import CHAIN_HEAD, ChainErrors, chain_cells, chain_errors
 from scenarios import random_case
 from trials import Case, simulated, study_of
 
-from opid import Estimate, identify
+from opid import identify
 from opid.mechanics.laws.law import LINEAR, law
 from opid.mechanics.structure import iwan
 from opid.virtual.taxi_tests.airframe import LandingGear
@@ -48,31 +46,23 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was found: errors and standard deviations in %, NaN where none was given.
+    """What was found, in % of the truth.
 
     Args:
         job: the gear.
         law_name: that was found.
-        error: of the mass.
-        std: of the mass.
-        holds: whether the interval of the mass holds the truth; None where there is none.
-        stiffness: error of K2.
-        stiffness_holds: whether its interval holds the truth; None where there is none.
-        damping: error of C2.
-        damping_holds: whether its interval holds the truth; None where there is none.
+        mass: beside the truth.
+        stiffness: K2, likewise.
+        damping: C2, likewise.
         seconds: processor time.
         chain: errors of the mass by the paper's chain.
     """
 
     job: Job
     law_name: str
-    error: float
-    std: float
-    holds: bool | None
-    stiffness: float
-    stiffness_holds: bool | None
-    damping: float
-    damping_holds: bool | None
+    mass: Answer
+    stiffness: Answer
+    damping: Answer
     seconds: float
     chain: ChainErrors
 
@@ -125,73 +115,55 @@ def run(job: Job) -> Outcome:
     found = identify(study)
     seconds = time.process_time() - began
     told, gear = found.parameters, case.gear
-    mass, mass_holds = _error(told.sprung_mass_kg, gear.sprung_mass_kg)
-    std = np.nan if told.sprung_mass_kg.std is None else 100 * told.sprung_mass_kg.std / gear.sprung_mass_kg
-    stiffness = _error(told.suspension_stiffness_n_per_m, gear.suspension_stiffness_n_per_m)
-    damping = _error(told.suspension_damping_n_s_per_m, gear.suspension_damping_n_s_per_m)
-    chain = chain_errors(gear, study)
-    return Outcome(job, found.law.name, mass, std, mass_holds, *stiffness, *damping, seconds, chain)
+    return Outcome(
+        job,
+        found.law.name,
+        compare(told.sprung_mass_kg, gear.sprung_mass_kg),
+        compare(told.suspension_stiffness_n_per_m, gear.suspension_stiffness_n_per_m),
+        compare(told.suspension_damping_n_s_per_m, gear.suspension_damping_n_s_per_m),
+        seconds,
+        chain_errors(gear, study),
+    )
 
 
-def _error(estimate: Estimate, true: float) -> tuple[float, bool | None]:
-    """Error in %, NaN where nothing was told, and whether the interval holds the truth; None where there is none."""
-    error = np.nan if estimate.value is None else 100 * (estimate.value / true - 1)
-    return error, None if estimate.interval95 is None else estimate.holds(true)
-
-
-def _cells(errors: list[float], holds: list[bool | None]) -> str:
-    """Median and worst error, and how many intervals hold."""
-    off = np.abs([each for each in errors if np.isfinite(each)] or [np.nan])
-    told = [each for each in holds if each is not None]
-    return f"{short(float(np.median(off)))} / {short(float(off.max()))} | {sum(told)} of {len(told)}"
+def describe(each: Outcome) -> str:
+    """Return what is printed of one gear."""
+    return (
+        f"{each.job.seed} {each.job.kind}: {each.law_name}, mass {each.mass.error:+.3f} +- {each.mass.std:.3f} %, "
+        f"K2 {each.stiffness.error:+.2f} %, C2 {each.damping.error:+.2f} %, {each.seconds:.1f} s; "
+        f"the paper's chain {each.chain.mended:+.2f} %"
+    )
 
 
 def print_table(outcomes: list[Outcome]) -> None:
     """Print a row for each kind, and one for all."""
-    print(
-        "\n| friction | gears | answered | kind found | mass, median / 95th percentile / worst, % | "
-        "intervals that hold | K2, median / worst, % | intervals that hold | C2, median / worst, % | "
-        f"intervals that hold | s, median | {CHAIN_HEAD} |"
-    )
-    print("|---" * 13 + "|")
+    titles = ("friction", "gears", "answered", "kind found", "mass, median / 95th percentile / worst, %")
+    titles += ("intervals that hold", "K2, median / worst, %", "intervals that hold", "C2, median / worst, %")
+    print("\n" + table_head(*titles, "intervals that hold", "s, median", CHAIN_HEAD))
     print(ASKED)
     for kind in (*KINDS, "all"):
         own = [each for each in outcomes if kind in (each.job.kind, "all")]
         if not own:
             continue
-        given = [each for each in own if np.isfinite(each.error)]
-        right = sum(each.job.kind in each.law_name.split("+") for each in own)
-        off = np.abs([each.error for each in given]) if given else np.array([np.nan])
-        quantiles = " / ".join(short(float(np.quantile(off, each))) for each in (0.5, 0.95, 1.0))
-        told = [each.holds for each in own if each.holds is not None]
-        stiffness = _cells([each.stiffness for each in own], [each.stiffness_holds for each in own])
-        damping = _cells([each.damping for each in own], [each.damping_holds for each in own])
-        print(
-            f"| {kind} | {len(own)} | {len(given)} | {right} | {quantiles} | {sum(told)} of {len(told)} | "
-            f"{stiffness} | {damping} | "
-            f"{np.median([each.seconds for each in own]):.1f} | {chain_cells([each.chain for each in own])} |"
-        )
+        cells = [
+            kind,
+            len(own),
+            sum(np.isfinite(each.mass.error) for each in own),
+            sum(each.job.kind in each.law_name.split("+") for each in own),
+        ]
+        for name, fractions in (("mass", (0.5, 0.95, 1.0)), ("stiffness", (0.5, 1.0)), ("damping", (0.5, 1.0))):
+            answers = [getattr(each, name) for each in own]
+            cells += [quantiles([each.error for each in answers], *fractions), share(each.holds for each in answers)]
+        cells += [f"{np.median([each.seconds for each in own]):.1f}", chain_cells([each.chain for each in own])]
+        print(table_row(*cells))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=80, help="gears, counted from 0")
-    parser.add_argument("--first", type=int, default=0, help="the first of them")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = seeds_parser(__doc__, seeds=80, what="gears")
     parser.add_argument("--kind", choices=KINDS, help="the gears of one kind alone")
     given = parser.parse_args()
     jobs = [job for job in map(Job, range(given.first, given.seeds)) if given.kind in (None, job.kind)]
-    outcomes = []
-    with ProcessPoolExecutor(given.jobs) as pool:
-        for each in pool.map(run, jobs):
-            outcomes.append(each)
-            print(
-                f"{each.job.seed} {each.job.kind}: {each.law_name}, mass {each.error:+.3f} +- {each.std:.3f} %, "
-                f"K2 {each.stiffness:+.2f} %, C2 {each.damping:+.2f} %, {each.seconds:.1f} s; "
-                f"the paper's chain {each.chain.mended:+.2f} %",
-                flush=True,
-            )
-    print_table(outcomes)
+    print_table(run_all(run, jobs, describe, processes=given.jobs))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from time import perf_counter
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
+from harness import read_names, table_head, table_row
 from silverbox import silverbox_rows
 from tqdm import tqdm
 
@@ -75,7 +76,7 @@ def run_beat(kind: str, amplitude: float) -> Recording:
     rig = Rig(single_mode(kind), MODES.row("a"), MODES.shapes, ("a",))
     voltage = sine_beat_voltage(replace(BEAT, amplitude=amplitude), FS)
     return rig_run(
-        rig, voltage, fs=FS, rng=np.random.default_rng(0), noise_share=0.0, steps_per_sample=STEPS_PER_SAMPLE
+        rig, voltage, fs=FS, rng=np.random.default_rng(0), noise_fraction=0.0, steps_per_sample=STEPS_PER_SAMPLE
     ).clean
 
 
@@ -282,7 +283,7 @@ def lines_of(row: str, found: list[Figures]) -> Iterator[str]:
             text = f"{values.mean():+.3f} +- {values.std():.3f}, worst {values[np.argmax(np.abs(values))]:+.3f}"
         else:
             text = f"{np.nanmin(values):.4g} to {np.nanmax(values):.4g}" if np.isfinite(values).any() else "-"
-        yield f"| {ROWS[row][0]} | {name} | {text} |"
+        yield table_row(ROWS[row][0], name, text)
 
 
 def main() -> None:
@@ -292,17 +293,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--silverbox", type=Path, help="SNLS80mV.csv")
     options = parser.parse_args()
-    wanted = [row for row in options.rows.split(",") if row]
-    unknown = set(wanted) - set(ROWS)
-    if unknown:
-        parser.error(f"there is no row {', '.join(sorted(unknown))}: choose from {', '.join(ROWS)}")
+    wanted = read_names(parser, options.rows, ROWS, "row")
     prepare()
     jobs = [(row, seed) for row in wanted for seed in range(options.seeds)]
     found: dict[str, list[Figures]] = {row: [] for row in wanted}
     with get_context("fork").Pool(options.jobs) as pool:
         for row, _, figures in tqdm(pool.imap(trial, jobs), total=len(jobs), file=sys.stderr, disable=None):
             found[row].append(figures)
-    print(f"| case | figure | {options.seeds} seeds |\n|---|---|---|")
+    print(table_head("case", "figure", f"{options.seeds} seeds"))
     for row in wanted:
         print("\n".join(lines_of(row, found[row])))
     if options.silverbox:

@@ -24,6 +24,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from campaign import Record, as_line, missing_jobs, read_records, read_timings, run_jobs
+from harness import quantiles, read_names, share, short, table_head, table_row
 from identification import REFUSAL, Timing, timings
 from scenarios import FAULTS, SCENARIOS
 from trials import METHODS, PLAIN, Trial
@@ -57,10 +58,7 @@ class Trials:
 
     def quantiles(self, name: str, *shares: float) -> str:
         """Of the absolute errors in %, 0.5 the median and 1 the worst."""
-        errors = np.abs(self.percents(name))
-        if not errors.size:
-            return self.with_failures("-")
-        return self.with_failures(" / ".join(short(float(np.quantile(errors, share))) for share in shares))
+        return self.with_failures(quantiles(self.percents(name), *shares))
 
     def spread(self, name: str) -> str:
         """Standard deviation of the error in %, and the mean where it is more than three of its deviations off."""
@@ -128,17 +126,6 @@ def _terms(each: Trial) -> set[str]:
 def _law_parameters(each: Trial) -> list[str]:
     """The parameters of the law; of a law that was not found none can be held."""
     return [name for name in each.truth if "." in name] if each.law_right else []
-
-
-def short(percent: float) -> str:
-    if percent < 0.995:
-        return f"{percent:.3f}" if percent < 0.0995 else f"{percent:.2f}"
-    return f"{percent:.1f}" if percent < 9.95 else f"{percent:.0f}"
-
-
-def share(flags) -> str:
-    flags = list(flags)
-    return f"{sum(flags)} of {len(flags)}" if flags else "-"
 
 
 # a line of the table: its scenario, the case in words, what is asked of it, and the figure made of its trials
@@ -263,8 +250,7 @@ def print_table(
     lines: Sequence[Line], records: Sequence[Record], laws: dict[str, str], measured: Sequence[Timing]
 ) -> None:
     """Print the lines of which there are trials, then the times."""
-    print("| case | asked: reach; aim | " + " | ".join(TITLES.values()) + " |")
-    print("|" + "---|" * (2 + len(TITLES)))
+    print(table_head("case", "asked: reach; aim", *TITLES.values()))
     for scenario, case, asked, figure in lines:
         cells, n = [], 0
         for method in METHODS:
@@ -274,17 +260,17 @@ def print_table(
             n = max(n, len(trials.all))
             cells.append(figure(trials) if trials.all else "")
         if n:
-            print(f"| {case} ({n} seeds, law {laws[scenario]}) | {asked} | " + " | ".join(cells) + " |")
+            print(table_row(f"{case} ({n} seeds, law {laws[scenario]})", asked, *cells))
     way = {(each.method, each.law): each for each in measured}
     asked_for = (("given", "0.4; 0.15"), ("searched", "0.8; -"), (REFUSAL, "5; -"))
     for law, asked in asked_for if way else ():
         own = [way.get((method, law)) for method in METHODS]
-        busy = " | ".join(f"{each.busy_s:.2f}" if each else "" for each in own)
-        seconds = " | ".join(f"{each.seconds:.2f}" if each else "" for each in own)
-        memory = " | ".join(f"{each.peak_mib:.0f}" if each else "" for each in own)
-        print(f"| one identification after compilation, law {law}, processor time, s | {asked} | {busy} |")
-        print(f"| the same, by the clock on the wall, s | - | {seconds} |")
-        print(f"| peak memory of its process, libraries and compiler included, MiB | - | {memory} |")
+        busy = [f"{each.busy_s:.2f}" if each else "" for each in own]
+        seconds = [f"{each.seconds:.2f}" if each else "" for each in own]
+        memory = [f"{each.peak_mib:.0f}" if each else "" for each in own]
+        print(table_row(f"one identification after compilation, law {law}, processor time, s", asked, *busy))
+        print(table_row("the same, by the clock on the wall, s", "-", *seconds))
+        print(table_row("peak memory of its process, libraries and compiler included, MiB", "-", *memory))
 
 
 def arguments() -> argparse.Namespace:
@@ -298,11 +284,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--out", metavar="FILE", help="keep each trial as a line of JSON; what is there is not rerun")
     parser.add_argument("--from", dest="sources", nargs="+", metavar="FILE", help="print from such files, run nothing")
     options = parser.parse_args()
-    options.rows = options.rows.split(",") if options.rows else known
-    options.methods = options.methods.split(",") if options.methods else list(METHODS)
-    for word, names in (("row", set(options.rows) - set(known)), ("method", set(options.methods) - set(METHODS))):
-        if names:
-            parser.error(f"there is no {word} {', '.join(sorted(names))}: see --help")
+    options.rows = read_names(parser, options.rows, known, "row")
+    options.methods = read_names(parser, options.methods, METHODS, "method")
     return options
 
 

@@ -12,10 +12,8 @@ weight on a coil beside the gas, "isothermal" moves as slowly as it was loaded, 
 gas, "cooling" lets the gas of the second run be 1 % colder.
 """
 
-import argparse
 import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 # before numpy is loaded, here and in every process that this one starts
@@ -24,6 +22,8 @@ os.environ["OMP_NUM_THREADS"] = "1"
 from typing import Any
 
 import numpy as np
+from drawn_laws import log_uniform
+from harness import Answer, compare, run_all, seeds_parser, share, table_head, table_row
 from numba import njit
 from paper_chain import ChainErrors, chain_errors, chain_quantiles
 from worlds import rolled
@@ -107,11 +107,11 @@ def random_strut(seed: int, world: str) -> Strut:
     """Return the strut of a seed."""
     rng, usual = np.random.default_rng([91, seed]), LandingGear()
     mass = usual.sprung_mass_kg * float(np.exp(rng.uniform(-0.3, 0.3)))
-    weight, length = mass * GRAVITY_M_PER_S2, _log_uniform(rng, 0.05, 0.15)
-    exponent, compression = rng.uniform(1.1, 1.35), _log_uniform(rng, 1.5e4, 1e5)
-    rebound, seal, bend = compression * rng.uniform(1.5, 4.0), weight * _log_uniform(rng, 0.01, 0.04), 0.0
-    bend = _log_uniform(rng, 1e-4, 1e-3)
-    damping = _log_uniform(rng, 1e3, 6e3)
+    weight, length = mass * GRAVITY_M_PER_S2, log_uniform(rng, 0.05, 0.15)
+    exponent, compression = rng.uniform(1.1, 1.35), log_uniform(rng, 1.5e4, 1e5)
+    rebound, seal, bend = compression * rng.uniform(1.5, 4.0), weight * log_uniform(rng, 0.01, 0.04), 0.0
+    bend = log_uniform(rng, 1e-4, 1e-3)
+    damping = log_uniform(rng, 1e3, 6e3)
     coil, gas_n = 0.0, weight
     if world == "spring":
         # a coil that is twice as long in compression as the gas gives way under its share
@@ -120,7 +120,7 @@ def random_strut(seed: int, world: str) -> Strut:
         gas_n = 0.98 * weight
     elif world == "isothermal":
         exponent = 1.0
-    area = gas_n / _log_uniform(rng, 3e6, 10e6)
+    area = gas_n / log_uniform(rng, 3e6, 10e6)
     gear = LandingGear(
         sprung_mass_kg=mass,
         # none is not allowed without a law
@@ -129,10 +129,6 @@ def random_strut(seed: int, world: str) -> Strut:
         law=LINEAR,
     )
     return Strut(gear, gas_n + ATMOSPHERE_PA * area, area, length, exponent, compression, rebound, seal, bend, coil)
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 @dataclass(frozen=True)
@@ -160,13 +156,11 @@ ASKED = ("0.15 / 0.8 (half of it)", "1 (0.5)", "0.02 (0.01)", "3 (1.5)", "-")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was found: errors and standard deviations in the order of COLUMNS, NaN where none was given."""
+    """What was found, each number of COLUMNS beside the truth."""
 
     job: Job
     law_name: str
-    error: tuple[float, ...]
-    std: tuple[float, ...]
-    holds: tuple[bool | None, ...]
+    answers: tuple[Answer, ...]
     residual: float
     seconds: float
     chain: ChainErrors
@@ -202,24 +196,26 @@ def run(job: Job) -> Outcome:
     gas = found.law_estimates.get("gas_column", {})
     seal = next((each for name, each in found.law_estimates.items() if name.endswith("_friction")), {})
     oil = found.law_estimates.get("orifice_damping", {})
-    estimates = (
-        (found.parameters.sprung_mass_kg, strut.gear.sprung_mass_kg, True),
-        (gas.get("gas_length_m"), strut.length_m, True),
-        (gas.get("exponent"), strut.exponent, False),
-        (seal.get("amplitude_n"), strut.seal_n, True),
-        (oil.get("rebound_ratio"), strut.rebound / strut.compression, True),
+    answers = (
+        compare(found.parameters.sprung_mass_kg, strut.gear.sprung_mass_kg),
+        compare(gas.get("gas_length_m"), strut.length_m),
+        compare(gas.get("exponent"), strut.exponent, unit=1.0),
+        compare(seal.get("amplitude_n"), strut.seal_n),
+        compare(oil.get("rebound_ratio"), strut.rebound / strut.compression),
     )
-    error, std, holds = [], [], []
-    for estimate, truth, is_relative in estimates:
-        unit = 0.01 * truth if is_relative else 1.0
-        has_value = estimate is not None and estimate.value is not None
-        error.append((estimate.value - truth) / unit if has_value else np.nan)
-        std.append(estimate.std / unit if has_value and estimate.std is not None else np.nan)
-        holds.append(estimate.holds(truth) if has_value and estimate.interval95 is not None else None)
     # the chain knows none of these laws, so it searches
     chain = chain_errors(strut.gear, study)
-    return Outcome(
-        job, found.law.name, tuple(error), tuple(std), tuple(holds), found.residual_over_noise, seconds, chain
+    return Outcome(job, found.law.name, answers, found.residual_over_noise, seconds, chain)
+
+
+def describe(each: Outcome) -> str:
+    """Return what is printed of one strut."""
+    told = ", ".join(
+        f"{name} {answer.error:+.3g} +- {answer.std:.2g}" for name, answer in zip(COLUMNS, each.answers, strict=True)
+    )
+    return (
+        f"{each.job.seed} {each.law_name}: {told}, {each.residual:.2f}, {each.seconds:.1f} s; "
+        f"the paper's chain {each.chain.mended:+.2f} %"
     )
 
 
@@ -228,47 +224,31 @@ def print_table(outcomes: list[Outcome]) -> None:
     mine = LAW.split("+")
     right = sum(set(each.law_name.split("+")) == set(mine) for each in outcomes)
     print(f"\n{len(outcomes)} struts, the law found in {right}\n")
-    print("| number | asked (aim) | answered | median | 95th percentile | worst | std, median | intervals that hold |")
-    print("|---" * 8 + "|")
+    titles = ("number", "asked (aim)", "answered", "median", "95th percentile", "worst", "std, median")
+    print(table_head(*titles, "intervals that hold"))
     for column, name in enumerate(COLUMNS):
-        error, std = (np.array([getattr(each, what)[column] for each in outcomes]) for what in ("error", "std"))
-        held = [each.holds[column] for each in outcomes if each.holds[column] is not None]
-        given = np.abs(error[np.isfinite(error)])
-        quantiles = np.quantile(given, (0.5, 0.95, 1.0)) if given.size else np.full(3, np.nan)
-        told = " | ".join(f"{value:.2g}" for value in (*quantiles, np.nanmedian(std) if given.size else np.nan))
-        print(f"| {name} | {ASKED[column]} | {given.size} | {told} | {sum(held)} of {len(held)} |")
+        answers = [each.answers[column] for each in outcomes]
+        given = np.abs([each.error for each in answers if np.isfinite(each.error)])
+        std = np.nanmedian([each.std for each in answers]) if given.size else np.nan
+        numbers = (*(np.quantile(given, (0.5, 0.95, 1.0)) if given.size else np.full(3, np.nan)), std)
+        told = [f"{value:.2g}" for value in numbers]
+        print(table_row(name, ASKED[column], given.size, *told, share(each.holds for each in answers)))
     for name, words in (("mended", "the paper's chain mended"), ("printed", "its printed formula")):
-        n_told, quantiles = chain_quantiles([getattr(each.chain, name) for each in outcomes])
-        told = " | ".join(f"{each:.2g}" if n_told else "-" for each in quantiles)
-        print(f"| mass by {words}, % | - | {n_told} | {told} | - | - |")
+        n_told, numbers = chain_quantiles([getattr(each.chain, name) for each in outcomes])
+        told = [f"{each:.2g}" if n_told else "-" for each in numbers]
+        print(table_row(f"mass by {words}, %", "-", n_told, *told, "-", "-"))
     print(f"\nprocessor time, median: {np.median([each.seconds for each in outcomes]):.1f} s")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=60, help="struts, counted from 0")
-    parser.add_argument("--first", type=int, default=0, help="the first of them")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = seeds_parser(__doc__, seeds=60, what="struts")
     parser.add_argument("--world", choices=WORLDS, default="plain", help="what the struts are")
     parser.add_argument("--law", choices=("searched", "given"), default="searched", help="whether the law is known")
     parser.add_argument("--repeatability", type=float, help="that is stated; what is usual where left out")
     given = parser.parse_args()
     law = LAW if given.law == "given" else None
     jobs = [Job(seed, given.world, law, given.repeatability) for seed in range(given.first, given.seeds)]
-    outcomes = []
-    with ProcessPoolExecutor(given.jobs) as pool:
-        for each in pool.map(run, jobs):
-            outcomes.append(each)
-            told = ", ".join(
-                f"{name} {error:+.3g} +- {std:.2g}"
-                for name, error, std in zip(COLUMNS, each.error, each.std, strict=True)
-            )
-            print(
-                f"{each.job.seed} {each.law_name}: {told}, {each.residual:.2f}, {each.seconds:.1f} s; "
-                f"the paper's chain {each.chain.mended:+.2f} %",
-                flush=True,
-            )
-    print_table(outcomes)
+    print_table(run_all(run, jobs, describe, processes=given.jobs))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from estimator import GearStudy
-from model_figures import short
+from harness import short
 from trials import Case, compared
 
 from opid.virtual.taxi_tests.airframe import LandingGear

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from harness import table_head, table_row
 
 import opid
 from opid.signals.log import LogSettings
@@ -25,7 +26,7 @@ from opid.suspensions.bench.record import Bench, bench_from_recording, quasi_sta
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from real_records import read_set, records_in
 
-HEAD = "| record | law | explained, % | without memory, % | energy a cycle, J | as dry friction, N | s |"
+TITLES = ("record", "law", "explained, %", "without memory, %", "energy a cycle, J", "as dry friction, N", "s")
 
 
 def studies_of(name: str, data: Path) -> dict[str, opid.suspensions.BenchStudy]:
@@ -80,16 +81,14 @@ def row_of(name: str, found: BenchLaw, seconds: float) -> str:
     ends = "" if energy.interval95 is None else f" ({energy.interval95[0]:.4g} to {energy.interval95[1]:.4g})"
     taken = ("-", "-") if energy.value is None else (f"{energy.value:.4g}{ends}", f"{friction.value:.4g}")
     without = 100 * found.memory.r2_at_most
-    return (
-        f"| {name} | `{found.law.name}` | {100 * found.r2_left_out:.1f} | {without:.1f} | "
-        f"{taken[0]} | {taken[1]} | {seconds:.1f} |"
-    )
+    explained = f"{100 * found.r2_left_out:.1f}", f"{without:.1f}"
+    return table_row(name, f"`{found.law.name}`", *explained, *taken, f"{seconds:.1f}")
 
 
 def rows(folder: Path, wanted: list[str]) -> Iterator[str]:
     """Yield the tables, line by line."""
     for each in wanted or SETS:
-        yield from ("", f"{each}:", "", HEAD, "|---|---|---|---|---|---|---|")
+        yield from ("", f"{each}:", "", table_head(*TITLES))
         for name, bench in SETS[each](folder).items():
             begun = time.process_time()
             found = law_of_bench(bench, title=name)

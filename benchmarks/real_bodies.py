@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from harness import table_head
 
 from opid.errors import InputError
 from opid.estimate import Estimate
@@ -110,16 +111,10 @@ def static_saturation_n(pairs: list[tuple[FloatArray, FloatArray]], from_m: floa
     return float(np.mean([force[travel > from_m].mean() for travel, force in pairs]))
 
 
-SLIDING_HEAD = (
-    "| record | period, s | friction at 0.06 m/s | at 0.15 m/s | farthest, mm | slides, s | explained, % |\n"
-    "|---|---|---|---|---|---|---|\n"
-    "| asked | records agree within 3 % | within 10 % | within 10 % | | no slip where the base is fixed | |"
-)
-IMPACT_HEAD = (
-    "| record | law | K, N/mm | static test | C, N s/m | saturates at, N | sensors in free fall | explained, % |\n"
-    "|---|---|---|---|---|---|---|---|\n"
-    "| asked (aim) | | within 3 % (1 %) of the static test | | | told | | |"
-)
+SLIDING_TITLES = ("record", "period, s", "friction at 0.06 m/s", "at 0.15 m/s", "farthest, mm", "slides, s")
+SLIDING_ASKED = "| asked | records agree within 3 % | within 10 % | within 10 % | | no slip where the base is fixed | |"
+IMPACT_TITLES = ("record", "law", "K, N/mm", "static test", "C, N s/m", "saturates at, N", "sensors in free fall")
+IMPACT_ASKED = "| asked (aim) | | within 3 % (1 %) of the static test | | | told | | |"
 
 
 def told(estimate: Estimate, form: str, factor: float = 1.0) -> str:
@@ -136,7 +131,7 @@ def sliding_rows(data: Path) -> Iterator[str]:
     records = sliding_records(folder_of("sliding_isolators_bench", data))
     fractions = mass_fractions(tuple(records.values()))
     yield "fractions of the mass, base and floors: " + ", ".join(f"{each:.3f}" for each in fractions) + "\n"
-    yield SLIDING_HEAD
+    yield from (table_head(*SLIDING_TITLES, "explained, %"), SLIDING_ASKED)
     for name, record in records.items():
         far_mm, slides_s = 1e3 * np.abs(record.travel).max(), record.slides.sum() / FRAME_HZ
         if record.slides.sum() < LEAST_SAMPLES:
@@ -155,7 +150,7 @@ def impact_rows(data: Path) -> Iterator[str]:
     """Yield the table of the falls, line by line."""
     folder = folder_of("water_impact", data)
     tests = static_tests(folder)
-    yield IMPACT_HEAD
+    yield from (table_head(*IMPACT_TITLES, "explained, %"), IMPACT_ASKED)
     for name in records_in("water_impact", data):
         scale, late_s = free_fall(*falling(folder, name))
         sensors, short = f"{scale:.3f}, {1e3 * late_s:.2f} ms late", name.removesuffix("_trial1")

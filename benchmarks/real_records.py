@@ -18,6 +18,7 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
+from harness import table_head, table_row
 
 import opid
 
@@ -75,7 +76,7 @@ def print_answer(
             "-" if other is None else f"{100 * other.inside:.0f}",
             f"{busy_s:.1f}",
         )
-        print(f"| {' | '.join(cells)} |", flush=True)
+        print(table_row(*cells), flush=True)
     return found
 
 
@@ -114,11 +115,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder that holds the sets")
     parser.add_argument("--sets", help=f"names joined by commas, of {', '.join(CASES)}; all where left out")
     options = parser.parse_args()
-    print(
-        "| record | law | limited by | frequency, Hz | damping ratio | lag, ms | unexplained | left out | inside, % | "
-        "processor, s |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    titles = ("record", "law", "limited by", "frequency, Hz", "damping ratio", "lag, ms", "unexplained", "left out")
+    print(table_head(*titles, "inside, %", "processor, s"))
     for name in options.sets.split(",") if options.sets else CASES:
         print_rows(name, options.data)
 

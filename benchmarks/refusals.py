@@ -17,6 +17,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from estimator import identify, residual_over_noise
+from harness import read_names, share, table_head, table_row
 from worlds import WORLDS
 
 # what is asked of unmeasured forces, an engine and a body that bends, and what is aimed at
@@ -81,22 +82,19 @@ def warm_up() -> None:
         outcome(world, 1_000_000)
 
 
-def summary(outcomes: list[Outcome]) -> str:
-    """One line of the second table."""
-    refused = sum(each.refused for each in outcomes)
-    held = [each.holds for each in outcomes if each.holds is not None]
+def summary(outcomes: list[Outcome]) -> list[str]:
+    """Cells of the second table."""
     busy = [each.busy_s for each in outcomes]
     wide = [each.wide_percent for each in outcomes if np.isfinite(each.wide_percent)]
     residual = [each.residual for each in outcomes if np.isfinite(each.residual)]
-    cells = [
-        f"{refused} of {len(outcomes)}",
-        f"{sum(np.isfinite(each.wide_percent) for each in outcomes)} of {len(outcomes)}",
-        f"{sum(held)} of {len(held)}" if held else "-",
+    return [
+        share(each.refused for each in outcomes),
+        share(np.isfinite(each.wide_percent) for each in outcomes),
+        share(each.holds for each in outcomes),
         f"{np.median(wide):.2f}" if wide else "-",
         f"{np.median(residual):.2f} / {max(residual):.2f}" if residual else "-",
         f"{np.median(busy):.1f} / {max(busy):.1f}",
     ]
-    return " | ".join(cells)
 
 
 def main() -> None:
@@ -107,15 +105,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
-    names = options.worlds.split(",") if options.worlds else list(WORLDS)
-    unknown = set(names) - set(WORLDS)
-    if unknown:
-        parser.error(f"there is no world {', '.join(sorted(unknown))}: see --help")
+    names = read_names(parser, options.worlds, WORLDS, "world")
     found: dict[str, list[Outcome]] = {}
-    print(
-        "| world | seed | processor, s | residual over noise | limited by | law | answer or reason | interval holds |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    titles = ("world", "seed", "processor, s", "residual over noise", "limited by", "law", "answer or reason")
+    print(table_head(*titles, "interval holds"))
     # every world once before any a second time: a run that is broken off has seen all of them
     cases = [(name, seed) for seed in range(options.seeds) for name in names]
     with ProcessPoolExecutor(options.jobs, initializer=warm_up) as pool:
@@ -123,15 +116,12 @@ def main() -> None:
             found.setdefault(name, []).append(each)
             holds = "-" if each.holds is None else "yes" if each.holds else "NO"
             cells = (name, seed, f"{each.busy_s:.1f}", f"{each.residual:.2f}", each.limited_by, each.law, each.answer)
-            print(f"| {' | '.join(map(str, cells))} | {holds} |", flush=True)
-    print(
-        "\n| world | refused | mass told | intervals that hold | half interval, % | "
-        "residual over noise, median / worst | processor, s, median / worst |"
-    )
-    print("|---|---|---|---|---|---|---|")
+            print(table_row(*cells, holds), flush=True)
+    titles = ("world", "refused", "mass told", "intervals that hold", "half interval, %")
+    print("\n" + table_head(*titles, "residual over noise, median / worst", "processor, s, median / worst"))
     print(ASKED)
     for name, outcomes in found.items():
-        print(f"| {name}: {WORLDS[name].why} | {summary(outcomes)} |")
+        print(table_row(f"{name}: {WORLDS[name].why}", *summary(outcomes)))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from harness import table_head
 from scipy import fft
 from scipy.signal.windows import tukey
 
@@ -95,5 +96,5 @@ def silverbox_rows(path: Path) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    print("| case | figure | value |\n|---|---|---|")
+    print(table_head("case", "figure", "value"))
     print("\n".join(silverbox_rows(Path(sys.argv[1]))))

@@ -11,16 +11,14 @@ stated one. "Times as wide" is the half width of the interval over that where th
 by gear: what the honesty costs where the flights are alike (`--worlds alike`).
 """
 
-import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 # before numpy is loaded, here and in every process that this one starts
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
-from model_figures import short
+from harness import Answer, compare, quantiles, read_names, run_all, seeds_parser, share, short, table_head, table_row
 from paper_chain import CHAIN_HEAD, ChainErrors, chain_cells, chain_errors
 from scenarios import random_case
 
@@ -57,16 +55,12 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was found: errors and half widths of the intervals in % of the mass, NaN where none was given.
+    """What was found, in % of the mass.
 
     Args:
         job: the gear and its world.
-        error: of the mass.
-        half_width: of its interval.
-        holds: whether the interval holds the truth; None where there is none.
-        error_if_same: as `error`, the same strut taken for granted; so are the two after it.
-        half_width_if_same: as `half_width`.
-        holds_if_same: as `holds`.
+        mass: beside the truth.
+        mass_if_same: likewise, the same strut taken for granted.
         n_forces: parts of the strut that may differ: springs and damping, and friction where it has some.
         stated: repeatability beforehand, %.
         inferred: as the runs tell it, %; NaN where they were fitted as alike.
@@ -74,12 +68,8 @@ class Outcome:
     """
 
     job: Job
-    error: float
-    half_width: float
-    holds: bool | None
-    error_if_same: float
-    half_width_if_same: float
-    holds_if_same: bool | None
+    mass: Answer
+    mass_if_same: Answer
     n_forces: int
     stated: float
     inferred: float
@@ -112,55 +102,44 @@ def run(job: Job) -> Outcome:
     for repeatability, settings_of in ((None, None), (0.0, granted)):
         study = study_of_gear("gear", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=repeatability)
         result = identify(study, law=law, settings=settings_of)
-        mass, true = result.parameters.sprung_mass_kg, case.gear.sprung_mass_kg
-        error = np.nan if mass.value is None else 100 * (mass.value / true - 1)
-        ends = mass.interval95
-        half_width = np.nan if ends is None else 50 * (ends[1] - ends[0]) / true
-        found.append((error, half_width, None if ends is None else mass.holds(true)))
+        found.append(compare(result.parameters.sprung_mass_kg, case.gear.sprung_mass_kg))
         levels.append(result.evidence[0].repeatability)
-    (error, wide, holds), (error_same, wide_same, holds_same) = found
     n_forces = 2 + any(term.kind.is_friction for term in case.gear.law.terms)
     usual = levels[0]
     inferred = np.nan if usual.estimated is None else 100 * usual.estimated
     chain = chain_errors(case.gear, study, law=law)
-    return Outcome(
-        job,
-        error,
-        wide,
-        holds,
-        error_same,
-        wide_same,
-        holds_same,
-        n_forces,
-        100 * usual.stated,
-        inferred,
-        chain,
+    return Outcome(job, *found, n_forces, 100 * usual.stated, inferred, chain)
+
+
+def describe(each: Outcome) -> str:
+    """Return what is printed of one gear."""
+    return (
+        f"{each.job.world}, {each.job.seed}: mass {each.mass.error:+.3f} % (half of its 95 % interval: "
+        f"{each.mass.half_width:.3f} %), repeatability {each.inferred:.3g} % (stated {each.stated:g}); "
+        f"same strut {each.mass_if_same.error:+.3f} % ({each.mass_if_same.half_width:.3f} %); "
+        f"the paper's chain {each.chain.mended:+.2f} %"
     )
 
 
 def print_table(outcomes: list[Outcome]) -> None:
     """Print a row for each world."""
-    print(
-        "\n| flights | gears | mass, median / 95th percentile / worst, % | intervals that hold | "
-        "half width, median, % | repeatability inferred, median (10 to 90 % of gears), % | "
-        "same strut taken for granted: mass | "
-        f"intervals that hold | half width | times as wide, median / worst | {CHAIN_HEAD} |"
-    )
-    print("|---" * 12 + "|")
+    titles = ("flights", "gears", "mass, median / 95th percentile / worst, %", "intervals that hold")
+    titles += ("half width, median, %", "repeatability inferred, median (10 to 90 % of gears), %")
+    titles += ("same strut taken for granted: mass", "intervals that hold", "half width")
+    print("\n" + table_head(*titles, "times as wide, median / worst", CHAIN_HEAD))
     print(ASKED)
     for world in WORLDS:
         for n_forces, words in ((0, "all"), (3, "with friction"), (2, "without")):
             own = [each for each in outcomes if each.job.world == world and n_forces in (0, each.n_forces)]
             if not own:
                 continue
-            usual = _told([(each.error, each.half_width, each.holds) for each in own])
-            same = _told([(each.error_if_same, each.half_width_if_same, each.holds_if_same) for each in own])
-            ratios = np.array([each.half_width / each.half_width_if_same for each in own])
+            usual, same = _told([each.mass for each in own]), _told([each.mass_if_same for each in own])
+            ratios = np.array([each.mass.half_width / each.mass_if_same.half_width for each in own])
             ratios = ratios[np.isfinite(ratios)]
             times = f"{np.median(ratios):.1f} / {ratios.max():.1f} of {ratios.size}" if ratios.size else "-"
             chain = chain_cells([each.chain for each in own])
             cells = (f"{words}, {len(own)}", usual, _inferred(own), same, times, chain)
-            print(f"| {world} | {' | '.join(cells)} |")
+            print(table_row(world, *cells))
 
 
 def _inferred(own: list[Outcome]) -> str:
@@ -172,43 +151,29 @@ def _inferred(own: list[Outcome]) -> str:
     return f"{middle} ({low} to {high}) of {len(told)}, stated {stated:g}"
 
 
-def _told(found: list[tuple[float, float, bool | None]]) -> str:
-    error, wide, holds = zip(*found, strict=True)
-    given, told = np.abs([each for each in error if np.isfinite(each)]), [each for each in holds if each is not None]
-    if not given.size:
+def _told(answers: list[Answer]) -> str:
+    given = [each.error for each in answers if np.isfinite(each.error)]
+    if not given:
         return "- | - | -"
-    quantiles = " / ".join(short(float(np.quantile(given, each))) for each in (0.5, 0.95, 1.0))
-    missing = f" ({len(error) - given.size} without)" if given.size < len(error) else ""
-    held = f"{sum(told)} of {len(told)}" + (f" ({100 * np.mean(told):.1f} %)" if told else "")
-    return f"{quantiles}{missing} | {held} | {short(float(np.nanmedian(wide)))}"
+    holds = [each.holds for each in answers if each.holds is not None]
+    missing = f" ({len(answers) - len(given)} without)" if len(given) < len(answers) else ""
+    held = share(holds) + (f" ({100 * np.mean(holds):.1f} %)" if holds else "")
+    wide = short(float(np.nanmedian([each.half_width for each in answers])))
+    return f"{quantiles(given, 0.5, 0.95, 1.0)}{missing} | {held} | {wide}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=40, help="gears, counted from 0")
-    parser.add_argument("--worlds", default=",".join(WORLDS), help="names joined by commas")
+    parser = seeds_parser(__doc__, seeds=40, what="gears")
+    names = ", ".join(WORLDS).replace("%", "%%")
+    parser.add_argument("--worlds", help=f"names joined by commas, of {names}; all where left out")
     parser.add_argument("--law", choices=("given", "searched"), default="searched")
     parser.add_argument("--runs", type=int, choices=(2, 3, 4), default=2, help="of each gear, two masses in turn")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
-    worlds = options.worlds.split(",")
-    unknown = set(worlds) - set(WORLDS)
-    if unknown:
-        parser.error(f"there is no world {', '.join(sorted(unknown))}: give some of {', '.join(WORLDS)}")
+    worlds = read_names(parser, options.worlds, WORLDS, "world")
     law_is_given = options.law == "given"
-    jobs = [Job(world, seed, law_is_given, options.runs) for world in worlds for seed in range(options.seeds)]
-    outcomes = []
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for each in pool.map(run, jobs):
-            outcomes.append(each)
-            print(
-                f"{each.job.world}, {each.job.seed}: mass {each.error:+.3f} % (half of its 95 % interval: "
-                f"{each.half_width:.3f} %), repeatability {each.inferred:.3g} % (stated {each.stated:g}); "
-                f"same strut {each.error_if_same:+.3f} % ({each.half_width_if_same:.3f} %); "
-                f"the paper's chain {each.chain.mended:+.2f} %",
-                flush=True,
-            )
-    print_table(outcomes)
+    seeds = range(options.first, options.seeds)
+    jobs = [Job(world, seed, law_is_given, options.runs) for world in worlds for seed in seeds]
+    print_table(run_all(run, jobs, describe, processes=options.jobs))
 
 
 if __name__ == "__main__":

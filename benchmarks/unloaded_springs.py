@@ -7,16 +7,15 @@ noise. The strut is the same in both; with the usual repeatability the answer do
 of such a spring, has the strut of `oleo_struts.py`.
 """
 
-import argparse
 import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 # before numpy is loaded
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
+from harness import Answer, compare, run_all, seeds_parser, share, table_head, table_row
 from paper_chain import CHAIN_HEAD, ChainErrors, chain_cells, chain_errors
 
 from opid import identify
@@ -65,15 +64,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was found: errors and standard deviations in %, NaN where none was given."""
+    """What was found, in % of the truth; the tangent stiffness is that at rest in the first run."""
 
     job: Job
     law_name: str
     is_right: bool
-    error: float
-    std: float
-    holds: bool | None
-    tangent_error: float
+    mass: Answer
+    tangent: Answer
     seconds: float
     chain: ChainErrors
 
@@ -87,60 +84,58 @@ def run(job: Job) -> Outcome:
     began = time.process_time()
     found = identify(study)
     seconds = time.process_time() - began
-    mass, stiffness = found.parameters.sprung_mass_kg, found.interfaces[0].at_rest[0].stiffness
     true = gear.suspension_stiffness_n_per_m + float(gear.law.gradient(0.0, 0.0)[0])
-    error = np.nan if mass.value is None else 100 * (mass.value / gear.sprung_mass_kg - 1)
-    std = np.nan if mass.std is None else 100 * mass.std / gear.sprung_mass_kg
-    tangent = np.nan if stiffness.value is None else 100 * (stiffness.value / true - 1)
-    holds = None if mass.interval95 is None else mass.holds(gear.sprung_mass_kg)
-    is_right, chain = found.law.name == gear.law.name, chain_errors(gear, study)
-    return Outcome(job, found.law.name, is_right, error, std, holds, tangent, seconds, chain)
+    return Outcome(
+        job,
+        found.law.name,
+        found.law.name == gear.law.name,
+        compare(found.parameters.sprung_mass_kg, gear.sprung_mass_kg),
+        compare(found.interfaces[0].at_rest[0].stiffness, true),
+        seconds,
+        chain_errors(gear, study),
+    )
+
+
+def describe(each: Outcome) -> str:
+    """Return what is printed of one strut."""
+    return (
+        f"{each.job.seed} {each.job.kind}: {each.law_name}, mass {each.mass.error:+.3f} +- {each.mass.std:.3f} %, "
+        f"tangent {each.tangent.error:+.3f} %, {each.seconds:.1f} s; "
+        f"the paper's chain {each.chain.mended:+.2f} %"
+    )
 
 
 def print_table(outcomes: list[Outcome]) -> None:
     """Print a row for each kind."""
-    print(
-        "\n| law | right | mass, median / worst | in units of its std, rms | intervals that hold | "
-        f"tangent stiffness, median / worst | s, median | {CHAIN_HEAD} |"
-    )
-    print("|---" * 9 + "|")
+    titles = ("law", "right", "mass, median / worst", "in units of its std, rms", "intervals that hold")
+    print("\n" + table_head(*titles, "tangent stiffness, median / worst", "s, median", CHAIN_HEAD))
     print(ASKED)
     for kind in KINDS:
         own = [each for each in outcomes if each.job.kind == kind]
         if not own:
             continue
-        error, std = np.array([each.error for each in own]), np.array([each.std for each in own])
+        error, std, tangent = np.array([(each.mass.error, each.mass.std, each.tangent.error) for each in own]).T
         given = np.isfinite(error)
-        normal = np.sqrt(np.mean((error / std)[given] ** 2))
-        off, stiff = np.abs(error[given]), np.abs(np.array([each.tangent_error for each in own])[given])
-        told = [each.holds for each in own if each.holds is not None]
-        print(
-            f"| {kind} | {sum(each.is_right for each in own)} of {len(own)} | "
-            f"{np.median(off):.2f} / {off.max():.2f} % of {off.size} | {normal:.2f} | {sum(told)} of {len(told)} | "
-            f"{np.median(stiff):.2f} / {stiff.max():.2f} % | {np.median([each.seconds for each in own]):.1f} | "
-            f"{chain_cells([each.chain for each in own])} |"
+        off, stiff = np.abs(error[given]), np.abs(tangent[given])
+        cells = (
+            kind,
+            share(each.is_right for each in own),
+            f"{np.median(off):.2f} / {off.max():.2f} % of {off.size}",
+            f"{np.sqrt(np.mean((error / std)[given] ** 2)):.2f}",
+            share(each.mass.holds for each in own),
+            f"{np.median(stiff):.2f} / {stiff.max():.2f} %",
+            f"{np.median([each.seconds for each in own]):.1f}",
+            chain_cells([each.chain for each in own]),
         )
+        print(table_row(*cells))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=60, help="struts, counted from 0")
-    parser.add_argument("--first", type=int, default=0, help="the first of them")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = seeds_parser(__doc__, seeds=60, what="struts")
     parser.add_argument("--repeatability", type=float, help="that is stated; what is usual where left out")
     given = parser.parse_args()
     jobs = [Job(seed, given.repeatability) for seed in range(given.first, given.seeds)]
-    outcomes = []
-    with ProcessPoolExecutor(given.jobs) as pool:
-        for each in pool.map(run, jobs):
-            outcomes.append(each)
-            print(
-                f"{each.job.seed} {each.job.kind}: {each.law_name}, mass {each.error:+.3f} +- {each.std:.3f} %, "
-                f"tangent {each.tangent_error:+.3f} %, {each.seconds:.1f} s; "
-                f"the paper's chain {each.chain.mended:+.2f} %",
-                flush=True,
-            )
-    print_table(outcomes)
+    print_table(run_all(run, jobs, describe, processes=given.jobs))
 
 
 if __name__ == "__main__":

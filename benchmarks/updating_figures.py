@@ -19,6 +19,7 @@ from time import perf_counter, process_time
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
+from harness import table_head, table_row
 from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
@@ -196,8 +197,8 @@ def one(job: tuple[str, int]) -> tuple[str, Figures | str]:
 def lines(name: str, found: list[Figures]) -> Iterator[str]:
     for key in found[0]:
         values = np.array([each[key] for each in found])
-        shown = f"{np.mean(values):.4g} | {np.std(values):.3g} | {values.min():.4g} | {values.max():.4g}"
-        yield f"| {name} | {key} | {shown} | {values.size} |"
+        spread = f"{np.mean(values):.4g}", f"{np.std(values):.3g}", f"{values.min():.4g}", f"{values.max():.4g}"
+        yield table_row(name, key, *spread, values.size)
 
 
 def main() -> None:
@@ -211,7 +212,7 @@ def main() -> None:
     names = [name for name in ROWS if not wanted or name.startswith(wanted)]
     system()
     failures = []
-    print("| row | figure | mean | std | least | most | sets |\n|---|---|---|---|---|---|---|", flush=True)
+    print(table_head("row", "figure", "mean", "std", "least", "most", "sets"), flush=True)
     with get_context("fork").Pool(args.jobs) as pool:
         for name in names:
             jobs = [(name, seed) for seed in range(args.first, args.first + (args.seeds or ROWS[name][2]))]

@@ -18,6 +18,7 @@ from time import perf_counter
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
+from harness import table_head
 from tqdm import tqdm
 
 from opid.mechanics.backbones.family import backbone
@@ -104,10 +105,8 @@ def main() -> None:
     system = reduce(wing_engine_structure(), UPDATED)
     specimen = Specimen(system, TRUTH.law(PAPER_THETA[TRUTH.name]), args.damping / 100, DRIVE)
     sensors = [part for part in args.sensors.split(",") if part] or list(system.sensors)
-    print(
-        "| mode | sensor | seed | levels converged | like for like | to the conservative backbone | periods | s | why |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|", flush=True)
+    titles = ("mode", "sensor", "seed", "levels converged", "like for like", "to the conservative backbone")
+    print(table_head(*titles, "periods", "s", "why"), flush=True)
     for seed in range(args.seeds):
         for mode in (int(part) for part in args.modes.split(",")):
             for line in of_mode(specimen, mode, sensors, seed, args.points):

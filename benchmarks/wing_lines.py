@@ -10,6 +10,8 @@ import ast
 from collections import Counter
 from pathlib import Path
 
+from harness import table_head, table_row
+
 ROOT = Path(__file__).parent.parent
 WING = ROOT / "opid" / "suspensions"
 FRONT = ("plots", "plot", "report", "cli")
@@ -63,13 +65,13 @@ def rooms(base: Path) -> dict[str, list[Path]]:
 
 
 def main() -> None:
-    print("| room of opid/suspensions | files | lines | of them code |\n|---|---|---|---|")
+    print(table_head("room of opid/suspensions", "files", "lines", "of them code"))
     total: Counter[str] = Counter()
     for room, paths in rooms(WING).items():
         counts = Counter(files=len(paths), lines=sum(map(n_lines, paths)), code=sum(map(n_code_lines, paths)))
         total += counts
-        print(f"| {room} | {counts['files']} | {counts['lines']} | {counts['code']} |")
-    print(f"| together | {total['files']} | {total['lines']} | {total['code']} |")
+        print(table_row(room, *counts.values()))
+    print(table_row("together", *total.values()))
     tests = [path for path in sorted((ROOT / "tests").rglob("*.py")) if is_of_the_wing(path)]
     print(f"\n{len(tests)} test files of the wing, {sum(map(n_lines, tests))} lines, of them code ", end="")
     print(f"{sum(map(n_code_lines, tests))}:")

@@ -235,7 +235,8 @@ def _comparison() -> Json:
     point |= fields_of(Estimate) | {"expected_std": point.pop("std")}
     del point["estimate"]
     series = what | {"unit": TEXT, **fields_of(Series, "scatter", "threshold"), "points": array(keys(point))}
-    change = what | fields_of(Change, "first", "last", "share", "departure", "confirmed", "statement")
+    change = what | fields_of(Change, "first", "last") | {"share": fields_of(Change, "fraction")["fraction"]}
+    change |= fields_of(Change, "departure", "confirmed", "statement")
     return fields_of(Comparison, "false_alarm", "n_tests", "dated", "warnings") | {
         "flagged": FLAG,
         "structure": TEXT,

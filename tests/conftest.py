@@ -44,6 +44,6 @@ def few_figures(monkeypatch):
     from opid.report.suspensions import figures
 
     monkeypatch.setattr(
-        "opid.report.suspensions.identification.figures_of",
-        lambda result, truth: [each for each in figures.figures_of(result, truth) if each.name == "law_ladder"],
+        "opid.report.suspensions.identification.list_figures",
+        lambda result, truth: [each for each in figures.list_figures(result, truth) if each.name == "law_ladder"],
     )

@@ -282,10 +282,10 @@ def test_the_bending_mode_is_that_of_a_free_beam():
     free = airframe_structure(airframe)
     only_body = replace(free, joints=(), stiffness=np.diag([*np.diag(free.stiffness)[:4], 0.0, 0.0, 0.0]))
     assert natural_frequencies(only_body).frequency_hz[-1] == pytest.approx(8.0)
-    heavy = with_bending(default_aircraft(), beam_mass_share=0.8)
+    heavy = with_bending(default_aircraft(), beam_mass_fraction=0.8)
     assert heavy.bending.modal_mass_kg == pytest.approx(0.2 * heavy.mass_kg)
     with pytest.raises(InputError, match="has 0 times the mass of the airframe: give positive numbers"):
-        with_bending(default_aircraft(), beam_mass_share=0)
+        with_bending(default_aircraft(), beam_mass_fraction=0)
 
 
 def test_a_stiff_fuselage_is_rigid():

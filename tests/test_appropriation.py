@@ -14,7 +14,7 @@ from opid.virtual.modal_tests.bolted_structures import case_study_1, level_depen
 
 HZ, ZETA, KG = 120.0, 0.004, 2.0
 OMEGA = 2.0 * np.pi * HZ
-QUIET = {"noise_share": 0.0}
+QUIET = {"noise_fraction": 0.0}
 
 
 def one_mode(force=LINEAR, sliders=None, shaker=None):
@@ -78,7 +78,7 @@ def test_a_joint_that_slips_shows_its_frequency_and_damping():
 def test_the_shaker_changes_the_force_but_not_what_is_found():
     cubic = law("cubic_stiffness", stiffness_n_per_m3=-4e9)
     shaker = Shaker(armature_kg=0.2, back_emf_n_s_per_m=60.0)
-    found = run(*one_mode(cubic, shaker=shaker), [1.0, 4.0], noise_share=0.01)
+    found = run(*one_mode(cubic, shaker=shaker), [1.0, 4.0], noise_fraction=0.01)
     assert found.locked.all()
     # it drops near resonance
     assert (np.abs(found.force[:, 0]) < 0.6 * shaker.force_per_volt_n * found.voltage_v).all()
@@ -161,8 +161,8 @@ def test_bad_input_is_refused():
         run(rig, LinearModes([HZ], [ZETA], [[0.7]], ("mas",)), [1.0], drive_point="mas")
     with pytest.raises(InputError, match="no sensor of the rig reads"):
         run(replace(rig, sensors=[[0.5]]), modes, [1.0])
-    with pytest.raises(InputError, match="noise_share is -1"):
-        run(rig, modes, [1.0], noise_share=-1.0)
+    with pytest.raises(InputError, match="noise_fraction is -1"):
+        run(rig, modes, [1.0], noise_fraction=-1.0)
     with pytest.raises(InputError, match="120 Hz in it"):
         run(rig, modes, [1.0], settings=PhaseLock(range_hz=(130.0, 140.0)))
     with pytest.raises(InputError, match="two or more levels"):

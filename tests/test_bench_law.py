@@ -10,7 +10,7 @@ from scipy import signal
 import opid
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.laws.law import LAWS, LINEAR, law
-from opid.report.writing import document_of
+from opid.report.writing import build_document
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.memory import play
@@ -477,7 +477,7 @@ def test_a_law_that_is_not_determined_has_no_curves():
     z, v = random_motion(rng)
     found = law_of_bench(bench_of(z, v, 100 * rng.standard_normal(z.size)), candidates=LIBRARY)
     assert found.not_determined
-    assert [each.name for each in document_of(found).figures] == [
+    assert [each.name for each in build_document(found).figures] == [
         "force_against_motion",
         "bench_ladder",
         "bench_residual",

@@ -196,7 +196,7 @@ def test_kinds_that_are_none_are_named(bench, tmp_path, kinds, words):
 
 def test_options_beside_a_study_are_left_out(bench, tmp_path):
     path = study_file(tmp_path)
-    words = f"{path} is a study, which says that itself: leave out --force and --mass and --quasi-static"
+    words = f"{path} is a study, which states this itself: leave out --force and --mass and --quasi-static"
     refused(command("law", path, "--force", "load", "--mass", 0, "--quasi-static"), words)
     refused(command("law", bench, "--force", "load"), "--force COL --travel COL", "or give a study")
     refused(command("law", tmp_path / "none.toml"), "there is no study file")

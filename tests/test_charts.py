@@ -11,8 +11,8 @@ from matplotlib.quiver import Quiver
 from matplotlib.ticker import StrMethodFormatter
 
 from opid.plots.charts.artists import UnknownArtistError
-from opid.plots.charts.figure import chart_of
-from opid.plots.charts.looks import numbers_of
+from opid.plots.charts.figure import build_chart
+from opid.plots.charts.looks import encode_numbers
 
 RNG = np.random.default_rng(1)
 
@@ -35,10 +35,10 @@ def decoded(values):
 @pytest.mark.parametrize(("n", "least_digits"), [(5, 1e-6), (500, 1e-6), (20_000, 1.6e-5)])
 def test_numbers_are_kept_to_the_resolution_of_a_recorder(n, least_digits):
     values = 1e-3 * RNG.standard_normal(n)
-    found = decoded(numbers_of(values))
+    found = decoded(encode_numbers(values))
     assert np.abs(found - values).max() <= least_digits * np.ptp(values)
     values[n // 2] = np.nan
-    assert np.isnan(decoded(numbers_of(values))[n // 2])
+    assert np.isnan(decoded(encode_numbers(values))[n // 2])
 
 
 def test_a_line_has_its_values_its_look_and_its_unit():
@@ -46,7 +46,7 @@ def test_a_line_has_its_values_its_look_and_its_unit():
     x, y = np.linspace(0, 40, 5000), RNG.standard_normal(5000)
     ax.plot(x, y, color="#0072B2", linestyle="--", linewidth=1.5, label="airframe")
     ax.set(xlabel="time [s]", ylabel="acceleration [m/s²]", xlim=(0, 40), ylim=(-5, 5))
-    chart = chart_of(ax.figure)
+    chart = build_chart(ax.figure)
     (trace,) = chart["data"]
     assert trace["x0"] + trace["dx"] * 4999 == pytest.approx(40)
     np.testing.assert_allclose(decoded(trace["y"]), y, atol=2e-4)
@@ -61,7 +61,7 @@ def test_logarithmic_axes_texts_on_them_and_plain_numbers():
     ax.set(xscale="log", yscale="log", xlim=(1, 1000), ylim=(0.1, 10))
     ax.text(100, 1, "here")
     ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    chart = chart_of(ax.figure)
+    chart = build_chart(ax.figure)
     assert chart["layout"]["xaxis"]["range"] == pytest.approx([0, 3])
     assert chart["layout"]["xaxis"]["dtick"] == "D2"
     assert chart["layout"]["yaxis"]["exponentformat"] == "power"
@@ -74,7 +74,7 @@ def test_rules_and_bands_across_a_panel_are_shapes():
     ax.set(xlim=(0, 1), ylim=(0, 1))
     ax.axvline(0.25, label="threshold")
     ax.axvspan(0.5, 0.75)
-    line, band = chart_of(ax.figure)["layout"]["shapes"]
+    line, band = build_chart(ax.figure)["layout"]["shapes"]
     if line["type"] == "rect":
         line, band = band, line
     assert (line["x0"], line["x1"], line["y0"], line["y1"]) == pytest.approx((0.25, 0.25, 0, 1))
@@ -87,7 +87,7 @@ def test_bars_and_bands_of_data_are_filled_and_error_bars_are_lines():
     ax.bar([1, 2], [3, 4], width=1)
     ax.fill_between([0, 1], [0, 0], [1, 2], color="red", label="band")
     ax.errorbar([1], [2], yerr=[0.5])
-    data = chart_of(ax.figure)["data"]
+    data = build_chart(ax.figure)["data"]
     filled = [each for each in data if each.get("fill") == "toself"]
     assert len(filled) == 3
     bars = [each for each in filled if "name" not in each]
@@ -101,7 +101,7 @@ def test_cells_have_their_values_also_where_colours_follow_the_logarithm():
     values = np.array([[1.0, 10.0, 100.0], [np.nan, 1000.0, 2.0]])
     mesh = ax.pcolormesh([0, 1, 2, 3], [0, 1, 2], np.ma.masked_invalid(values), norm=LogNorm(1, 1000))
     ax.figure.colorbar(mesh, ax=ax, label="samples")
-    chart = chart_of(ax.figure)
+    chart = build_chart(ax.figure)
     (trace,) = chart["data"]
     np.testing.assert_allclose(decoded(trace["customdata"]), values)
     np.testing.assert_allclose(decoded(trace["z"]), np.log10(values), atol=1e-6)
@@ -116,7 +116,7 @@ def test_panels_of_one_time_are_linked_and_one_label_is_one_entry_of_the_legend(
         ax.plot([0, 1], [0, 1], color=f"C{k}", label="model")
         ax.legend()
         ax.set_title(f"run {k}", loc="left")
-    chart = chart_of(grid[0, 0].figure)
+    chart = build_chart(grid[0, 0].figure)
     layout = chart["layout"]
     assert layout["xaxis3"]["matches"] == "x"
     assert layout["xaxis4"]["matches"] == "x2"
@@ -134,7 +134,7 @@ def test_an_axis_that_runs_down_does_so_on_the_page():
     ax.set_ylim(3.5, -0.5)
     ax.set_yticks([0, 1, 2, 3], ["a", "b < c", "d", "e"])
     ax.get_yticklabels()[2].set(color="#D55E00", fontweight="bold")
-    axis = chart_of(ax.figure)["layout"]["yaxis"]
+    axis = build_chart(ax.figure)["layout"]["yaxis"]
     assert axis["range"] == [3.5, -0.5]
     chosen = '<span style="color:#d55e00"><b>d</b></span>'
     assert axis["ticktext"] == ["a", "b &lt; c", chosen, "e"]
@@ -144,7 +144,7 @@ def test_a_surface_is_made_of_triangles():
     ax = Figure().add_subplot(projection="3d")
     x, y = np.meshgrid(np.arange(4.0), np.arange(3.0))
     ax.plot_surface(x, y, x * y)
-    chart = chart_of(ax.figure)
+    chart = build_chart(ax.figure)
     (mesh,) = chart["data"]
     points = np.stack([decoded(mesh[letter]) for letter in "xyz"], axis=1)
     np.testing.assert_allclose(points[:, 2], points[:, 0] * points[:, 1], atol=1e-6)
@@ -155,8 +155,8 @@ def test_what_has_no_counterpart_is_an_error():
     ((ax,),) = axes()
     ax.add_artist(Quiver(ax, [0.5], [0.5], [1], [1]))
     with pytest.raises(UnknownArtistError, match="Quiver has no counterpart in a chart"):
-        chart_of(ax.figure)
+        build_chart(ax.figure)
     ((ax,),) = axes()
     ax.add_patch(Circle((0.5, 0.5), 0.2))
-    (trace,) = chart_of(ax.figure)["data"]
+    (trace,) = build_chart(ax.figure)["data"]
     assert np.nanmax(decoded(trace["x"])) == pytest.approx(0.7, abs=0.01)

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.studies.updating_study import ClassTable, kind_named, table_of_class
+from opid.studies.updating_study import ClassTable, find_spring, tabulate_class
 from opid.updating.model_class import Prior
 
 
 def test_laws_have_short_and_full_names_and_scales_have_units():
-    assert kind_named("Even quadratic") == "even_quadratic_stiffness"
-    assert kind_named("cubic_stiffness") == "cubic_stiffness"
+    assert find_spring("Even quadratic") == "even_quadratic_stiffness"
+    assert find_spring("cubic_stiffness") == "cubic_stiffness"
     table = {"law": "cubic+quartic", "scale": ("0.0884 N/mm^3", "-0.0027 N/mm4")}
     found = ClassTable(**table).model
     assert found.name == "cubic+quartic"
     np.testing.assert_allclose(found.scales, [8.84e7, -2.7e9], rtol=1e-12)
     assert found.priors == (Prior(), Prior())
     assert ClassTable(law="quadratic", scale="0.216 kN / m^2").model.scales == (216.0,)
-    assert table_of_class(found).model == replace(found, name="cubic+quartic")
+    assert tabulate_class(found).model == replace(found, name="cubic+quartic")
 
 
 @pytest.mark.parametrize(

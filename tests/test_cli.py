@@ -129,7 +129,7 @@ def test_what_goes_wrong_outside_is_a_sentence(error, status, word, field_test, 
 
 def test_a_failure_while_drawing_leaves_no_half_report(field_test, tmp_path, monkeypatch):
     failing = Figure("broken", "", "", _raise(RuntimeError("no figure")))
-    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: (failing,))
+    monkeypatch.setattr("opid.report.suspensions.identification.list_figures", lambda result, truth: (failing,))
     with pytest.raises(RuntimeError, match="no figure"):
         opid("identify", field_test / "study.toml", "--out", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

@@ -113,7 +113,7 @@ def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
 
 
 def test_the_directory_of_a_study_is_enough(simulated, tmp_path, found, monkeypatch):
-    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: ())
+    monkeypatch.setattr("opid.report.suspensions.identification.list_figures", lambda result, truth: ())
     monkeypatch.chdir(tmp_path)
     done = opid("identify", simulated)
     assert (done.exit_code, done.stderr) == (0, "")
@@ -122,7 +122,7 @@ def test_the_directory_of_a_study_is_enough(simulated, tmp_path, found, monkeypa
 
 
 def test_what_is_not_determined_ends_with_status_1_after_the_report(simulated, tmp_path, found, monkeypatch):
-    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: ())
+    monkeypatch.setattr("opid.report.suspensions.identification.list_figures", lambda result, truth: ())
     found["changes"] = {"not_determined": "all runs have the same loading"}
     done = opid("identify", simulated / "study.toml", "--out", tmp_path)
     not_determined(done, "all runs have the same loading")
@@ -170,7 +170,7 @@ def test_a_log_is_inspected_as_the_study_of_a_body_says(simulated):
 
 def test_a_short_run_is_identified_from_end_to_end(tmp_path, monkeypatch):
     """One rigid body with the law given: 12 s of a smooth runway, and every number near its truth."""
-    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: ())
+    monkeypatch.setattr("opid.report.suspensions.identification.list_figures", lambda result, truth: ())
     done = opid("simulate", "aircraft", tmp_path, "--seed", 5, "--duration", 12, "--fs", 128)
     assert done.exit_code == 0, done.output
     path = tmp_path / "study.toml"

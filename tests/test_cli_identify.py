@@ -109,7 +109,7 @@ def test_a_directory_stands_for_the_study_in_it(tmp_path, monkeypatch):
     refused(opid("identify", "runs"), str(Path("runs/study.toml")), "did you mean 'title'")
     refused(
         opid("identify", "runs", *CHANNELS),
-        f"{Path('runs/study.toml')} is a study, which says that itself: leave out --sprung and --unsprung",
+        f"{Path('runs/study.toml')} is a study, which states this itself: leave out --sprung and --unsprung",
     )
 
 

@@ -45,7 +45,7 @@ def test_the_defaults_of_simulate_are_those_of_the_library():
     assert tuple(ROAD_CLASSES) == cli.virtual_tests.ROAD_CLASSES
     assert options["road_class"] == defaults["road_class"]
     assert options["mass_removed"] == taxi_test.__kwdefaults__["mass_removed_kg"]
-    assert cli.virtual_tests._gear(options) == gear
+    assert cli.virtual_tests._make_gear(options) == gear
 
 
 def test_simulate_does_what_its_options_say(tmp_path):

@@ -17,7 +17,7 @@ from opid.studies.study_file import read_study
 from opid.updating import identification
 from opid.updating.measured import MeasuredBackbone, write_backbone
 from opid.updating.structure.matrices_file import write_structure
-from opid.virtual.truth_file import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, tabulate_truth
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def quick(monkeypatch):
         return small_updating(linear=None)
 
     monkeypatch.setattr(identification, "update_study", update_study)
-    monkeypatch.setattr("opid.report.updating.figures_of", lambda *_: ())  # tested by themselves
+    monkeypatch.setattr("opid.report.updating.list_figures", lambda *_: ())  # tested by themselves
     return given
 
 
@@ -63,7 +63,7 @@ def test_options_go_before_the_study_and_the_report_is_named_after_it(study, qui
 
 def test_text_and_report_show_truth_beside_estimate(study, quick, tmp_path):
     truth = tmp_path / "truth.json"
-    truth.write_text(json.dumps(truth_table(small_truth())), encoding="utf-8")
+    truth.write_text(json.dumps(tabulate_truth(small_truth())), encoding="utf-8")
     done = opid("update", study, "--out", tmp_path / "out", "--truth", truth)
     assert (done.exit_code, done.stderr) == (0, "")
     assert "Best: class 2, cubic, ahead of class 4" in done.stdout
@@ -105,7 +105,7 @@ def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path
     refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install '.[bayes]'")
     assert quick == []
     monkeypatch.setattr("opid.errors.find_spec", lambda name: "there")
-    monkeypatch.setattr("opid.report.chains.to_inference_data", lambda chain, names: Written(names))
+    monkeypatch.setattr("opid.updating.chain_files.to_inference_data", lambda chain, names: Written(names))
     done = opid("update", study, "--chains", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert f"Chains: {tmp_path / 'out' / 'chains_class_3.nc'}" in done.stdout
@@ -129,7 +129,7 @@ def test_the_options_are_those_of_the_library():
     options = {option.name: option for option in cli.main.commands["update"].params}
     assert set(options["form"].type.choices) == set(FORMS)
     assert tuple(options["sampler"].type.choices) == SAMPLERS
-    assert options["samples"].type.min == FEWEST_SAMPLES
+    assert options["n_samples"].type.min == FEWEST_SAMPLES
 
 
 @pytest.fixture(scope="module")
@@ -217,7 +217,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
-    monkeypatch.setattr("opid.report.updating.figures_of", lambda *_: ())
+    monkeypatch.setattr("opid.report.updating.list_figures", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])

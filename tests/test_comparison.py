@@ -140,7 +140,7 @@ def test_a_loss_of_5_percent_is_flagged_within_two_flights(std, at, shared, leas
     if std == 0.003:
         change = results[0].changes[0]
         assert change.confirmed is True
-        assert change.share.holds(-0.05)
+        assert change.fraction.holds(-0.05)
         assert "stiffness of 'left'" in change.statement
         assert "flagged, confirmed by the next flight" in change.statement
 
@@ -185,7 +185,7 @@ def test_a_lasting_change_stays_flagged_against_the_flights_before_it():
     (change,) = result.changes
     assert (change.first, change.last, change.confirmed) == (4, 7, True)
     assert result.series[0].points[-1].expected == pytest.approx(100.0)
-    assert change.share.value == pytest.approx(-0.085)
+    assert change.fraction.value == pytest.approx(-0.085)
 
 
 def test_two_flights_together_show_what_neither_does_alone():

@@ -13,7 +13,7 @@ from opid.mechanics.response import advance, state_at
 from opid.mechanics.rig import Shaker
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
-from opid.virtual.backbone_tests.shaker_feedback import closed_loop, modal_reading
+from opid.virtual.backbone_tests.shaker_feedback import close_loop, design_reading
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 CUBIC = law("cubic_stiffness", stiffness_n_per_m3=1.58 * 6.8e7)
@@ -217,7 +217,7 @@ def test_hardening_and_softening_modes_are_held(cubic):
 
 def test_the_closed_loop_is_the_one_of_scipy():
     specimen = two_masses(drive="a")
-    loop = closed_loop(specimen, 1, damping_ratio=0.3, stiffness_fraction=0.02)
+    loop = close_loop(specimen, 1, damping_ratio=0.3, stiffness_fraction=0.02)
     p, d = loop.gains
     row = specimen.drive_row
 
@@ -236,7 +236,7 @@ def test_the_closed_loop_is_the_one_of_scipy():
 
 
 def test_the_modal_reading_stirs_no_mode_up(wing):
-    reading = modal_reading(wing, 7)
+    reading = design_reading(wing, 7)
     row = wing.drive_row
     assert reading[6] == pytest.approx(row[6])
     # as near to the bound as a linear programme holds it (1e-7 of its scaled rows)
@@ -247,7 +247,7 @@ def test_the_modal_reading_stirs_no_mode_up(wing):
 
 def test_feedback_stiffens_and_damps_the_mode_by_what_is_asked():
     specimen = two_masses()
-    loop = closed_loop(specimen, 1, damping_ratio=0.05, stiffness_fraction=0.01)
+    loop = close_loop(specimen, 1, damping_ratio=0.05, stiffness_fraction=0.01)
     row, place = specimen.drive_row, 0
     omega = 2 * np.pi * specimen.system.frequency_hz[place]
     added = np.array(loop.gains) * row[place] * loop.reading[place]

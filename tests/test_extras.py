@@ -11,10 +11,10 @@ from made_body import small_body
 from made_updating import small_updating
 
 from opid.errors import InputError
-from opid.report.chains import write_chains
 from opid.signals.exchange import frame_of, xarray_of
 from opid.signals.logs import formats
 from opid.signals.recording import recording_from_arrays
+from opid.updating.chain_files import write_chains
 from opid.updating.sampling.samplers import ensemble
 from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
 

@@ -62,7 +62,7 @@ def test_the_detuned_and_the_uncoupled_plate_are_not(build):
 
 def test_a_weak_interaction_has_the_share_of_perturbation():
     square, levels = 2e6, [1.0, 2.0]
-    appropriation = hold(*two_modes(square), levels, noise_share=0.0)
+    appropriation = hold(*two_modes(square), levels, noise_fraction=0.0)
     found = modal_interaction(appropriation)
     assert (found.mode, found.harmonic) == (2, 2)
     q, omega = appropriation.amplitude, 2 * np.pi * appropriation.frequency_hz

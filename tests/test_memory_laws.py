@@ -18,7 +18,7 @@ from opid.mechanics.memory import Loop, loop_area, sine_like
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Sliders, Structure, iwan
 from opid.mechanics.truth import GearNumbers, GearTruth
-from opid.report.estimates import formula
+from opid.report.estimates import format_formula
 from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
@@ -353,7 +353,7 @@ def test_every_memory_is_searched():
 
 @pytest.mark.parametrize("kind", BUILT_IN, ids=[kind.name for kind in BUILT_IN])
 def test_a_formula_is_plain_text_in_a_terminal(kind):
-    assert "\\" not in formula(kind.latex)
+    assert "\\" not in format_formula(kind.latex)
 
 
 def test_friction_that_never_slides_is_no_stiffness_and_the_mass_is_told_all_the_same():

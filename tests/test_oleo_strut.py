@@ -430,7 +430,7 @@ def test_a_simulated_leak_is_told_from_flight_to_flight(sound_flights, tmp_path,
     (change,) = (each for each in changes if each.quantity.name == "gas")
     assert words in change.statement
     assert "flight2" in change.statement
-    assert change.share.holds(volume_factor - 1)
+    assert change.fraction.holds(volume_factor - 1)
 
 
 def rubbing_strut(mass_kg, *, length_m=0.12, exponent=1.3):

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from opid import plots
 from opid.errors import NotDeterminedError
 from opid.mechanics.laws.law import Law
-from opid.plots.runs import _noise_lines
-from opid.plots.style import every, panels, pretty
+from opid.plots.runs import _compute_noise_lines
+from opid.plots.style import format_units, panels, thin_samples
 from opid.signals.recording import Channel, Recording
 from opid.studies.study_file import read_study
 from opid.suspensions.identification import identify
@@ -115,7 +115,7 @@ def test_the_parabola_of_the_literal_integration_is_seen(identified):
 
 def test_the_residual_is_drawn_as_noise_on_each_channel(identified):
     fit = identified.result.evidence[0].fit
-    power = [np.mean(_noise_lines(fit, i)[1] ** 2) for i in range(len(fit.model.runs))]
+    power = [np.mean(_compute_noise_lines(fit, i)[1] ** 2) for i in range(len(fit.model.runs))]
     assert np.sqrt(np.mean(power)) == pytest.approx(1e3 * fit.noise_m_per_s2, rel=0.05)
     # the simulated sensors have 5 mm/s^2
     assert np.sqrt(np.mean(power)) == pytest.approx(5, rel=0.1)
@@ -201,6 +201,6 @@ def test_a_recording_shows_each_channel_and_says_where_one_is_mute():
 
 
 def test_scatter_is_thinned_and_units_are_printed_well():
-    assert len(range(10**6)[every(10**6)]) < 8001
-    assert len(range(100)[every(100)]) == 100
-    assert pretty("N s^2/m^2") == "N s²/m²"
+    assert len(range(10**6)[thin_samples(10**6)]) < 8001
+    assert len(range(100)[thin_samples(100)]) == 100
+    assert format_units("N s^2/m^2") == "N s²/m²"

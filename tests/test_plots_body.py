@@ -12,9 +12,9 @@ from opid import plots
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import law
-from opid.plots.body import sensor_names
+from opid.plots.body import list_sensor_names
 from opid.plots.style import GREEN, VERMILION
-from opid.report.suspensions.figures import figures_of
+from opid.report.suspensions.figures import list_figures
 from opid.suspensions.answer.model_error import LeftOut, LeftOutSpectrum, ModelError
 from opid.suspensions.result import BodyParameters, BodyRatios
 from opid.virtual.taxi_tests.study import taxi_truth
@@ -86,11 +86,11 @@ def test_a_run_that_others_predict_is_drawn_sensor_by_sensor_with_its_band(predi
         np.testing.assert_allclose(band.values / drawn["predicted"].values, 1.3 / 0.9)
         np.testing.assert_allclose(band.baseline / drawn["predicted"].values, 0.5 / 0.9)
     assert plots.png(plots.figure_of(axes[0]), dpi=30)[1:4] == b"PNG"
-    assert "left_out_spectra" in [figure.name for figure in figures_of(predicted)]
+    assert "left_out_spectra" in [figure.name for figure in list_figures(predicted)]
 
 
 def test_a_body_without_predictions_has_no_figure_of_them(result):
-    assert "left_out_spectra" not in [figure.name for figure in figures_of(result)]
+    assert "left_out_spectra" not in [figure.name for figure in list_figures(result)]
     with pytest.raises(NotDeterminedError, match="no run is predicted by the others"):
         plots.left_out_spectra(result)
 
@@ -189,10 +189,10 @@ def test_an_offset_of_a_sensor_is_no_difference(result):
 
 
 def test_sensors_have_the_names_of_their_places(result):
-    assert sensor_names(result, 4) == ["above nose", "above left", "above right", "tail"]
-    assert sensor_names(replace(result, study=replace(result.study, sensors=())), 4)[-1] == "sensor 4"
-    assert sensor_names(replace(result, structure="pair"), 2) == ["mean above left, right", "above nose"]
-    assert sensor_names(replace(result, structure="single"), 3) == ["above nose", "above left", "above right"]
+    assert list_sensor_names(result, 4) == ["above nose", "above left", "above right", "tail"]
+    assert list_sensor_names(replace(result, study=replace(result.study, sensors=())), 4)[-1] == "sensor 4"
+    assert list_sensor_names(replace(result, structure="pair"), 2) == ["mean above left, right", "above nose"]
+    assert list_sensor_names(replace(result, structure="single"), 3) == ["above nose", "above left", "above right"]
 
 
 def test_a_structure_whose_fit_ran_away_does_not_stretch_the_axis():

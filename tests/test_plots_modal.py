@@ -13,7 +13,7 @@ from opid.mechanics.truth import ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.linear.frequency_response import cmif, measured_response, resynthesised
 from opid.modal.resonance.appropriation import modal_interaction
-from opid.plots.nonlinear_modes import fourier_amplitude
+from opid.plots.nonlinear_modes import compute_fourier_amplitude
 from opid.plots.style import BLUE, INK, VERMILION
 from opid.signals.recording import Recording
 
@@ -165,6 +165,6 @@ def test_a_record_without_a_band_and_without_noise_draws(result):
 def test_the_fourier_amplitude_of_a_pulse_is_its_impulse():
     samples = np.zeros(400)
     samples[3:7] = 2.5
-    frequency, amplitude = fourier_amplitude(samples, 100.0)
+    frequency, amplitude = compute_fourier_amplitude(samples, 100.0)
     assert frequency[-1] == 50.0
     assert amplitude[0] == pytest.approx(4 * 2.5 / 100)

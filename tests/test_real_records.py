@@ -13,9 +13,9 @@ from scripts import script
 
 from opid.errors import InputError
 from opid.signals.health.across_channels import check_pair
-from opid.studies.bench_study import bench_tables
+from opid.studies.bench_study import read_bench_tables
 from opid.studies.study_file import read_study
-from opid.studies.suspension_study import suspension_tables
+from opid.studies.suspension_study import read_suspension_tables
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.identification import identify
 
@@ -42,7 +42,7 @@ def test_each_set_has_a_sound_study_that_names_the_band_of_its_script(records):
     assert files.keys() == records.SETS.keys()
     for name, text in files.items():
         document = tomllib.loads(text)
-        read = bench_tables if "[bench]" in text else suspension_tables
+        read = read_bench_tables if "[bench]" in text else read_suspension_tables
         assert read(document)[1] == []
         band_hz = records.SETS[name].band_hz
         command = f"opid law records/{name}.toml\n"

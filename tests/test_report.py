@@ -21,14 +21,14 @@ from opid.estimate import Estimate, rounded, with_std
 from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import default_law, law_from_parameters
 from opid.mechanics.truth import BodyNumbers, BodyTruth, GearNumbers, GearTruth, SuspensionTruth
-from opid.report.as_text import wrapped
+from opid.report.as_text import wrap_text
 from opid.report.document import Table
-from opid.report.estimates import estimate_row
+from opid.report.estimates import build_estimate_row
 from opid.report.suspensions import identification as report_module
-from opid.report.suspensions.again import command_of, python_of
-from opid.report.suspensions.figures import figures_of
-from opid.report.suspensions.sketch import sketch_of
-from opid.report.writing import document_of
+from opid.report.suspensions.again import write_command, write_python
+from opid.report.suspensions.figures import list_figures
+from opid.report.suspensions.sketch import build_sketch
+from opid.report.writing import build_document
 from opid.signals import files
 from opid.signals.files import make_directory, require_directory, write_together
 from opid.signals.health.inspection import inspect
@@ -40,7 +40,7 @@ from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
-from opid.virtual.truth_file import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, tabulate_truth
 
 OLD_KEYS = {
     "schema",
@@ -75,11 +75,11 @@ N_PICTURES = 12
 
 def one_picture(name):
     """Draw only this figure, or none."""
-    return lambda result, truth: [each for each in figures_of(result, truth) if each.name == name]
+    return lambda result, truth: [each for each in list_figures(result, truth) if each.name == name]
 
 
 def first_table(result, truth=None):
-    return next(block for block in document_of(result, truth).blocks if isinstance(block, Table))
+    return next(block for block in build_document(result, truth).blocks if isinstance(block, Table))
 
 
 def rows_of(result, truth=None):
@@ -274,7 +274,9 @@ def test_what_is_found_of_a_sensor_stands_beside_what_was_known_of_it(field_test
     facts = SensorPair(SensorFacts(), SensorFacts(lag_tolerance_s=0.002))
     found = identify(replace(study, interfaces=(replace(study.interfaces[0], facts=facts),)), law="arctan_velocity")
     table = next(
-        block for block in document_of(found).blocks if getattr(block, "columns", None) and block.rows[0][0] == "lag_s"
+        block
+        for block in build_document(found).blocks
+        if getattr(block, "columns", None) and block.rows[0][0] == "lag_s"
     )
     assert [column.head for column in table.columns][1:] == ["found", "std. dev.", "known before", "std. dev."]
     ((_, lag_s, std, *before),) = table.rows
@@ -338,7 +340,7 @@ def test_the_page_is_self_contained_and_well_formed(report):
 def test_the_charts_of_the_page_are_the_figures(report, identified):
     html = (report / "report.html").read_text(encoding="utf-8")
     charts = dict(re.findall(r'data-chart="(\w+)">\s*<script type="application/json">(.*?)</script>', html, re.DOTALL))
-    assert list(charts) == [figure.name for figure in figures_of(identified.result, identified.truth)]
+    assert list(charts) == [figure.name for figure in list_figures(identified.result, identified.truth)]
     assert len(charts) == N_PICTURES
     for text in charts.values():
         assert {"data", "layout", "legend"} == json.loads(text).keys()
@@ -357,7 +359,7 @@ def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identifi
 
 
 def test_a_title_is_text_on_the_page_and_never_markup(identified, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "figures_of", one_picture("accelerations"))
+    monkeypatch.setattr(report_module, "list_figures", one_picture("accelerations"))
     opid.write_report(titled(identified.result, "<script>alert(1)</script>"), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script>alert" not in html
@@ -365,7 +367,7 @@ def test_a_title_is_text_on_the_page_and_never_markup(identified, tmp_path, monk
 
 
 def test_a_reason_and_missing_values_are_on_the_page(one_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "figures_of", one_picture("estimates"))
+    monkeypatch.setattr(report_module, "list_figures", one_picture("estimates"))
     opid.write_report(one_run, tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Not determined:</strong>" in html
@@ -376,7 +378,7 @@ def test_every_kind_of_result_has_text_page_and_json(identified, one_run, by_pap
     for number, result in enumerate((identified.result, one_run, by_paper, refused)):
         assert max(map(len, opid.text(result).splitlines())) <= 80
         page = opid.write_report(result, tmp_path / str(number)).read_text(encoding="utf-8")
-        assert page.count('data-chart="') == len(list(figures_of(result)))
+        assert page.count('data-chart="') == len(list(list_figures(result)))
         found = json.loads((tmp_path / str(number) / "result.json").read_text(encoding="utf-8"))
         assert found["method"] == result.method
         assert ("Not determined" in page) == bool(result.not_determined)
@@ -384,7 +386,7 @@ def test_every_kind_of_result_has_text_page_and_json(identified, one_run, by_pap
 
 def test_no_figure_of_a_refused_answer_draws_its_fit(refused):
     assert refused.is_refused
-    names = {figure.name for figure in figures_of(refused)}
+    names = {figure.name for figure in list_figures(refused)}
     assert names >= {"accelerations", "restoring_force_surface", "law_ladder", "transmissibility"}
     assert not names & {"law_curves", "force_sections", "force_departures", "equation_residual"}
     for draw in (plots.law_curves, plots.equation_residual):
@@ -402,7 +404,7 @@ def test_no_figure_of_the_paper_draws_a_fit_that_ran_away(method, field_test):
     exchanged = replace(study, interfaces=(replace(gear, sprung=gear.unsprung, unsprung=gear.sprung),))
     found = identify(exchanged, method=method, law="cubic_stiffness")
     assert found.is_refused
-    figures = list(figures_of(found))
+    figures = list(list_figures(found))
     assert {"accelerations", "slices", "law_ladder", "transmissibility"} <= {each.name for each in figures}
     for figure in figures:
         axes = np.ravel(figure.draw())
@@ -414,7 +416,7 @@ def test_no_figure_of_the_paper_draws_a_fit_that_ran_away(method, field_test):
 def test_a_refused_answer_names_no_law_and_draws_no_masses(refused):
     assert "Law: " not in opid.text(refused)
     assert isinstance(refused, Identification)
-    assert "estimates" not in {each.name for each in figures_of(refused)}
+    assert "estimates" not in {each.name for each in list_figures(refused)}
 
 
 @pytest.mark.parametrize("error", [InputError("mute"), NotDeterminedError("no peak")])
@@ -461,28 +463,30 @@ def test_an_identification_alone_does_not_take_the_steps_of_the_paper():
 
 def test_the_lines_name_what_was_given(identified, one_run, by_paper):
     result, source = identified.result, identified.result.study.source
-    assert shlex.join(command_of(result)) == f"opid identify {source} --band 0.3 40"
-    assert f'opid.read_study("{source}")' in python_of(result)
+    assert shlex.join(write_command(result)) == f"opid identify {source} --band 0.3 40"
+    assert f'opid.read_study("{source}")' in write_python(result)
     named = replace(result, study=replace(result.study, source=Path("my study.toml")))
-    assert shlex.join(command_of(named)) == "opid identify 'my study.toml' --band 0.3 40"
+    assert shlex.join(write_command(named)) == "opid identify 'my study.toml' --band 0.3 40"
     options = replace(result.options, law="linear", ground=False, method_of_law="both")
-    assert shlex.join(command_of(replace(named, options=options))).endswith(
+    assert shlex.join(write_command(replace(named, options=options))).endswith(
         "--method-of-law both --law linear --no-ground"
     )
-    assert 'method_of_law="both",\n    law="linear",\n    ground=False,' in python_of(replace(named, options=options))
+    assert 'method_of_law="both",\n    law="linear",\n    ground=False,' in write_python(
+        replace(named, options=options)
+    )
     # what was made in Python has no command
-    assert command_of(one_run) is None
-    assert "    study,\n" in python_of(one_run)
-    assert shlex.join(command_of(by_paper)) == (
+    assert write_command(one_run) is None
+    assert "    study,\n" in write_python(one_run)
+    assert shlex.join(write_command(by_paper)) == (
         f"opid identify {source} --method paper --band 0.5 12 --high-pass 0.3 --law arctan_velocity"
     )
 
 
 def test_settings_of_a_result_are_in_its_lines(identified):
     result = replace(identified.result, settings=Settings(verdicts=Verdicts(refused=10.0)))
-    assert command_of(result) is None
-    assert "from opid.suspensions import Settings, Verdicts" in python_of(result)
-    assert "    settings=Settings(verdicts=Verdicts(refused=10.0)),\n" in python_of(result)
+    assert write_command(result) is None
+    assert "from opid.suspensions import Settings, Verdicts" in write_python(result)
+    assert "    settings=Settings(verdicts=Verdicts(refused=10.0)),\n" in write_python(result)
 
 
 def test_logs_are_called_as_they_were(field_test, tmp_path, identified):
@@ -491,17 +495,17 @@ def test_logs_are_called_as_they_were(field_test, tmp_path, identified):
         path.write_bytes((field_test / f"{name}.csv").read_bytes())
     study = study_from_logs(paths, sprung="upper_z", unsprung="lower_z", mass_changes_kg=[-220.5])
     result = replace(identified.result, study=study)
-    assert shlex.join(command_of(result)) == (
+    assert shlex.join(write_command(result)) == (
         f"opid identify '{paths[0]}' {paths[1]} --sprung upper_z --unsprung lower_z --mass-change -220.5 --band 0.3 40"
     )
-    lines = python_of(result)
+    lines = write_python(result)
     compile(lines, "lines", "exec")
     assert f'["{paths[0]}", "{paths[1]}"],' in lines
     assert "mass_changes_kg=[-220.5]," in lines
     gear = replace(study.interfaces[0], axis="down")
     said = replace(result, study=replace(study, interfaces=(gear,), repeatability=0.02))
-    assert "--mass-change -220.5 --axis down --repeatability 0.02 --band" in shlex.join(command_of(said))
-    assert '        axis="down",\n        repeatability=0.02,\n' in python_of(said)
+    assert "--mass-change -220.5 --axis down --repeatability 0.02 --band" in shlex.join(write_command(said))
+    assert '        axis="down",\n        repeatability=0.02,\n' in write_python(said)
 
 
 # ---- whole or not at all -------------------------------------------------------------------------
@@ -559,15 +563,15 @@ def test_a_figure_that_fails_leaves_nothing(identified, tmp_path, monkeypatch):
     def broken():
         raise RuntimeError("no figure")
 
-    first, second, *_ = figures_of(identified.result)
-    monkeypatch.setattr(report_module, "figures_of", lambda result, truth: (first, replace(second, draw=broken)))
+    first, second, *_ = list_figures(identified.result)
+    monkeypatch.setattr(report_module, "list_figures", lambda result, truth: (first, replace(second, draw=broken)))
     with pytest.raises(RuntimeError, match="no figure"):
         opid.write_report(identified.result, tmp_path / "report")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_second_report_replaces_the_first_and_nothing_else(identified, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "figures_of", one_picture("law_ladder"))
+    monkeypatch.setattr(report_module, "list_figures", one_picture("law_ladder"))
     (tmp_path / "mine.txt").write_text("mine")
     for title in ("first", "second"):
         opid.write_report(titled(identified.result, title), tmp_path)
@@ -611,7 +615,7 @@ def test_a_truth_keeps_where_its_laws_rest(record, tmp_path):
         truth = GearTruth(GearNumbers(1850.0, 3.9e5, 6e3, 0.0), cubic)
     else:
         truth = BodyTruth(BodyNumbers(5400.0, 1e4, 2e4, 0.5, 0.0), {"nose": SuspensionTruth(5.0, 0.0, 1e5, 3e3, cubic)})
-    table = truth_table(truth)
+    table = tabulate_truth(truth)
     (tmp_path / "truth.json").write_text(json.dumps(table))
     assert read_truth(tmp_path / "truth.json", record) == truth
     for each in (table, *table.get("interfaces", {}).values()):
@@ -654,9 +658,9 @@ def test_a_constant_is_printed_as_one():
     """As the samples of a chain that lies at a bound of its prior: their scatter is rounding."""
     samples = np.full(7, 0.1) + np.array([0, 0, 0, 0, 0, 0, 1e-17])
     estimate = Estimate(float(samples.mean()), 1.4e-17, (0.1 - 2.8e-17, 0.1))
-    assert estimate_row("share", "1", estimate)[1:5] == ("0.1000", "-", "-", "1")
-    assert estimate_row("share", "1", estimate, 0.1)[1:4] == ("0.1000", "-", "-")
-    assert estimate_row("share", "1", Estimate.normal(0.1, 1e-6))[1:3] == ("0.1000000", "0.0000010")
+    assert build_estimate_row("share", "1", estimate)[1:5] == ("0.1000", "-", "-", "1")
+    assert build_estimate_row("share", "1", estimate, 0.1)[1:4] == ("0.1000", "-", "-")
+    assert build_estimate_row("share", "1", Estimate.normal(0.1, 1e-6))[1:3] == ("0.1000000", "0.0000010")
 
 
 @pytest.mark.parametrize(
@@ -666,7 +670,7 @@ def test_a_constant_is_printed_as_one():
 @pytest.mark.parametrize("before", range(20, 81, 6))
 def test_no_path_is_cut_in_two(path, before):
     text = f"{'x' * (before - 1)} {path} line 7: the cell is empty, m/s of run 2: mend the line, or cut the log there"
-    lines = wrapped(text, "Warning: ")
+    lines = wrap_text(text, "Warning: ")
     assert any(path in line for line in lines)
     assert " ".join(line.strip() for line in lines).replace("  ", " ") == f"Warning: {text}"
 
@@ -685,11 +689,11 @@ def test_the_page_begins_with_a_sketch_that_holds_the_numbers(identified, report
         assert words in sketch[2]
     assert "K₃" not in sketch[2]  # no spring to the ground was found
     assert html.index('class="sketch"') < html.index("<table>")
-    assert sketch_of(refused) is None
+    assert build_sketch(refused) is None
 
 
 def test_a_spring_to_the_ground_is_drawn_where_there_is_one_and_ratios_where_no_mass_is(identified, one_run):
     found = identified.result
     changed = replace(found.parameters, ground_stiffness_n_per_m=Estimate.normal(5e4, 500.0))
-    assert "K₃ = 50000 ± 500 N/m" in sketch_of(replace(found, parameters=changed)).alt
-    assert sketch_of(one_run).alt.startswith("M₂ is not determined; K₂/M₂ = ")
+    assert "K₃ = 50000 ± 500 N/m" in build_sketch(replace(found, parameters=changed)).alt
+    assert build_sketch(one_run).alt.startswith("M₂ is not determined; K₂/M₂ = ")

@@ -14,13 +14,13 @@ from opid.json_values import json_text
 from opid.mechanics.laws.law import law
 from opid.mechanics.truth import BodyTruth
 from opid.report.document import Table
-from opid.report.suspensions.figures import figures_of
-from opid.report.writing import document_of
+from opid.report.suspensions.figures import list_figures
+from opid.report.writing import build_document
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
 from opid.virtual.taxi_tests.aircraft import default_aircraft
 from opid.virtual.taxi_tests.study import taxi_truth
-from opid.virtual.truth_file import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, tabulate_truth
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def truth():
 
 def rows_of(result, truth=None):
     """Return the rows of the table of numbers: label and cells."""
-    return next(block for block in document_of(result, truth).blocks if isinstance(block, Table)).rows
+    return next(block for block in build_document(result, truth).blocks if isinstance(block, Table)).rows
 
 
 def lines(text):
@@ -105,7 +105,7 @@ def test_suspensions_that_share_are_told_once():
 
 def test_candidates_are_a_table_with_a_verdict():
     structures = next(
-        block for block in document_of(small_body()).blocks if getattr(block, "title", "").startswith("Structures")
+        block for block in build_document(small_body()).blocks if getattr(block, "title", "").startswith("Structures")
     )
     table = structures.rows
     heads = [column.head for column in structures.columns]
@@ -187,7 +187,7 @@ def test_result_json_without_mass_without_date_and_with_several_laws():
 
 def test_the_page_holds_tables_figures_and_the_command(tmp_path, truth):
     page = opid.write_report(small_body(), tmp_path / "report", truth).read_text(encoding="utf-8")
-    names = [figure.name for figure in figures_of(small_body())]
+    names = [figure.name for figure in list_figures(small_body())]
     assert page.count('data-chart="') == len(names) == 6
     assert sorted(path.name for path in (tmp_path / "report").iterdir()) == sorted(["report.html", "result.json"])
     for words in (
@@ -203,7 +203,7 @@ def test_the_page_holds_tables_figures_and_the_command(tmp_path, truth):
 
 
 def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: ())
+    monkeypatch.setattr("opid.report.suspensions.identification.list_figures", lambda result, truth: ())
     whole = body_without_mass()
     none = Estimate()
     interfaces = tuple(replace(each, stiffness=none, damping=none, law_estimates={}) for each in whole.interfaces)
@@ -219,13 +219,13 @@ def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypa
     page = opid.write_report(empty, tmp_path).read_text(encoding="utf-8")
     assert "Not determined:" in page
     assert "Structures:" not in page
-    assert [figure.name for figure in figures_of(empty)] == ["plan_view", "candidates"]
+    assert [figure.name for figure in list_figures(empty)] == ["plan_view", "candidates"]
     lines(opid.text(empty))
 
 
 def test_a_truth_is_read_back(tmp_path, truth):
     path = tmp_path / "truth.json"
-    table = truth_table(truth)
+    table = tabulate_truth(truth)
     path.write_text(json_text(table), encoding="utf-8")
     assert read_truth(path, BodyTruth) == truth
     airframe = default_aircraft()

@@ -15,9 +15,9 @@ from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.model import Comparison
 from opid.report.document import Table
-from opid.report.nonlinear_modes import command_of, figures_of
-from opid.report.writing import document_of
-from opid.virtual.truth_file import read_truth, truth_table
+from opid.report.nonlinear_modes import list_figures, write_command
+from opid.report.writing import build_document
+from opid.virtual.truth_file import read_truth, tabulate_truth
 
 TRUTH = ModalTruth({SOFT: ModeTruth({3: -1.5e11}, {2: 30.0})})
 
@@ -28,7 +28,7 @@ def result():
 
 
 def tables_of(result):
-    return [block for block in document_of(result).blocks if isinstance(block, Table)]
+    return [block for block in build_document(result).blocks if isinstance(block, Table)]
 
 
 def test_the_text_holds_the_numbers_within_eighty_columns(result):
@@ -66,11 +66,11 @@ def test_every_warning_stands_once_in_text_page_and_json(result):
 
 
 def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.report.nonlinear_modes.figures_of", lambda *_: ())
+    monkeypatch.setattr("opid.report.nonlinear_modes.list_figures", lambda *_: ())
 
     def command(settings, **given):
         found = replace(result, settings={"study": "my study.toml", **settings})
-        given = {"command": command_of(found, given["options"])} if given else {}
+        given = {"command": write_command(found, given["options"])} if given else {}
         text = opid.write_report(found, tmp_path, **given).read_text(encoding="utf-8")
         return next(line for line in text.splitlines() if "opid modal" in line).removeprefix("<pre>")[: -len("</pre>")]
 
@@ -87,7 +87,7 @@ def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
 
 def test_green_dots_are_spoken_of_only_where_they_are(result):
     def words(truth):
-        return next(each.text for each in figures_of(result, truth) if each.name.endswith("_force"))
+        return next(each.text for each in list_figures(result, truth) if each.name.endswith("_force"))
 
     curves = ((1e-4,), (59.9,), (0.006,))
     assert "Green dots" not in words(None) + words(TRUTH)
@@ -206,7 +206,7 @@ def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path):
 
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "truth.json"
-    path.write_text(json.dumps(truth_table(TRUTH)), encoding="utf-8")
+    path.write_text(json.dumps(tabulate_truth(TRUTH)), encoding="utf-8")
     assert read_truth(path, ModalTruth) == TRUTH
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.modal-truth/1' is needed"),

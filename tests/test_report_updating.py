@@ -17,13 +17,13 @@ from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.truth import UpdatingTruth
-from opid.report.chains import write_chains
 from opid.report.document import Table
-from opid.report.updating import order_sentences, reduction_sentences
-from opid.report.writing import document_of
+from opid.report.updating import say_orders, say_reductions
+from opid.report.writing import build_document
+from opid.updating.chain_files import write_chains
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
-from opid.virtual.truth_file import read_truth, truth_table
+from opid.virtual.truth_file import read_truth, tabulate_truth
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def result():
 
 
 def tables_of(result):
-    return {table.columns[0].head: table for table in document_of(result).blocks if isinstance(table, Table)}
+    return {table.columns[0].head: table for table in build_document(result).blocks if isinstance(table, Table)}
 
 
 def line_of(text, start):
@@ -86,7 +86,7 @@ def test_one_class_one_method_and_no_linear_updating_are_told_too(result):
 def test_a_class_that_explains_nothing_is_told(result):
     lost = replace(result.classes[0], evidences=(Evidence("laplace", -np.inf),))
     two = replace(result, classes=(lost, result.classes[1]))
-    assert "no other class can explain the data" in document_of(two).answer
+    assert "no other class can explain the data" in build_document(two).answer
     assert tables_of(two)["class"].rows[0][4] == "-inf"
     assert json.loads(json_text(two.to_dict()))["classes"][0]["log_evidence"] is None
 
@@ -168,7 +168,7 @@ def test_the_text_says_what_the_reduction_keeps(result):
     held = errors_of([1e-7, 2e-6, 1e-4, 0.02, 0.001], [1, 2, 3, 5, 4])
     free = errors_of([1e-9, 3e-9], [1, 2], method="free", n_dof=28, n_cut=1)
     reduced = replace(result, reductions=(held, free))
-    told = reduction_sentences(reduced)
+    told = say_reductions(reduced)
     assert told == (
         "29 coordinates, modes with sensors and joints held: frequency of modes 1 and 2 off by at most 0.0002 %, "
         "modes 1 to 3 by less than 1 %",
@@ -181,12 +181,12 @@ def test_the_text_says_what_the_reduction_keeps(result):
 
 
 def test_a_small_mac_is_explained_by_what_is_true():
-    assert order_sentences([errors_of([0.0, 0.0], [1, 2])]) == ()
-    (moved,) = order_sentences([errors_of([0.0] * 3, [1, 3, 2])])
+    assert say_orders([errors_of([0.0, 0.0], [1, 2])]) == ()
+    (moved,) = say_orders([errors_of([0.0] * 3, [1, 3, 2])])
     assert "mode 2 is the whole structure's mode 3, mode 3 is the whole structure's mode 2 (crosses: MAC" in moved
-    (lost,) = order_sentences([errors_of([0.0] * 3, [1, 0, 3], method="free")])
+    (lost,) = say_orders([errors_of([0.0] * 3, [1, 0, 3], method="free")])
     assert lost == "with free modes the shape of mode 2 is like no single one of the 3 compared"
-    (many,) = order_sentences([errors_of([0.0] * 8, [8, 7, 6, 5, 4, 3, 2, 1])])
+    (many,) = say_orders([errors_of([0.0] * 8, [8, 7, 6, 5, 4, 3, 2, 1])])
     assert "and 4 more" in many
 
 
@@ -197,7 +197,7 @@ def test_one_of_each_is_told_in_the_singular(result):
     )
     system = small_system()
     alone = JointedModes(system.eigenvalue[:1], system.at_sensors[:1, :1], system.at_joints[:1, :1], ("9",), ("left",))
-    told = document_of(replace(result, measured=(one,), system=alone)).blocks[0].text
+    told = build_document(replace(result, measured=(one,), system=alone)).blocks[0].text
     assert told.startswith("1 backbone (1 of mode 1), 3 points, 1 sensor, 1 joint, 1 mode kept;")
 
 
@@ -215,8 +215,8 @@ def test_missing_points_of_a_band_are_counted_and_null(result):
     assert "The band of mode 1 has no frequency at 3 of its 40 amplitudes" in " ".join(opid.text(broken).split())
     band = json.loads(json_text(broken.to_dict()))["prediction"][0]
     assert band["frequency_hz"][:4] == [None, None, None, pytest.approx(first.frequency_hz[3])]
-    assert "Where it breaks off" in document_of(broken).figures[-2].text
-    assert "Where it breaks off" not in document_of(broken).figures[-1].text
+    assert "Where it breaks off" in build_document(broken).figures[-2].text
+    assert "Where it breaks off" not in build_document(broken).figures[-1].text
 
 
 def test_bands_of_one_mode_and_sensor_share_a_cell(result):
@@ -230,7 +230,7 @@ def test_bands_of_one_mode_and_sensor_share_a_cell(result):
 def test_the_forces_of_joints_that_the_tests_do_not_move_are_drawn(result):
     system = small_system()
     still = replace(system, at_joints=np.zeros_like(system.at_joints))
-    found = document_of(replace(result, system=still))
+    found = build_document(replace(result, system=still))
     next(each for each in found.figures if each.name == "joint_forces").draw()
 
 
@@ -301,7 +301,7 @@ def test_the_extension_that_was_reached_follows_the_shape_of_the_mode(result):
 
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "truth.json"
-    path.write_text(json.dumps(truth_table(small_truth())), encoding="utf-8")
+    path.write_text(json.dumps(tabulate_truth(small_truth())), encoding="utf-8")
     assert read_truth(path, UpdatingTruth) == small_truth()
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.updating-truth/1' is needed"),

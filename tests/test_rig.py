@@ -32,7 +32,7 @@ def beat(level, *, frequency_hz=118.0, n=1200):
 
 
 def quiet(rig, voltage, **settings):
-    return rig_run(rig, voltage, fs=FS, rng=np.random.default_rng(0), noise_share=0.0, **settings)
+    return rig_run(rig, voltage, fs=FS, rng=np.random.default_rng(0), noise_fraction=0.0, **settings)
 
 
 @pytest.mark.parametrize("shaker", [None, Shaker()])
@@ -163,7 +163,7 @@ def test_the_noise_has_its_share_and_another_sensor_leaves_it_alone():
     voltage = beat(20.0)
     fewer = Rig(rig().structure, SHAPES[0], SHAPES[:2], ("a", "b"))
     one, other = (
-        rig_run(each, voltage, fs=FS, rng=np.random.default_rng(7), noise_share=0.05) for each in (rig(), fewer)
+        rig_run(each, voltage, fs=FS, rng=np.random.default_rng(7), noise_fraction=0.05) for each in (rig(), fewer)
     )
     noise = one.recording.samples - one.clean.samples
     rms = np.sqrt(np.mean(one.clean.samples**2, axis=0))
@@ -196,7 +196,7 @@ RNG = np.random.default_rng(0)
         (lambda: open_rig(rig(), FS, initial_velocity=[1.0]), r"initial_velocity is \[1.0\]: give 3 finite"),
         (lambda: rig_run(rig(), np.zeros((9, 2)), fs=FS, rng=RNG), r"the voltage has shape \(9, 2\)"),
         (lambda: rig_run(rig(), np.full(99, np.nan), fs=FS, rng=RNG), "not finite"),
-        (lambda: rig_run(rig(), np.zeros(99), fs=FS, rng=RNG, noise_share=-1.0), "noise_share is -1.0"),
+        (lambda: rig_run(rig(), np.zeros(99), fs=FS, rng=RNG, noise_fraction=-1.0), "noise_fraction is -1.0"),
         (
             lambda: drive(open_rig(rig(), FS), open_rig(rig(), FS).start, np.zeros((3, 1))),
             "one voltage for each half step",

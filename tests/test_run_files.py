@@ -7,9 +7,9 @@ from opid.errors import InputError
 from opid.signals.log import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
-from opid.studies.run_files import RunFiles, Source, run_from_files
+from opid.studies.run_files import RunFiles, Source, read_run
 from opid.studies.study_file import read_study, write_study
-from opid.studies.suspension_study import log_readings, study_from_logs
+from opid.studies.suspension_study import find_log_readings, study_from_logs
 from opid.suspensions.sensor_facts import SensorFacts
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import Run, study_of_gear
@@ -99,7 +99,7 @@ def test_fast_runs_are_reduced(tmp_path):
     assert "resampled from 5000 Hz to 500 Hz" in taxi.runs[0].recording.history
     files = RunFiles("heavy", {name: Source(tmp_path / "heavy.csv", ChannelSettings(name)) for name in NAMES}, 0.0)
     for settings, fs in ((RunSettings(reduced_above_hz=6000.0), 5000.0), (RunSettings(reduced_to_hz=1000.0), 1000.0)):
-        assert run_from_files(files, settings=settings).recording.fs == fs
+        assert read_run(files, settings=settings).recording.fs == fs
 
 
 def test_settings_for_inspect(tmp_path):
@@ -114,34 +114,36 @@ def test_settings_for_inspect(tmp_path):
     (tmp_path / "elsewhere").mkdir()
 
     # a file of two runs is read as the first says; no log needs to be there, and any path to it will do
-    (wheel,) = log_readings(source, tmp_path / "elsewhere" / ".." / "heavy.csv")
+    (wheel,) = find_log_readings(source, tmp_path / "elsewhere" / ".." / "heavy.csv")
     assert (wheel.settings, wheel.channels) == (study_says, {"lower_z": ChannelSettings("lower_z")})
     assert wheel.runs == ("heavy", "light")
     # the second recorder's, with and without what a run changes of it
-    (body,) = log_readings(source, tmp_path / "heavy_airframe.csv")
+    (body,) = find_log_readings(source, tmp_path / "heavy_airframe.csv")
     assert (body.settings, body.runs) == (study_says, ("heavy",))
     assert (body.channels["sprung"].scale, body.channels["sprung"].offset) == (5e-4, 0.0)
-    (body,) = log_readings(source, tmp_path / "light_airframe.csv")
+    (body,) = find_log_readings(source, tmp_path / "light_airframe.csv")
     assert (body.settings, body.runs) == (LogSettings(fs_hz=100), ("light",))
     assert body.channels["sprung"].offset == 0.5
-    (other,) = log_readings(source, tmp_path / "other.csv")
+    (other,) = find_log_readings(source, tmp_path / "other.csv")
     assert (other.settings, other.channels, other.runs) == (study_says, None, ())
     # what no file can be called is no log of this name either
     source.write_text(MIXED.replace('"heavy.csv"', r'"\u0000.csv"'))
-    assert log_readings(source, tmp_path / "heavy.csv")[0].runs == ()
+    assert find_log_readings(source, tmp_path / "heavy.csv")[0].runs == ()
     source.write_text(MIXED.replace("sign = -1", "sign = 3"))
     with pytest.raises(InputError, match=r"study.toml: \[channels.sprung\]: sign is 3"):
-        log_readings(source, tmp_path / "heavy.csv")
+        find_log_readings(source, tmp_path / "heavy.csv")
 
 
 def test_a_file_that_is_read_in_two_ways_has_two_readings(tmp_path):
     text = MIXED.replace('file = "{run}_airframe.csv"\n', "log = { fs_hz = 100 }\n")
     (tmp_path / "study.toml").write_text(text)
-    wheel, body = log_readings(tmp_path / "study.toml", tmp_path / "heavy.csv")
+    wheel, body = find_log_readings(tmp_path / "study.toml", tmp_path / "heavy.csv")
     assert (wheel.settings, list(wheel.channels)) == (LogSettings(), ["lower_z"])
     assert (body.settings, list(body.channels)) == (LogSettings(fs_hz=100), ["sprung"])
     (tmp_path / "study.toml").write_text(text + "[runs.channels]\nunsprung = 3\n")
-    assert log_readings(tmp_path / "study.toml", tmp_path / "heavy.csv")[0].channels == {"lower_z": ChannelSettings(3)}
+    assert find_log_readings(tmp_path / "study.toml", tmp_path / "heavy.csv")[0].channels == {
+        "lower_z": ChannelSettings(3)
+    }
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,10 @@ from scipy import linalg
 
 from opid.errors import InputError
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.checks import backbone_faults, nominal_modes, sensor_faults, structure_faults, warn_of_overlaps
+from opid.updating.checks import backbone_faults, nominal_modes, sensor_faults, warn_of_overlaps
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior
+from opid.updating.structure.affine import structure_faults
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
 

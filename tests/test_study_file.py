@@ -13,7 +13,7 @@ from opid.provenance import read_file
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
 from opid.studies.study_file import read_study, write_study
-from opid.studies.suspension_study import log_readings, read_loading, study_from_logs
+from opid.studies.suspension_study import find_log_readings, read_loading, study_from_logs
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair
 from opid.suspensions.study import (
     BodySensor,
@@ -214,12 +214,12 @@ def test_a_run_may_have_other_channels(read, tmp_path):
 
 def test_a_log_is_read_as_the_study_of_a_body_says(read, tmp_path):
     read(BODY)
-    (reading,) = log_readings(tmp_path / "study.toml", tmp_path / "logs" / "light.csv")
+    (reading,) = find_log_readings(tmp_path / "study.toml", tmp_path / "logs" / "light.csv")
     assert reading.runs == ("full",)
     assert reading.channels["tail_z"].unit == "g"
     (tmp_path / "study.toml").write_text(BODY + "loadin = 3\n", encoding="utf-8")
     with pytest.raises(InputError, match="unknown key"):
-        log_readings(tmp_path / "study.toml", tmp_path / "heavy.csv")
+        find_log_readings(tmp_path / "study.toml", tmp_path / "heavy.csv")
 
 
 def test_a_loading_table_in_a_file(read, tmp_path):

@@ -18,7 +18,7 @@ from opid.errors import InputError
 from opid.modal.study import ModalStudy
 from opid.signals.recording import recording_from_arrays
 from opid.studies.study_file import KINDS
-from opid.studies.suspension_study import log_readings
+from opid.studies.suspension_study import find_log_readings
 from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run, Study, study_of_gear
 from opid.updating.model_class import ModelClass, Prior
@@ -250,4 +250,4 @@ def test_a_study_of_another_kind_is_named_by_its_type():
 def test_logs_are_inspected_by_a_study_of_suspensions(tmp_path):
     path = written(tmp_path, MODAL)
     with pytest.raises(InputError, match="is a study of modal tests: give one of suspensions, or none"):
-        log_readings(path, tmp_path / "none.csv")
+        find_log_readings(path, tmp_path / "none.csv")

@@ -19,7 +19,7 @@ def series():
 @pytest.fixture(scope="module")
 def quiet(series):
     """The whole series without noise; not to be changed."""
-    return run(series, noise_share=0.0)
+    return run(series, noise_fraction=0.0)
 
 
 def run(series, **settings):

@@ -8,5 +8,5 @@ Heavy imports stand inside the commands, so that help and usage errors come at o
 from opid.cli import laws, logs, modal, suspensions, update, virtual_structures, virtual_tests
 from opid.cli.group import main
 
-# importing the other modules adds their commands to `main`
+# Importing the other modules adds their commands to `main`.
 __all__ = ["laws", "logs", "main", "modal", "suspensions", "update", "virtual_structures", "virtual_tests"]

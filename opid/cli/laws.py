@@ -24,44 +24,44 @@ def laws(as_json: bool) -> None:
     from opid.mechanics.laws.kinds import LAWS
 
     kinds = list(LAWS.values())
-    click.echo(json_text(_document(kinds)) if as_json else _text(kinds), nl=False)
+    click.echo(json_text(_tabulate_laws(kinds)) if as_json else _format_laws(kinds), nl=False)
 
 
-def _text(kinds: list[Kind]) -> str:
-    from opid.report.as_text import aligned
-    from opid.report.estimates import formula
+def _format_laws(kinds: list[Kind]) -> str:
+    from opid.report.as_text import align_table
+    from opid.report.formulas import format_formula
 
     head = ("parameter", "unit", "default", "role")
     cells = [
         (f"  {each.name}", each.unit, f"{each.default:g}", each.role) for kind in kinds for each in kind.parameters
     ]
-    lines = iter(aligned([(f"  {head[0]}", *head[1:]), *cells], left=(0, 1)))
+    lines = iter(align_table([(f"  {head[0]}", *head[1:]), *cells], left=(0, 1)))
     n_searched = sum(kind.searched and not kind.bench_only for kind in kinds)
     head_line = f"{len(kinds)} laws, {n_searched} of them searched by `opid identify`; the columns of their parameters:"
     parts = [head_line, next(lines)]
     for kind in kinds:
-        parts += ["", f"{kind.name}: {formula(kind.latex)}", f"  {_search_words(kind)}"]
+        parts += ["", f"{kind.name}: {format_formula(kind.latex)}", f"  {_say_which_search(kind)}"]
         parts += [next(lines) for _ in kind.parameters]
     return "\n".join(parts) + "\n"
 
 
-def _search_words(kind: Kind) -> str:
-    """Words on whether a law remembers, and which search tries it."""
+def _say_which_search(kind: Kind) -> str:
+    """Say whether a law remembers the motion, and which search tries it."""
     memory = "" if kind.memory is None else "it remembers the motion; "
     if kind.bench_only:
         return f"{memory}searched by `opid law` alone"
     return f"{memory}{'searched' if kind.searched else 'not searched: name it'}"
 
 
-def _document(kinds: list[Kind]) -> dict[str, Any]:
-    from opid.report.estimates import formula
+def _tabulate_laws(kinds: list[Kind]) -> dict[str, Any]:
+    from opid.report.formulas import format_formula
 
     return {
         "schema": "opid.laws/1",
         "laws": [
             {
                 "name": kind.name,
-                "formula": formula(kind.latex),
+                "formula": format_formula(kind.latex),
                 "latex": kind.latex,
                 "has_memory": kind.memory is not None,
                 "is_searched": kind.searched,

@@ -50,7 +50,7 @@ def inspect(
     A log that cannot be read gets a sentence, and the others are inspected even so; the status is then 2.
     """
     from opid.report import text
-    from opid.report.health import channels_left_out
+    from opid.report.health import say_channels_left_out
     from opid.signals.health.result import Inspection
     from opid.signals.log import AS_WRITTEN, LogSettings
 
@@ -63,9 +63,10 @@ def inspect(
     units = LogSettings(unit=unit, time_unit=time_unit)
     if study is not None and units != AS_WRITTEN:
         raise click.UsageError(f"--study {study} says how its logs are read: leave --unit and --time-unit out")
-    readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study, units)]
+    readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _choose_readings(log, study, units)]
     names = [log.stem for log, _ in readings]
-    pictures = [f"{n}{end}.png" for n in dict.fromkeys(names + _distinct(names)) for end in ("", "_part1")]
+    stems_of_pictures = dict.fromkeys(names + _number_alike(names))
+    pictures = [f"{stem}{end}.png" for stem in stems_of_pictures for end in ("", "_part1")]
     output = output.reserve((*REPORT, *pictures))
     found: list[Health] = []
     stems: list[str] = []
@@ -75,7 +76,7 @@ def inspect(
         title = f"{log} ({', '.join(reading.channels)})" if several and reading.channels else str(log)
         try:
             with output.progress() as say:
-                found.append(replace(_health(log, reading, study, say), log=title))
+                found.append(replace(_check_log(log, reading, study, say), log=title))
             stems.append(log.stem)
         except InputError as error:
             failures.append(str(error))
@@ -83,13 +84,13 @@ def inspect(
         if output.has_text:
             click.echo("\n" * (len(found) > 1) + text(found[-1]), nl=False)
     if found:
-        result = Inspection(tuple(found), tuple(_distinct(stems)))
+        result = Inspection(tuple(found), tuple(_number_alike(stems)))
         options = {"--study": study, "--unit": unit, "--time-unit": time_unit}
-        told = [word for name, value in options.items() if value is not None for word in (name, str(value))]
-        words = ["opid", "inspect", *map(str, dict.fromkeys(logs)), *told]
+        given = [word for name, value in options.items() if value is not None for word in (name, str(value))]
+        words = ["opid", "inspect", *map(str, dict.fromkeys(logs)), *given]
         with output.progress() as say:
             notes = output.write(result, command=words, progress=say)
-        left_out = map(channels_left_out, found) if output.figures and notes else ()
+        left_out = map(say_channels_left_out, found) if output.figures and notes else ()
         if output.as_json:
             output.show(result)
         elif output.has_text and notes:
@@ -100,14 +101,14 @@ def inspect(
         raise BadInput(failures[-1])
 
 
-def _readings(log: Path, study: Path | None, units: LogSettings) -> tuple[LogReading, ...]:
-    """How the log is to be read, and which of its channels."""
-    from opid.studies.suspension_study import LogReading, log_readings
+def _choose_readings(log: Path, study: Path | None, units: LogSettings) -> tuple[LogReading, ...]:
+    """Return how the log is to be read, and which of its channels."""
+    from opid.studies.suspension_study import LogReading, find_log_readings
 
-    return (LogReading(units),) if study is None else log_readings(study, log)
+    return (LogReading(units),) if study is None else find_log_readings(study, log)
 
 
-def _health(log: Path, reading: LogReading, study: Path | None, say: Callable[[str], None]) -> Health:
+def _check_log(log: Path, reading: LogReading, study: Path | None, say: Callable[[str], None]) -> Health:
     from opid.provenance import read_file
     from opid.signals.health.inspection import inspect as inspect_log
     from opid.signals.health.result import Finding
@@ -123,20 +124,20 @@ def _health(log: Path, reading: LogReading, study: Path | None, say: Callable[[s
     if study is None:
         return health
     health = replace(health, files=(read_file(study), *health.files))
-    words = _choice(reading.runs)
-    return (
-        replace(health, findings=(*health.findings, Finding("note", "channels_chosen", "", words))) if words else health
-    )
+    words = _describe_choice(reading.runs)
+    if not words:
+        return health
+    return replace(health, findings=(*health.findings, Finding("note", "channels_chosen", "", words)))
 
 
-def _choice(runs: tuple[str, ...]) -> str:
-    """A sentence that says as part of which run a log is shown; empty if only one run uses it."""
+def _describe_choice(runs: tuple[str, ...]) -> str:
+    """Return a sentence that says as part of which run a log is shown; "" if only one run uses it."""
     if not runs:
         return "no run of the study takes a channel from this log: all are shown, read as [log] says"
     others = ", ".join(map(repr, runs[1:]))
     return f"read as run {runs[0]!r} says; {others} use{'s' * (len(runs) == 2)} this log, too" if others else ""
 
 
-def _distinct(names: list[str]) -> list[str]:
-    """The names, those that occur twice with a number."""
+def _number_alike(names: list[str]) -> list[str]:
+    """Return the names, with a number behind those that occur more than once."""
     return [f"{name}_{names[:i].count(name) + 1}" if names.count(name) > 1 else name for i, name in enumerate(names)]

@@ -29,17 +29,13 @@ if TYPE_CHECKING:
     from opid.signals.recording import Recording
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)
-ORDERS = ("stiffness_order", "damping_order")
-OPTIONS = tuple(
-    (re.compile(setting), option)
-    for setting, option in (
-        (r"\bnear_hz\b", "--near"),
-        (r"\bstart_s\b", "--start"),
-        (r"\bstop_s\b", "--stop"),
-        (r"\bstiffness_order\b", "--stiffness-order"),
-        (r"\bdamping_order\b", "--damping-order"),
-    )
-)
+OPTIONS = {
+    "near_hz": "--near",
+    "start_s": "--start",
+    "stop_s": "--stop",
+    "stiffness_order": "--stiffness-order",
+    "damping_order": "--damping-order",
+}
 """Settings as the messages of the library name them, and the options of `opid decay` for them."""
 
 
@@ -88,7 +84,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     from opid.mechanics.truth import ModalTruth
     from opid.modal.identification import identify_modes
     from opid.modal.study import ModalStudy
-    from opid.report.nonlinear_modes import command_of
+    from opid.report.nonlinear_modes import write_command
     from opid.studies.study_file import read_study
     from opid.virtual.truth_file import read_truth
 
@@ -98,7 +94,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     with output.progress() as say:
         tests = replace(read_study(study, kind=ModalStudy, progress=say), **given)
         result = identify_modes(tests, progress=say)
-        notes = output.write(result, known, command=command_of(result, given), progress=say)
+        notes = output.write(result, known, command=write_command(result, given), progress=say)
     output.show(result, known, notes=notes)
 
 
@@ -137,21 +133,21 @@ def decay(log: Path, output: Output, **settings: Any) -> None:
     output = output.reserve()
     with output.progress() as say:
         try:
-            found = _decay(log, settings, say)
+            found = _follow_decay(log, settings, say)
         except InputError as error:
-            raise InputError(_in_options(str(error))) from error
+            raise InputError(_name_options(str(error))) from error
         except NotDeterminedError as error:
-            raise NotDeterminedError(_in_options(str(error)), error.partial) from error
+            raise NotDeterminedError(_name_options(str(error)), error.partial) from error
         notes = output.write(found, progress=say)
     output.show(found, notes=notes)
 
 
-def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -> Decay:
-    """The free decay in a channel of a log; its warnings name the options of this command."""
+def _follow_decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -> Decay:
+    """Return the free decay in a channel of a log; its warnings name the options of this command."""
     from opid.modal.decay.free_decay import QUANTITIES, UNITS, free_decay
 
     say("the record")
-    record = _record(log, settings, UNITS)
+    record = _read_channel(log, settings, UNITS)
     say("the decay")
     found = free_decay(
         record.samples[:, 0],
@@ -160,22 +156,21 @@ def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -
         near_hz=settings["near"],
         start_s=settings["start"],
         stop_s=settings["stop"],
+        stiffness_order=settings["stiffness_order"],
+        damping_order=settings["damping_order"],
         name=settings["channel"],
-        **{name: settings[name] for name in ORDERS},
     )
-    warnings = tuple(_in_options(text) for text in found.warnings)
+    warnings = tuple(_name_options(text) for text in found.warnings)
     return replace(found, warnings=warnings, settings={"log": str(log), **settings}, files=record.files)
 
 
-def _in_options(text: str) -> str:
-    """A message of the library with the options of this command in the place of its settings."""
-    for setting, option in OPTIONS:
-        text = setting.sub(option, text)
-    return text
+def _name_options(text: str) -> str:
+    """Return a message of the library with the options of this command in place of its settings."""
+    return re.sub(rf"\b({'|'.join(OPTIONS)})\b", lambda found: OPTIONS[found[0]], text)
 
 
-def _record(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]) -> Recording:
-    """The channel of a log in SI units, which must be those of a motion."""
+def _read_channel(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]) -> Recording:
+    """Return the channel of a log in SI units, which must be those of a motion."""
     from opid.signals.conversion import recording_of
     from opid.signals.log import ChannelSettings, LogSettings
     from opid.signals.logs import open_log

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,7 +129,7 @@ def identify(
 
     The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
     """
-    paths = tuple(_study_in(path) if len(paths) == 1 else path for path in paths)
+    paths = tuple(_find_study(path) if len(paths) == 1 else path for path in paths)
     is_one_gear = _is_of_one_gear(paths)
     of_logs = {
         "--sprung": sprung,
@@ -168,19 +168,19 @@ def identify(
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
     with output.progress() as say:
-        study = _study(paths, of_logs, say)
+        study = _read_paths(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
         notes = output.write(result, known, progress=say)
     output.show(result, known, notes=notes)
 
 
-def _study_in(path: Path) -> Path:
-    """The study.toml of a directory; any other path as it is."""
+def _find_study(path: Path) -> Path:
+    """Return the study.toml of a directory; any other path as it is."""
     return path / "study.toml" if (path / "study.toml").is_file() else path
 
 
 def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
-    """Whether the files are about one gear, as logs without a study are; a faulty file is refused when it is read."""
+    """Return whether the files are of one gear, as logs without a study are; `_read_paths` refuses a faulty file."""
     from opid.studies.schema import load
 
     if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
@@ -192,7 +192,13 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
     return len(document.get("interfaces", ())) < 2 and not document.get("body_sensors")
 
 
-def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
+def _refuse_beside_study(study: Path, options: Sequence[str]) -> None:
+    """Refuse options for logs without a study where a study is given."""
+    if options:
+        raise click.UsageError(f"{study} is a study, which states this itself: leave out {' and '.join(options)}")
+
+
+def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
     from opid.signals.files import nearest_beside
     from opid.signals.log import LogSettings
     from opid.studies.study_file import read_study
@@ -203,10 +209,7 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
     if studies:
         if len(paths) > 1:
             raise click.UsageError(f"{len(paths)} files are given: give one study file, or logs only")
-        given = [name for name, value in of_logs.items() if value is not None]
-        if given:
-            named = " and ".join(given)
-            raise click.UsageError(f"{studies[0]} is a study, which says that itself: leave out {named}")
+        _refuse_beside_study(studies[0], [name for name, value in of_logs.items() if value is not None])
         return read_study(studies[0], kind=Study, progress=say)
     if paths[0].is_dir():
         raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")
@@ -265,7 +268,7 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
 @time_unit_option
 @click.option("--quasi-static", is_flag=True, help="A slow test: time is ignored and may be missing.")
 @out_option("Folder for result.json, report and figures.")
-@partial(with_output, options=("--overwrite",))  # --force names a column here
+@partial(with_output, options=("--overwrite",))  # Here --force names a column.
 def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, output: Output, **of_log: Any) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
@@ -277,7 +280,7 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
 
     A study file with a table [bench] says all of this itself.
     """
-    from opid.report.suspensions.bench import command_of
+    from opid.report.suspensions.bench import write_command
     from opid.studies.bench_study import bench_study_from_log
     from opid.studies.study_file import read_study
     from opid.suspensions.bench.law import law_of_bench
@@ -289,9 +292,9 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
     of_units += [] if time_unit is None else ["--time-unit", time_unit]
     options += dict.fromkeys(word for word in of_units if word.startswith("--"))
     is_study = bench.suffix.lower() == ".toml"
-    if is_study and options:
-        raise click.UsageError(f"{bench} is a study, which says that itself: leave out {' and '.join(options)}")
-    if not is_study and not {"force", "travel"} <= given.keys():
+    if is_study:
+        _refuse_beside_study(bench, options)
+    elif not {"force", "travel"} <= given.keys():
         raise click.UsageError(
             "name the columns of the log: --force COL --travel COL (`opid inspect LOG` lists them), or give a study"
         )
@@ -304,7 +307,7 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
             else bench_study_from_log(bench, units=dict(units), time_unit=time_unit, progress=say, **given)
         )
         result = law_of_bench(study, progress=say)
-        notes = output.write(result, command=[*command_of(result), *of_units], progress=say)
+        notes = output.write(result, command=[*write_command(result), *of_units], progress=say)
     output.show(result, notes=notes)
 
 

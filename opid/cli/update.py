@@ -32,7 +32,11 @@ N_COMPARED = 20
     help="Sampler of the posterior, whatever the study says.",
 )
 @click.option(
-    "--samples", type=click.IntRange(min=1000), metavar="N", help="Samples of a class, whatever the study says."
+    "--samples",
+    "n_samples",
+    type=click.IntRange(min=1000),
+    metavar="N",
+    help="Samples of a class, whatever the study says.",
 )
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the sampling, whatever the study says.")
 @truth_option
@@ -48,8 +52,8 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
     from dataclasses import replace
 
     from opid.mechanics.truth import UpdatingTruth
-    from opid.report.chains import require_arviz, write_chains
     from opid.studies.study_file import read_study
+    from opid.updating.chain_files import require_arviz, write_chains
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy
     from opid.virtual.truth_file import read_truth
@@ -58,18 +62,18 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
     known = None if truth is None else read_truth(truth, UpdatingTruth)
     if chains:
         require_arviz()
-    given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
+    given = {name: value for name, value in settings.items() if value is not None}
     with output.progress() as say:
         tests = replace(read_study(study, kind=UpdatingStudy, progress=say), **given)
         found = update_study(tests, progress=say)
-        result = replace(found, reductions=_reductions(tests, found))
+        result = replace(found, reductions=_compare_reductions(tests, found))
         notes = output.write(result, known, progress=say)
         files = write_chains(result, output.out) if chains and output.out else ()
     output.show(result, known, notes=(*notes, *(f"Chains: {file}" for file in files)))
 
 
-def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors, ...]:
-    """The errors of both reduced structures, first of the used one; nothing if the study gives no whole structure."""
+def _compare_reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors, ...]:
+    """Return the errors of both reductions, that in use first; nothing if the study gives no whole structure."""
     from opid.updating.structure.affine import AffineStructure
     from opid.updating.structure.reduction import craig_bampton, reduction_errors
 
@@ -78,8 +82,8 @@ def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors
         return ()
     factors = {} if linear is None else {n: float(v) for n, v in zip(linear.names, linear.best, strict=True)}
 
-    def errors(method: str) -> ReductionErrors:
+    def compare_reduced(method: str) -> ReductionErrors:
         reduced = craig_bampton(structure, factors, n_modes=study.n_internal, method=method)
         return reduction_errors(structure, reduced, min(N_COMPARED, reduced.n_dof), factors=factors)
 
-    return errors("fixed"), errors("free")
+    return compare_reduced("fixed"), compare_reduced("free")

@@ -84,7 +84,7 @@ def sine_beats(
         fractions = {name: value / 100 for name, value in errors_percent.items()}
         stated = stated_modes(series.case.modes, **fractions)
         rng = np.random.default_rng(seed)
-        study = virtual_study(series, rng=rng, noise_share=noise, given=stated, progress=say)
+        study = virtual_study(series, rng=rng, noise_fraction=noise, given=stated, progress=say)
         say("the files")
         path = write_field_test(study, modal_truth(series, settings=settings), out)
     show_made(f"{len(study.tests)} tests: {series.case.text}", "modal", path, quiet=quiet)
@@ -158,7 +158,7 @@ def backbones(
 
     from opid.errors import InputError
     from opid.mechanics.truth import UpdatingTruth
-    from opid.report.document import counted
+    from opid.report.document import format_count
     from opid.studies.updating_study import FACTOR_PRIOR
     from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
     from opid.updating.structure.reduction import reduce
@@ -187,7 +187,7 @@ def backbones(
                 system, true, theta, rng=rng, n_curves=curves, n_points=points, linear_error=linear_error / 100
             )
         else:
-            measured = _by_continuation(system, true, theta, rng, points, curves, say)
+            measured = _measure_by_continuation(system, true, theta, rng, points, curves, say)
         study = UpdatingStudy(
             f"Virtual backbones of a wing-engine structure, seed {seed}", structure, measured, PAPER_CLASSES,
             parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), seed=seed,
@@ -198,10 +198,10 @@ def backbones(
         path = write_field_test(study, truth, out)
         if matrices != "npz":
             replace_matrices(structure, out, matrices)
-    show_made(f"{counted(len(measured), 'backbone')}: {description}", "update", path, quiet=quiet)
+    show_made(f"{format_count(len(measured), 'backbone')}: {description}", "update", path, quiet=quiet)
 
 
-def _by_continuation(
+def _measure_by_continuation(
     system: JointedModes,
     true: ModelClass,
     theta: tuple[float, ...],
@@ -218,7 +218,7 @@ def _by_continuation(
     measured: list[MeasuredBackbone] = []
     for mode, amplitude, wanted in zip(BENDING_MODES, AMPLITUDE_M, curves, strict=True):
         reached, reason = 0, ""
-        # the pylons move most, and reach quadrature first
+        # The pylons move most, and reach quadrature first.
         for sensor in reversed(system.sensors):
             if reached == wanted:
                 break
@@ -229,7 +229,7 @@ def _by_continuation(
                 )
             except NotDeterminedError as error:
                 reason = str(error)
-                continue  # as in the paper, where 9 of 14 sensors do not reach it in the second mode
+                continue  # The paper leaves such sensors out, too: 9 of 14 in the second mode.
             reached += 1
         if not reached:
             raise NotDeterminedError(

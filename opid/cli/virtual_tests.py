@@ -61,7 +61,7 @@ def demo(seed: int, output: Output) -> None:
     from opid.virtual.truth_file import write_field_test
 
     output = output.reserve((*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
-    assert output.out is not None  # the option has a default
+    assert output.out is not None  # The option has a default.
     out = output.out
     with output.progress() as say:
         say("two taxi runs")
@@ -84,7 +84,7 @@ def simulate() -> None:
     """Make a field test with known truth."""
 
 
-def of_runs(command: Callable[..., None]) -> Callable[..., None]:
+def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of taxi runs of any aircraft."""
     for option in (
         click.option(
@@ -102,9 +102,9 @@ def of_runs(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-# the defaults are those of `opid.virtual`, as a test asserts; they stand here so that help needs no heavy import
+# The defaults are those of `opid.virtual`, as a test asserts; they stand here so that help needs no heavy import.
 @simulate.command(epilog=example("opid simulate taxi runs --law arctan_velocity+cubic_stiffness --noise 0.02"))
-@of_runs
+@with_run_options
 @click.option("--sprung-mass", default=1850.0, show_default=True, metavar="KG", help="Sprung mass M2 of the heavy run.")
 @click.option("--mass-removed", default=220.0, show_default=True, metavar="KG", help="Taken off before the light run.")
 @click.option("--stiffness", default=3.9e5, show_default=True, metavar="N/M", help="Stiffness K2 of the suspension.")
@@ -147,11 +147,13 @@ def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) ->
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
     free_directory(out, TAXI_FILES, overwrite=overwrite)
-    _simulate(_taxi_test, out, {"seed": seed} | settings, quiet=quiet, title=f"Two virtual taxi runs, seed {seed}")
+    _write_test(
+        _simulate_gear, out, {"seed": seed} | settings, quiet=quiet, title=f"Two virtual taxi runs, seed {seed}"
+    )
 
 
 @simulate.command(epilog=example("opid simulate aircraft plane --seed 2 --loading 500 -1 0.2"))
-@of_runs
+@with_run_options
 @click.option(
     "--tracks",
     type=click.Choice(("independent", "coherent")),
@@ -187,20 +189,20 @@ def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, quiet:
     """
     free_directory(out, ("reference.csv", "loaded.csv", *STUDY_FILES), overwrite=overwrite)
     settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)
-    _simulate(
-        _aircraft_test,
+    _write_test(
+        _simulate_aircraft,
         out,
         {"seed": seed} | settings,
         quiet=quiet,
         title=f"A virtual aircraft on three gears, seed {seed}",
         day=None if day is None else day.date(),
         position_tolerance_m=POSITION_TOLERANCE_M,
-        # noise can be stated only where there is some
+        # Noise can be stated only where there is some.
         noise_m_per_s2=settings["noise"] or None,
     )
 
 
-def _simulate(
+def _write_test(
     make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], *, quiet: bool, **facts: Any
 ) -> None:
     """Simulate a taxi test, write it with the facts that its owner knows, and print the next command."""
@@ -218,7 +220,7 @@ def _simulate(
     show_made(made, "identify", path, quiet=quiet)
 
 
-def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
+def _simulate_gear(settings: dict[str, Any]) -> TaxiTest:
     import numpy as np
 
     from opid.virtual.taxi_tests.sensors import Sensor
@@ -237,7 +239,7 @@ def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
         "gain": 1 + settings["gain_error"] / 100,
     }
     return taxi_test(
-        _gear(settings),
+        _make_gear(settings),
         rng=np.random.default_rng(settings["seed"]),
         mass_removed_kg=settings["mass_removed"],
         duration_s=settings["duration"],
@@ -249,7 +251,7 @@ def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
     )
 
 
-def _gear(settings: dict[str, Any]) -> LandingGear:
+def _make_gear(settings: dict[str, Any]) -> LandingGear:
     from opid.mechanics.laws.law import default_law
     from opid.virtual.taxi_tests.airframe import LandingGear
 
@@ -264,12 +266,12 @@ def _gear(settings: dict[str, Any]) -> LandingGear:
         suspension_stiffness_n_per_m=stiffness,
         suspension_damping_n_s_per_m=6000.0 if damping is None else damping,
         ground_stiffness_n_per_m=ground,
-        law=_with_friction(default_law(settings["law"]), settings["friction"]),
+        law=_replace_friction(default_law(settings["law"]), settings["friction"]),
     )
 
 
-def _with_friction(law: Law, friction_n: float | None) -> Law:
-    """The law with another amplitude of its friction term, or without that term if the amplitude is 0."""
+def _replace_friction(law: Law, friction_n: float | None) -> Law:
+    """Return the law with another amplitude of its friction term, or without that term if the amplitude is 0."""
     from opid.mechanics.laws.kinds import LAWS
     from opid.mechanics.laws.law import Law
 
@@ -284,7 +286,7 @@ def _with_friction(law: Law, friction_n: float | None) -> Law:
     return Law((*rest, rubbed) if friction_n else rest)
 
 
-def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
+def _simulate_aircraft(settings: dict[str, Any]) -> TaxiTest:
     import numpy as np
 
     from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
@@ -299,7 +301,7 @@ def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
         airframe = with_bending(airframe, frequency_hz=settings["bending"])
     for name, factor in settings["weaken"]:
         airframe = _weaken(airframe, name, factor)
-    # the sensors stand ahead of the struts and nearer to the middle, where a fuselage has room
+    # The sensors stand ahead of the struts and nearer to the middle, where a fuselage has room.
     beside = {gear.name: (gear.x_m + 0.3, round(0.85 * gear.y_m, 2)) for gear in airframe.gears}
     behind = min(gear.x_m for gear in airframe.gears) - 3.0
     return taxi_test(
@@ -318,7 +320,7 @@ def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
 
 
 def _weaken(airframe: Airframe, name: str, factor: float) -> Airframe:
-    """The aircraft with the stiffness of one strut times `factor` and the same law."""
+    """Return the aircraft with the stiffness of one strut times `factor` and the same law."""
     from opid.errors import InputError, nearest
 
     names = [gear.name for gear in airframe.gears]

@@ -172,13 +172,13 @@ class RigRun:
     Attributes:
         recording: channels "force" (N), where there is one, and each sensor (m/s^2), with noise.
         clean: the same channels without noise.
-        noise_share: rms of the noise over that of the clean signal, channel by channel.
+        noise_fraction: rms of the noise over that of the clean signal, channel by channel.
         steps_per_sample: steps of the simulation from one sample to the next.
     """
 
     recording: Recording
     clean: Recording
-    noise_share: float
+    noise_fraction: float
     steps_per_sample: int
 
 
@@ -318,7 +318,7 @@ def rig_run(
     *,
     fs: float,
     rng: np.random.Generator,
-    noise_share: float = 0.01,
+    noise_fraction: float = 0.01,
     steps_per_sample: int | None = None,
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
@@ -334,7 +334,7 @@ def rig_run(
         voltage: (n,) voltage, a sample each 1 / fs, V; N without a shaker.
         fs: sampling rate of the voltage and of the record, Hz.
         rng: source of the noise.
-        noise_share: standard deviation of the white noise over the rms of the clean signal, for each channel.
+        noise_fraction: standard deviation of the white noise over the rms of the clean signal, for each channel.
         steps_per_sample: steps from one sample to the next, see `open_rig`.
         initial_displacement: (n_dof,) displacement at the start, m, see `open_rig`.
         initial_velocity: (n_dof,) velocity at the start, m/s, see `open_rig`.
@@ -360,7 +360,7 @@ def rig_run(
     # At the samples themselves the spline may be off by rounding.
     between = between.copy()
     between[::finer] = volts
-    return _record_run(rig, ready, between, noise_share, rng, FORCE)
+    return _record_run(rig, ready, between, noise_fraction, rng, FORCE)
 
 
 def impact(
@@ -372,7 +372,7 @@ def impact(
     duration_s: float,
     rng: np.random.Generator,
     at_s: float = 0.02,
-    noise_share: float = 0.01,
+    noise_fraction: float = 0.01,
     steps_per_sample: int | None = None,
 ) -> RigRun:
     """Return the record of a hammer blow at the drive point, with the shaker taken off.
@@ -385,7 +385,7 @@ def impact(
         duration_s: length of the record, s.
         rng: source of the noise.
         at_s: start of the pulse, s.
-        noise_share: noise of each channel, see `rig_run`.
+        noise_fraction: noise of each channel, see `rig_run`.
         steps_per_sample: steps from one sample to the next, see `open_rig`.
 
     Raises:
@@ -399,7 +399,7 @@ def impact(
     ready = open_rig(replace(rig, shaker=None), fs, steps_per_sample=steps_per_sample)
     phase = (_list_half_steps(ready, duration_s) - at_s) / pulse_s
     force = np.where((phase > 0.0) & (phase < 1.0), peak_n * np.sin(np.pi * phase), 0.0)
-    return _record_run(rig, ready, force, noise_share, rng, FORCE)
+    return _record_run(rig, ready, force, noise_fraction, rng, FORCE)
 
 
 def free_decay(
@@ -410,7 +410,7 @@ def free_decay(
     rng: np.random.Generator,
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
-    noise_share: float = 0.01,
+    noise_fraction: float = 0.01,
     steps_per_sample: int | None = None,
 ) -> RigRun:
     """Return the record of a motion that no force drives, with the shaker taken off.
@@ -422,7 +422,7 @@ def free_decay(
         rng: source of the noise.
         initial_displacement: (n_dof,) displacement at the start, m; zero where left out. Sliders come to it from zero.
         initial_velocity: (n_dof,) velocity at the start, m/s; zero where left out.
-        noise_share: noise of each channel, see `rig_run`.
+        noise_fraction: noise of each channel, see `rig_run`.
         steps_per_sample: steps from one sample to the next, see `open_rig`.
 
     Raises:
@@ -432,25 +432,25 @@ def free_decay(
         replace(rig, shaker=None), fs, steps_per_sample=steps_per_sample,
         initial_displacement=initial_displacement, initial_velocity=initial_velocity,
     )  # fmt: skip
-    return _record_run(rig, ready, np.zeros(_list_half_steps(ready, duration_s).size), noise_share, rng)
+    return _record_run(rig, ready, np.zeros(_list_half_steps(ready, duration_s).size), noise_fraction, rng)
 
 
 def _record_run(
-    rig: Rig, ready: OpenRig, voltage: FloatArray, noise_share: float, rng: np.random.Generator, *forces: str
+    rig: Rig, ready: OpenRig, voltage: FloatArray, noise_fraction: float, rng: np.random.Generator, *forces: str
 ) -> RigRun:
-    if not 0.0 <= noise_share < np.inf:
-        raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
+    if not 0.0 <= noise_fraction < np.inf:
+        raise InputError(f"noise_fraction is {noise_fraction}: give 0 or more, 0.01 for 1 %")
     readings, _ = drive(ready, ready.start, voltage)
     columns = [*(readings.force for _ in forces), *readings.acceleration.T]
     channels = (*(Channel(name, "N") for name in forces), *(Channel(name, "m/s^2") for name in rig.sensor_names))
     clean = np.stack(columns, axis=1)
     # Each channel has a row of random numbers, so that a further sensor does not change the noise of the others.
-    noise = rng.standard_normal(clean.T.shape).T * (noise_share * np.sqrt(np.mean(clean**2, axis=0)))
+    noise = rng.standard_normal(clean.T.shape).T * (noise_fraction * np.sqrt(np.mean(clean**2, axis=0)))
     made = (f"virtual test, {ready.steps_per_sample} steps a sample",)
     return RigRun(
-        Recording(clean + noise, fs=ready.fs, channels=channels, history=(*made, f"noise of {noise_share:g} rms")),
+        Recording(clean + noise, fs=ready.fs, channels=channels, history=(*made, f"noise of {noise_fraction:g} rms")),
         Recording(clean, fs=ready.fs, channels=channels, history=made),
-        noise_share,
+        noise_fraction,
         ready.steps_per_sample,
     )
 

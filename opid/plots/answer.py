@@ -13,13 +13,23 @@ from matplotlib.transforms import offset_copy
 
 from opid.estimate import Estimate
 from opid.mechanics.truth import GearTruth
-from opid.plots.style import GREEN, GREY, INK, figure_of, house_style, minus, note, panels, run_colors
+from opid.plots.style import (
+    GREEN,
+    GREY,
+    INK,
+    choose_run_colors,
+    figure_of,
+    format_minus,
+    house_style,
+    panels,
+    write_note,
+)
 from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.spectral_equation import RATIOS
 from opid.suspensions.result import GearRatios
 
-# one for each pair of peaks that is shown
+# each pair of peaks that is shown has one
 _PAIR_MARKERS = ("D", "s", "p")
 
 
@@ -33,7 +43,7 @@ class _Mark:
     shift: float
     estimate: Estimate
     marker: str = "o"
-    filled: bool = True
+    is_filled: bool = True
 
 
 _METHODS = (
@@ -61,19 +71,19 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth |
         (1, 4) Axes.
     """
     chain = result.paper_chain
-    marks = list(_marks(result))
-    lines = _true_lines(chain, truth)
+    marks = list(_list_marks(result))
+    lines = _list_true_lines(chain, truth)
     with house_style():
         grid = panels(axes, 1, 4, height_in=4.2, width_in=8.6, sharey=True)
         for column, ax in enumerate(grid[0]):
             mine = [mark for mark in marks if mark.column == column]
-            low, high = _limits(mine, [value for value, _ in lines[column]])
+            low, high = _find_limits(mine, [value for value, _ in lines[column]])
             ax.set_xlim(low, high)
             ax.locator_params(axis="x", nbins=3)
             for value, color in lines[column]:
                 ax.axvline(value, color=color, linewidth=4, alpha=0.25)
             for mark in mine:
-                _draw(ax, mark, low, high)
+                _draw_mark(ax, mark, low, high)
             if not any(mark.estimate.value is not None for mark in mine):
                 ax.set_xticks([])
                 style: dict[str, Any] = {"color": GREY, "ha": "center", "backgroundcolor": "white"}
@@ -85,15 +95,15 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth |
                 ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
         of_all = "driven model,\nall runs" if result.method == "model" else _METHODS[-1]
         grid[0, 0].set_yticks(range(len(_METHODS)), [*_METHODS[:-1], of_all])
-        _legend(figure_of(grid), chain, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
+        _draw_legend(figure_of(grid), chain, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
     return grid
 
 
-def _marks(result: AnyIdentification) -> Iterator[_Mark]:
+def _list_marks(result: AnyIdentification) -> Iterator[_Mark]:
     runs = result.paper_chain.runs
-    colors = run_colors(len(runs))
+    colors = choose_run_colors(len(runs))
     shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
-    for i, pair in enumerate(_shown_pairs(result.paper_chain)):
+    for i, pair in enumerate(_choose_pairs(result.paper_chain)):
         for row, mass in enumerate((pair.as_printed, pair.sign_restored)):
             if mass.sprung_mass_kg == 0:
                 continue
@@ -106,7 +116,7 @@ def _marks(result: AnyIdentification) -> Iterator[_Mark]:
             for column, value in enumerate(values):
                 shift, look = 0.27 * (i - 1), (_PAIR_MARKERS[i], pair.match.credible)
                 yield _Mark(row, column, GREY, shift, Estimate(value), *look)
-    mass_estimate, ratios, inverse_mass = _of_all_runs(result)
+    mass_estimate, ratios, inverse_mass = _find_estimates(result)
     for run, color, shift in zip(runs, colors, shifts, strict=True):
         for row, fit in ((2, run.complex_fit), (3, run.spectral_fit)):
             for k in range(3):
@@ -120,7 +130,7 @@ def _marks(result: AnyIdentification) -> Iterator[_Mark]:
         yield _Mark(4, 0, INK, 0.0, mass_estimate)
 
 
-def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], float]:
+def _find_estimates(result: AnyIdentification) -> tuple[Estimate, list[Estimate], float]:
     """Mass, ratios and 1/M2 of all runs: those of the result, or of the joint fit if the method is the paper's."""
     if isinstance(result, PaperIdentification) and result.method == "paper":
         joint, added = result.joint, result.added_mass
@@ -134,7 +144,7 @@ def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], f
     return mass, over_mass, 1 / mass.value if mass.value else 0.0
 
 
-def _shown_pairs(chain: PaperChain) -> list[PeakPair]:
+def _choose_pairs(chain: PaperChain) -> list[PeakPair]:
     """Return the pairs with the largest |T|, credible ones first: few averages give dozens of pairs by chance."""
     by_weight = sorted(
         chain.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True
@@ -142,14 +152,14 @@ def _shown_pairs(chain: PaperChain) -> list[PeakPair]:
     return by_weight[: len(_PAIR_MARKERS)]
 
 
-def _true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tuple[float, str]]]:
+def _list_true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tuple[float, str]]]:
     """Return value and colour of the true lines of each column, one a run for the ratios."""
     if truth is None:
         return [[], [], [], []]
     true = truth.parameters
     mass = true.sprung_mass_kg
     values = (true.suspension_stiffness_n_per_m, true.suspension_damping_n_s_per_m, true.ground_stiffness_n_per_m)
-    colors = run_colors(len(chain.runs))
+    colors = choose_run_colors(len(chain.runs))
     ratios = [
         [(value / (mass + run.mass_change_kg), color) for run, color in zip(chain.runs, colors, strict=True)]
         for value in values
@@ -157,7 +167,7 @@ def _true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tuple[f
     return [[(mass, GREEN)], *ratios]
 
 
-def _limits(marks: list[_Mark], truths: list[float]) -> tuple[float, float]:
+def _find_limits(marks: list[_Mark], truths: list[float]) -> tuple[float, float]:
     """The limits of a panel that hold what the sound methods find; the peak formula may lie outside."""
     sound = [mark.estimate for mark in marks if mark.row >= 2]
     ends = [*truths, *(v for e in sound for v in (e.interval95 or (e.value,)) if v is not None)]
@@ -167,12 +177,12 @@ def _limits(marks: list[_Mark], truths: list[float]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _draw(ax: Axes, mark: _Mark, low: float, high: float) -> None:
+def _draw_mark(ax: Axes, mark: _Mark, low: float, high: float) -> None:
     value = mark.estimate.value
     if value is None or not np.isfinite(value):
         return
     row = mark.row + mark.shift
-    style: dict[str, Any] = {"color": mark.color, "markerfacecolor": mark.color if mark.filled else "white"}
+    style: dict[str, Any] = {"color": mark.color, "markerfacecolor": mark.color if mark.is_filled else "white"}
     if low <= value <= high:
         if mark.estimate.interval95 is not None:
             ax.plot(mark.estimate.interval95, [row, row], color=mark.color, linewidth=2)
@@ -182,26 +192,26 @@ def _draw(ax: Axes, mark: _Mark, low: float, high: float) -> None:
     ax.plot([edge], [row], marker=arrow, markersize=3.5, clip_on=False, linestyle="none", color=mark.color)
     inward = offset_copy(ax.transData, figure_of(ax), x=7 * side, units="points")
     ax.plot([edge], [row], marker=mark.marker, markersize=4.5, linestyle="none", transform=inward, **style)
-    note(ax, _short(value), (edge, row), (12 * side, 0), va="center", ha=align, fontsize=7.5)
+    write_note(ax, _format_value(value), (edge, row), (12 * side, 0), va="center", ha=align, fontsize=7.5)
 
 
-def _short(value: float) -> str:
+def _format_value(value: float) -> str:
     """Three digits, with a power of ten only from a million on."""
     if abs(value) >= 1e6:
-        return minus(f"{value:.1e}")
+        return format_minus(f"{value:.1e}")
     rounded = float(f"{value:.3g}")
-    return minus(f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}")
+    return format_minus(f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}")
 
 
-def _legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: bool) -> None:
+def _draw_legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: bool) -> None:
     dot: dict[str, Any] = {"marker": "o", "linewidth": 2, "markersize": 4.5}
     handles = [
         Line2D([], [], color=color, label=f"run {run.name!r}", **dot)
-        for run, color in zip(chain.runs, run_colors(len(chain.runs)), strict=True)
+        for run, color in zip(chain.runs, choose_run_colors(len(chain.runs)), strict=True)
     ]
     if has_mass:
         handles.append(Line2D([], [], color=INK, label="all runs", **dot))
-    for pair, marker in zip(_shown_pairs(chain), _PAIR_MARKERS, strict=False):
+    for pair, marker in zip(_choose_pairs(chain), _PAIR_MARKERS, strict=False):
         match = pair.match
         label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"
         face, doubt = (GREY, "") if match.credible else ("white", " (not credible)")

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import force_along
-from opid.plots.laws import choose_steps, color_of_step, name_steps
+from opid.plots.laws import choose_color, choose_steps, name_steps
 from opid.plots.style import (
     GREY,
     INK,
@@ -18,12 +18,13 @@ from opid.plots.style import (
     RUN_COLORS,
     TRAVEL,
     VELOCITY,
-    every,
+    build_motion,
+    format_law,
     house_style,
-    law_title,
-    note,
     panels,
     thicken,
+    thin_samples,
+    write_note,
 )
 from opid.suspensions.bench.intervals import sine_of
 from opid.suspensions.bench.law import BenchLaw
@@ -45,7 +46,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
     """
     bench, shown, scale, unit = _choose_samples(result)
     fitted = bench.force - result.residual
-    motions = list(zip(_motions(result), (VELOCITY, TRAVEL), strict=True))[bench.is_quasi_static :]
+    motions = list(zip(_list_motions(result), (VELOCITY, TRAVEL), strict=True))[bench.is_quasi_static :]
     with house_style():
         grid = panels(axes, 1, len(motions), height_in=3.7, sharey=True)
         for ax, (motion, label) in zip(grid[0], motions, strict=True):
@@ -53,7 +54,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
             ax.plot(motion[shown], scale * fitted[shown], color=RUN_COLORS[1], label="law", **_DOTS)
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel(f"force [{unit}]")
-        name = law_title(result.law.name)
+        name = format_law(result.law.name)
         grid[0, 0].set_title(name)
         explained = f"{100 * result.r2_left_out:.4g} % explained where left out"
         if bench.is_quasi_static:
@@ -80,19 +81,21 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     found = result.parameters
     slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
     memory = result.law.remembering
-    remembered, cycle = force_along(memory, bench.travel, bench.velocity, bench.fs), _cycle(memory, bench)
+    remembered, cycle = force_along(memory, bench.travel, bench.velocity, bench.fs), _compute_cycle(memory, bench)
     raws = (bench.velocity, bench.travel)
-    curves = list(zip(raws, _motions(result), slopes, ("velocity", "travel"), strict=True))[bench.is_quasi_static :]
+    curves = list(zip(raws, _list_motions(result), slopes, ("velocity", "travel"), strict=True))[
+        bench.is_quasi_static :
+    ]
     with house_style():
         grid = panels(axes, 1, len(curves), height_in=3.7)
         for ax, (raw, drawn, slope, along) in zip(grid[0], curves, strict=True):
             line = np.linspace(raw.min(), raw.max(), 601)
             factor = 1.0 if along == "velocity" else 1e3
-            curve, straight = _along(result, line, slope, along), slope * line
-            dots = (_along(result, raw, slope, along) + remembered + result.residual)[shown]
+            curve, straight = _compute_force_along(result, line, slope, along), slope * line
+            dots = (_compute_force_along(result, raw, slope, along) + remembered + result.residual)[shown]
             if result.loop is not None:
                 line = cycle[0] if along == "travel" else cycle[1]
-                curve, straight = _along(result, line, slope, along) + cycle[2], slope * line
+                curve, straight = _compute_force_along(result, line, slope, along) + cycle[2], slope * line
             ax.plot(drawn[shown], scale * dots, color=PALE, label="measured, less the rest of the law", **_DOTS)
             symbol = "C z′" if along == "velocity" else "K z"
             ax.plot(factor * line, scale * straight, color=GREY, linestyle="--", linewidth=1.1, label=symbol)
@@ -116,27 +119,28 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         ax: one Axes, or None for a new figure.
     """
     steps, answer = choose_steps(result.ladder), chosen(result.ladder)
+    # a law that leaves nothing needs a place on a logarithmic axis
     least = 1e-12
     with house_style():
         ax = panels(ax, 1, height_in=1.5 + 0.26 * len(steps))[0, 0]
         for row, step in enumerate(steps):
-            color = color_of_step(step, answer)
+            color = choose_color(step, answer)
             left_out = step.fit.error_rms if step.left_out is None else step.left_out
             inside, outside = (max(1 - fraction, least) for fraction in (step.fit.r2, step.fit.r2_of(left_out)))
             ax.plot([inside, outside], [row, row], color=color, linewidth=1)
             ax.plot([inside], [row], marker="o", markersize=6, color=color, markerfacecolor="white", linestyle="none")
             ax.plot([outside], [row], marker="o", markersize=6, color=color, linestyle="none")
             text = f"{100 * outside:.3g} %"
-            note(ax, text, (max(inside, outside), row), (7, 0), va="center", fontsize=8)
+            write_note(ax, text, (max(inside, outside), row), (7, 0), va="center", fontsize=8)
         static = max(1 - result.memory.r2_at_most, least)
         ax.axvline(static, color=INK, linestyle="--", linewidth=1)
         above: Any = ("data", "axes fraction")
-        note(ax, "best without memory", (static, 1), (0, 3), xycoords=above, ha="center", fontsize=8)
+        write_note(ax, "best without memory", (static, 1), (0, 3), xycoords=above, ha="center", fontsize=8)
         ax.set_xscale("log")
         low, high = ax.get_xlim()
         ax.set_xlim(low / 1.1, high * (high / low) ** 0.15)
-        ax.xaxis.set_major_formatter(FuncFormatter(_percent))
-        ax.xaxis.set_minor_formatter(NullFormatter() if high / low > 5 else FuncFormatter(_percent))
+        ax.xaxis.set_major_formatter(FuncFormatter(_format_percent))
+        ax.xaxis.set_minor_formatter(NullFormatter() if high / low > 5 else FuncFormatter(_format_percent))
         ax.tick_params(axis="x", which="minor", labelsize=7.5)
         name_steps(ax, steps, answer)
         ax.grid(True, axis="x", which="both")
@@ -158,7 +162,7 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
     bench, shown, scale, unit = _choose_samples(result)
     time = np.arange(bench.force.size) / bench.fs
     with house_style():
-        velocity, travel = _motions(result)
+        velocity, travel = _list_motions(result)
         quantities = [(time, "time [s]"), (velocity, VELOCITY), (travel, TRAVEL)]
         if bench.is_quasi_static:
             quantities = [(time, "distance [m]"), (travel, TRAVEL)]
@@ -175,20 +179,18 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def _motions(result: BenchLaw) -> tuple[np.ndarray, np.ndarray]:
+def _list_motions(result: BenchLaw) -> tuple[np.ndarray, np.ndarray]:
     """Velocity in m/s and travel in mm, as they are drawn."""
     return result.bench.velocity, 1e3 * result.bench.travel
 
 
-def _along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> np.ndarray:
+def _compute_force_along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> np.ndarray:
     """The force along travel or velocity while the other is zero, without the terms that remember."""
-    zero = np.zeros_like(position)
-    motion = (zero, position) if along == "velocity" else (position, zero)
     static = Law(tuple(term for term in result.law.terms if term.kind.memory is None))
-    return slope * position + static.force(*motion)
+    return slope * position + static.force(*build_motion(position, along))
 
 
-def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _compute_cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Travel, velocity, and force of the terms that remember, over the last cycle of a sine like the record."""
     z, v, fs = sine_of(bench)
     n = z.size // 4
@@ -199,8 +201,8 @@ def _choose_samples(result: BenchLaw) -> tuple[Bench, slice, float, str]:
     """The record, those of its samples that are drawn, and the unit of force with the factor from newtons."""
     force = result.bench.force
     factor, unit = (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
-    return result.bench, every(force.size), factor, unit
+    return result.bench, thin_samples(force.size), factor, unit
 
 
-def _percent(fraction: float, position: int | None = None) -> str:
+def _format_percent(fraction: float, position: int | None = None) -> str:
     return f"{100 * fraction:g} %"

@@ -26,20 +26,22 @@ from opid.plots.style import (
     TRAVEL,
     VELOCITY,
     VERMILION,
+    build_motion,
+    choose_run_colors,
     figure_of,
+    find_true_scale,
+    format_law,
+    format_minus,
+    format_units,
     house_style,
-    law_title,
-    minus,
     name_rows,
-    note,
     panels,
     panels_in_rows,
     plain_numbers,
-    pretty,
     require_answer,
-    run_colors,
     smooth_lines,
     thicken,
+    write_note,
 )
 from opid.suspensions.answer.model_error import LeftOutSpectrum
 from opid.suspensions.result import BodyRatios, Candidate, Identification, InterfaceEstimate, RunResidual
@@ -48,7 +50,7 @@ from opid.suspensions.result import BodyRatios, Candidate, Identification, Inter
 FARTHEST_DRAWN = 1e4
 # the residual is averaged over lines within this width
 SMOOTHING_HZ = 0.5
-# length of the stretch of measured and predicted accelerations that is shown
+# measured and predicted accelerations are shown over a stretch of this length
 SHOWN_S = 4.0
 
 
@@ -65,14 +67,14 @@ def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None
         for name, (x, y, sensor_x, sensor_y) in result.places.items():
             ax.plot([y, sensor_y], [x, sensor_x], color=PALE, linewidth=1.2, zorder=1)
             ax.plot([y], [x], marker="o", markersize=11, color=INK, markerfacecolor="white", markeredgewidth=1.8)
-            note(ax, name, (y, x), (0, -16), fontweight="bold", ha="center")
-            _sensor(ax, sensor_x, sensor_y)
-        for name, (x, y) in further_sensors(result).items():
-            _sensor(ax, x, y)
-            note(ax, name, (y, x), (8, 0), color=BLUE, va="center")
-        _loadings(ax, result)
-        _centre_of_gravity(ax, result, truth)
-        _room(ax)
+            write_note(ax, name, (y, x), (0, -16), fontweight="bold", ha="center")
+            _draw_sensor(ax, sensor_x, sensor_y)
+        for name, (x, y) in list_further_sensors(result).items():
+            _draw_sensor(ax, x, y)
+            write_note(ax, name, (y, x), (8, 0), color=BLUE, va="center")
+        _draw_loadings(ax, result)
+        _draw_centre_of_gravity(ax, result, truth)
+        _scale_axes(ax)
         ax.set_xlabel("y, to the left [m]")
         ax.set_ylabel("x, forward [m]")
         ax.set_title("From above")
@@ -101,13 +103,13 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
         ax = panels(ax, 1, height_in=1.4 + 0.5 * len(candidates))[0, 0]
         ax.axvspan(1e-3, explained, color=SHADED, zorder=0)
         ax.axvline(explained, color=INK, linestyle="--", linewidth=1)
-        found = [value for candidate in candidates for value in _levels(candidate)] or [1.0]
+        found = [value for candidate in candidates for value in _list_levels(candidate)] or [1.0]
         for row, candidate in enumerate(candidates):
-            _candidate(ax, row, candidate, max(found))
+            _draw_candidate(ax, row, candidate, max(found))
         ax.set_xscale("log")
         ax.set_xlim(min(0.8, *found) / 1.1, max(4.0, *found) * 3.0)
         plain_numbers(ax.xaxis)
-        labels = [candidate.label + _law_line(candidate) for candidate in candidates]
+        labels = [candidate.label + _format_laws(candidate) for candidate in candidates]
         chosen = [candidate.recommended for candidate in candidates]
         name_rows(ax, labels, [VERMILION if each else INK for each in chosen], chosen=chosen, fontsize=8)
         ax.set_xlabel(f"residual over the noise of the sensors; up to {explained:g} it is noise")
@@ -131,14 +133,14 @@ def suspension_parameters(result: Identification, axes: Any = None, *, truth: Bo
     Returns:
         (n_rows, n_columns) Axes, those of the last row that are not needed switched off.
     """
-    quantities = list(_quantities(result, truth))
+    quantities = list(_list_quantities(result, truth))
     columns = min(len(quantities), 3)
     rows = -(-len(quantities) // columns)
     names = [interface.name for interface in result.interfaces]
     with house_style():
         grid = panels_in_rows(axes, len(quantities), columns, height_in=0.5 + 2.9 * rows)
         for ax, quantity in zip(grid.ravel(), quantities, strict=False):
-            _quantity(ax, quantity, names)
+            _draw_quantity(ax, quantity, names)
         bar = Line2D([], [], color=BLUE, marker="o", markersize=4, label="95 % interval; ± one standard deviation")
         true, _ = grid[0, 0].get_legend_handles_labels()
         figure_of(grid).legend(handles=[bar, *true], loc="outside lower center", ncols=2)
@@ -170,7 +172,7 @@ def suspension_forces(result: Identification, axes: Any = None, *, truth: BodyTr
     with house_style():
         grid = panels(axes, len(shown), 2, height_in=0.5 + 2.4 * len(shown))
         for row, interface in zip(grid, shown, strict=True):
-            _forces(row, result, interface, _true_law(interface, truth, result.per_mass))
+            _draw_forces(row, result, interface, _find_true_law(interface, truth, result.per_mass))
         grid[-1, 0].set_xlabel(VELOCITY)
         grid[-1, 1].set_xlabel(TRAVEL)
         for ax in grid[0]:
@@ -197,9 +199,9 @@ def predicted_accelerations(
     """
     require_answer(result)
     shown = next((each for each in result.runs if each.name == run), result.runs[0])
-    begin = _loudest(shown) if start_s is None else start_s
+    begin = _find_loudest(shown) if start_s is None else start_s
     part = (shown.time_s >= begin) & (shown.time_s <= begin + SHOWN_S)
-    names = sensor_names(result, len(shown.measured))
+    names = list_sensor_names(result, len(shown.measured))
     with house_style():
         grid = panels(axes, len(names), height_in=0.7 + 1.55 * len(names), sharex=True)
         for ax, name, measured, predicted in zip(grid[:, 0], names, shown.measured, shown.predicted, strict=True):
@@ -232,13 +234,13 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
         NotDeterminedError: the fit was refused.
     """
     require_answer(result)
-    names = sensor_names(result, max(len(run.residual) for run in result.runs))
+    names = list_sensor_names(result, max(len(run.residual) for run in result.runs))
     columns = 1 if len(names) < 4 else 2
     rows = -(-len(names) // columns)
     with house_style():
         grid = panels_in_rows(axes, len(names), columns, height_in=0.7 + 1.75 * rows, sharex=True, sharey=True)
         for index, (ax, name) in enumerate(zip(grid.ravel(), names, strict=False)):
-            for run, color in zip(result.runs, run_colors(len(result.runs)), strict=True):
+            for run, color in zip(result.runs, choose_run_colors(len(result.runs)), strict=True):
                 lines = smooth_lines(run.frequency_hz, run.residual[index], SMOOTHING_HZ)
                 ax.plot(*lines, color=color, linewidth=1.2, label=f"run {run.name!r}")
             ax.axhline(1.0, color=INK, linestyle="--", linewidth=1, label="noise")
@@ -277,15 +279,15 @@ def left_out_spectra(result: Identification, axes: Any = None) -> np.ndarray:
             "no run is predicted by the others: that is asked of two runs or more that leave more than noise"
         )
     shown = [(left, index) for left in result.left_out for index in range(len(left.spectra))]
-    names = sensor_names(result, len(shown))
+    names = list_sensor_names(result, len(shown))
     # the band may reach down to nothing
-    lowest = 0.5 * min(float(each.min()) for left, index in shown for each in _lines_of(left.spectra[index]))
+    lowest = 0.5 * min(float(each.min()) for left, index in shown for each in _list_lines(left.spectra[index]))
     with house_style():
         rows = -(-len(shown) // 2)
         grid = panels_in_rows(axes, len(shown), 2, height_in=0.9 + 2.4 * rows, sharex=True, sharey=True)
         for ax, (left, index) in zip(grid.ravel(), shown, strict=False):
             sensor, spectrum = "" if result.study.is_one_gear else f", {names[index]}", left.spectra[index]
-            _left_out_spectrum(ax, spectrum, lowest)
+            _draw_left_out_spectrum(ax, spectrum, lowest)
             ax.set_title(f"run {result.runs[left.run].name!r}{sensor}")
             inside = float(np.average(spectrum.inside, weights=np.diff(spectrum.edges_hz)))
             ax.set_title(f"{100 * inside:.0f} % inside", loc="right", fontweight="normal", fontsize=8.5)
@@ -302,29 +304,29 @@ def left_out_spectra(result: Identification, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def _lines_of(spectrum: LeftOutSpectrum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _list_lines(spectrum: LeftOutSpectrum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return spectrum.measured_m_per_s2, spectrum.predicted_m_per_s2, spectrum.error_m_per_s2
 
 
-def _left_out_spectrum(ax: Axes, spectrum: LeftOutSpectrum, lowest: float) -> None:
+def _draw_left_out_spectrum(ax: Axes, spectrum: LeftOutSpectrum, lowest: float) -> None:
     """Draw one sensor in one run, band by band."""
     edges, predicted, stated = spectrum.edges_hz, spectrum.predicted_m_per_s2, spectrum.stated_m_per_s2
     band: dict[str, Any] = {"color": SKY, "alpha": 0.35, "label": "predicted, with the band for 95 % of the lines"}
     ax.stairs(predicted + stated, edges, baseline=np.maximum(predicted - stated, lowest), fill=True, **band)
     looks = ((INK, 2.2), (BLUE, 1.2), (VERMILION, 1.0))
     for label, values, (color, width) in zip(
-        ("measured", "predicted", "error"), _lines_of(spectrum), looks, strict=True
+        ("measured", "predicted", "error"), _list_lines(spectrum), looks, strict=True
     ):
         ax.stairs(values, edges, baseline=None, label=label, color=color, linewidth=width)
     ax.set_xlim(edges[0], edges[-1])
 
 
-def further_sensors(result: Identification) -> dict[str, tuple[float, float]]:
+def list_further_sensors(result: Identification) -> dict[str, tuple[float, float]]:
     """Return the (x, y) of the sensors on the body beside those of the suspensions, by the names of their channels."""
     return {sensor.channel: (sensor.x_m, sensor.y_m) for sensor in result.study.sensors}
 
 
-def sensor_names(result: Identification, n_sensors: int) -> list[str]:
+def list_sensor_names(result: Identification, n_sensors: int) -> list[str]:
     """Return what the sensors on the body are called: after their suspensions, then the further ones.
 
     Of pairs the means come first, then the suspensions that are in none.
@@ -336,14 +338,14 @@ def sensor_names(result: Identification, n_sensors: int) -> list[str]:
         names = [f"mean above {', '.join(pair)}" for pair in pairs]
         names += [f"above {interface.name}" for interface in result.interfaces if interface.name not in paired]
     elif result.structure == "rigid_body":
-        names += further_sensors(result)
+        names += list_further_sensors(result)
     return [*names[:n_sensors], *(f"sensor {index + 1}" for index in range(len(names), n_sensors))]
 
 
 # ---- from above ------------------------------------------------------------------------------------
 
 
-def _room(ax: Axes) -> None:
+def _scale_axes(ax: Axes) -> None:
     """Give both axes one scale, and turn the nose upward; the narrower side is at least 0.6 times the other."""
     ax.margins(0.12)
     (low_y, high_y), (low_x, high_x) = ax.get_xlim(), ax.get_ylim()
@@ -354,12 +356,12 @@ def _room(ax: Axes) -> None:
     ax.set_aspect("equal", adjustable="box")
 
 
-def _sensor(ax: Axes, x: float, y: float) -> None:
+def _draw_sensor(ax: Axes, x: float, y: float) -> None:
     ax.plot([y], [x], marker="^", markersize=6, color=BLUE, linestyle="none", zorder=3)
 
 
-def _loadings(ax: Axes, result: Identification) -> None:
-    colors = run_colors(len(result.runs))
+def _draw_loadings(ax: Axes, result: Identification) -> None:
+    colors = choose_run_colors(len(result.runs))
     for run, color in zip(result.runs, colors, strict=True):
         for index, (mass_kg, x, y) in enumerate(run.loading):
             label = f"carried in run {run.name!r}" if index == 0 else None
@@ -367,10 +369,10 @@ def _loadings(ax: Axes, result: Identification) -> None:
             face = color if mass_kg >= 0 else "white"
             square: dict[str, Any] = {"marker": "s", "markersize": size, "markerfacecolor": face, "linestyle": "none"}
             ax.plot([y], [x], color=color, alpha=0.6, label=label, zorder=2, **square)
-            note(ax, minus(f"{mass_kg:+g} kg"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
+            write_note(ax, format_minus(f"{mass_kg:+g} kg"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
 
 
-def _centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None) -> None:
+def _draw_centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None) -> None:
     assert isinstance(result.ratios, BodyRatios)  # one gear has no centre of gravity
     x, y = result.ratios.x_cg_m, result.ratios.y_cg_m
     if truth is not None:
@@ -385,39 +387,39 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None
             ends, held = list(estimate.interval95), [fixed, fixed]
             ax.plot(*((held, ends) if along == "x" else (ends, held)), color=VERMILION, linewidth=2, zorder=4)
     meaning = "± one standard deviation,\nlines: 95 % intervals"
-    text = f"centre of gravity\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m\n{meaning}"
+    text = f"centre of gravity\nx = {_format_spread(x, 1.0)} m\ny = {_format_spread(y, 1.0)} m\n{meaning}"
     ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=text, zorder=5)
 
 
 # ---- structures ------------------------------------------------------------------------------------
 
 
-def _law_line(candidate: Candidate) -> str:
+def _format_laws(candidate: Candidate) -> str:
     """Lines with the laws of a structure, two at most and shortened: the figure needs its room."""
-    laws = [law_title(law) for law in candidate.law.split("; ") if law]
+    laws = [format_law(law) for law in candidate.law.split("; ") if law]
     laws = [law if len(law) <= 34 else law[:32] + "…" for law in laws]
     return "".join(f"\n{law}" for law in (laws if len(laws) < 3 else [laws[0], f"and {len(laws) - 1} other laws"]))
 
 
-def _levels(candidate: Candidate) -> Iterator[float]:
+def _list_levels(candidate: Candidate) -> Iterator[float]:
     for value in (candidate.residual_over_noise, candidate.left_out_over_noise):
         if value is not None and np.isfinite(value) and value > 0:
             yield min(float(value), FARTHEST_DRAWN)
 
 
-def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> None:
+def _draw_candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> None:
     color = VERMILION if candidate.recommended else INK if candidate.explains else GREY
     inside, outside = candidate.residual_over_noise, candidate.left_out_over_noise
     if not np.isfinite(inside):
-        note(ax, "no fit", (max(farthest, 1.0), row), (0, 0), va="center", ha="right", color=GREY)
+        write_note(ax, "no fit", (max(farthest, 1.0), row), (0, 0), va="center", ha="right", color=GREY)
         return
-    ends = list(_levels(candidate))
+    ends = list(_list_levels(candidate))
     ax.plot(ends, [row] * len(ends), color=color, linewidth=1)
     if outside is not None and np.isfinite(outside):
         ax.plot([ends[-1]], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
     ax.plot(ends[:1], [row], marker="o", markersize=5.5, color=color, linestyle="none")
     text = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
-    note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=BEHIND)
+    write_note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=BEHIND)
 
 
 # ---- suspension by suspension ----------------------------------------------------------------------
@@ -434,9 +436,9 @@ class _Quantity:
     true: tuple[float | None, ...]
 
 
-def _quantities(result: Identification, truth: BodyTruth | None) -> Iterator[_Quantity]:
+def _list_quantities(result: Identification, truth: BodyTruth | None) -> Iterator[_Quantity]:
     known = [None if truth is None else truth.interfaces.get(each.name) for each in result.interfaces]
-    scale = 1.0 / truth.parameters.sprung_mass_kg if truth is not None and result.per_mass else 1.0
+    scale = find_true_scale(truth, per_mass=result.per_mass)
     for key, title, unit, per_mass in (
         ("stiffness", "Stiffness K", "kN/m", "1/s^2"),
         ("damping", "Damping C", "kN s/m", "1/s"),
@@ -444,7 +446,7 @@ def _quantities(result: Identification, truth: BodyTruth | None) -> Iterator[_Qu
         suffix = "n_per_m" if key == "stiffness" else "n_s_per_m"
         true = tuple(None if each is None else scale * getattr(each, f"{key}_{suffix}") for each in known)
         values = tuple(getattr(each, key) for each in result.interfaces)
-        shown = (f"{title} / M", f"[{pretty(per_mass)}]", 1.0) if result.per_mass else (title, f"[{unit}]", 1e-3)
+        shown = (f"{title} / M", f"[{format_units(per_mass)}]", 1.0) if result.per_mass else (title, f"[{unit}]", 1e-3)
         yield _Quantity(*shown, values, true)
     amplitudes = {
         (term.name, parameter.name): parameter.unit
@@ -459,20 +461,20 @@ def _quantities(result: Identification, truth: BodyTruth | None) -> Iterator[_Qu
         true = tuple(scale * law[parameter] if parameter in law else None for law in laws)
         per = f"{unit}/kg" if result.per_mass else unit
         what = parameter.partition("_")[0]
-        yield _Quantity(kind.replace("_", " ").capitalize(), f"{what} [{pretty(per)}]", 1.0, values, true)
+        yield _Quantity(kind.replace("_", " ").capitalize(), f"{what} [{format_units(per)}]", 1.0, values, true)
 
 
-def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
-    labelled = False
+def _draw_quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
+    is_labelled = False
     for index, (estimate, true) in enumerate(zip(quantity.estimates, quantity.true, strict=True)):
         if true is not None:
-            label = None if labelled else "truth"
+            label = None if is_labelled else "truth"
             height = [quantity.scale * true] * 2
             bar = [index - 0.32, index + 0.32]
             ax.plot(bar, height, color=GREEN, linewidth=5, alpha=0.4, solid_capstyle="butt", label=label, zorder=1)
-            labelled = True
+            is_labelled = True
         if estimate.value is None:
-            note(ax, "–", (index, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
+            write_note(ax, "–", (index, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
             continue
         value = quantity.scale * estimate.value
         ends = [value]
@@ -481,8 +483,8 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
             ax.plot([index, index], ends, color=BLUE, linewidth=2)
             ax.plot([index, index], ends, color=BLUE, marker="_", markersize=8, linestyle="none")
         ax.plot([index], [value], color=BLUE, marker="o", markersize=4, linestyle="none")
-        text = _spread(estimate, quantity.scale).replace(" ± ", "\n± ")
-        note(ax, text, (index, max(ends)), (0, 8), ha="center", fontsize=7.5)
+        text = _format_spread(estimate, quantity.scale).replace(" ± ", "\n± ")
+        write_note(ax, text, (index, max(ends)), (0, 8), ha="center", fontsize=7.5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
     ax.margins(y=0.25)
@@ -493,22 +495,20 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
         ax.set_yticks([])
 
 
-def _spread(estimate: Estimate, scale: float) -> str:
+def _format_spread(estimate: Estimate, scale: float) -> str:
     assert estimate.value is not None
-    return minus(with_std(scale * estimate.value, scale * estimate.std if estimate.std else None))
+    return format_minus(with_std(scale * estimate.value, scale * estimate.std if estimate.std else None))
 
 
 # ---- in motion -------------------------------------------------------------------------------------
 
 
-def _true_law(interface: InterfaceEstimate, truth: BodyTruth | None, per_mass: bool) -> Law | None:
+def _find_true_law(interface: InterfaceEstimate, truth: BodyTruth | None, per_mass: bool) -> Law | None:
     true = None if truth is None else truth.interfaces.get(interface.name)
-    if truth is None or true is None:
-        return None
-    return true.law.scaled(1.0 / truth.parameters.sprung_mass_kg) if per_mass else true.law
+    return None if true is None else true.law.scaled(find_true_scale(truth, per_mass=per_mass))
 
 
-def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimate, true: Law | None) -> None:
+def _draw_forces(row: np.ndarray, result: Identification, interface: InterfaceEstimate, true: Law | None) -> None:
     unit, scale = ("m/s²", 1.0) if result.per_mass else ("kN", 1e-3)
     group = dict.fromkeys((interface.name, *interface.shared_with))
     together = [name for name in group if name in result.places] or [interface.name]
@@ -517,8 +517,7 @@ def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimat
         (row[1], "travel", interface.travel, interface.stiffness.value, 1e3),
     ):
         line = np.linspace(-1.0, 1.0, 401) * (float(np.abs(visited).max()) if visited.size else 0.0)
-        zero = np.zeros_like(line)
-        motion = (zero, line) if along == "velocity" else (line, zero)
+        motion = build_motion(line, along)
         rms = factor * float(np.sqrt(np.mean(visited**2))) if visited.size else 0.0
         ax.axvspan(-rms, rms, color=SHADED, zorder=0, label="up to the rms of the motion")
         nonlinear, symbol = interface.law.force(*motion), "C z′" if along == "velocity" else "K z"
@@ -534,10 +533,10 @@ def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimat
         ax.margins(x=0)
     row[0].set_ylabel(f"force{' / M' * result.per_mass} [{unit}]")
     row[0].set_title(", ".join(together))
-    row[1].set_title(f"law: {law_title(interface.law.name)}", fontweight="normal")
+    row[1].set_title(f"law: {format_law(interface.law.name)}", fontweight="normal")
 
 
-def _loudest(run: RunResidual) -> float:
+def _find_loudest(run: RunResidual) -> float:
     """The begin of the stretch around the largest reading."""
     peak = float(run.time_s[int(np.argmax(np.abs(run.measured).max(axis=0)))])
     return max(float(run.time_s[0]), min(peak - 0.5 * SHOWN_S, float(run.time_s[-1]) - SHOWN_S))

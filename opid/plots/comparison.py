@@ -11,13 +11,22 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, offset_copy
 
-from opid.plots.style import INK, figure_of, house_style, minus, note, panels, pretty, run_colors
+from opid.plots.style import (
+    INK,
+    choose_run_colors,
+    figure_of,
+    format_minus,
+    format_units,
+    house_style,
+    panels,
+    write_note,
+)
 from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
 
-# points on paper between the gears of one flight, which have the same date
+# the gears of one flight have the same date, so that they are drawn this many points beside each other
 BESIDE = 3.0
-# names in a row of the legend, and height of a row, points
+# the legend has this many names in a row, and each row is this many points high
 IN_A_ROW, ROW_POINTS = 4, 16
 
 
@@ -38,32 +47,42 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     series = [each for each in result.series if each.quantity.label == label]
     if not series:
         raise ValueError(f"no quantity is called {label!r}")
-    positions = _positions(result)
-    references = [_reference(each, result.settings.clear_std) for each in series]
-    relative = all(reference is not None for reference in references)
+    positions = _find_positions(result)
+    references = [_find_reference(each, result.settings.clear_std) for each in series]
+    is_relative = all(reference is not None for reference in references)
     with house_style():
         ax = panels(ax, 1, height_in=3.4)[0, 0]
-        for i, (each, reference, color) in enumerate(zip(series, references, run_colors(len(series)), strict=True)):
+        for i, (each, reference, color) in enumerate(
+            zip(series, references, choose_run_colors(len(series)), strict=True)
+        ):
             shift = BESIDE * (i - (len(series) - 1) / 2)
-            scale = 100 / abs(reference) if relative and reference else 1.0
+            scale = 100 / abs(reference) if is_relative and reference else 1.0
             name = each.quantity.gear or "all of the body"
-            if relative and reference:
-                name += f": {_digits(reference)} {pretty(each.quantity.unit)}"
-            _draw(ax, each, positions, scale, color, name, shift, alone=len(series) == 1)
-        _dates(ax, result, positions)
-        unit = "% of what was expected" if relative else pretty(series[0].quantity.unit)
+            if is_relative and reference:
+                name += f": {_format_value(reference)} {format_units(each.quantity.unit)}"
+            _draw_series(ax, each, positions, scale, color, name, shift, is_alone=len(series) == 1)
+        _label_dates(ax, result)
+        unit = "% of what was expected" if is_relative else format_units(series[0].quantity.unit)
         ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
         # names stand between title and axes, where they hide nothing
         rows = -(-len(series) // IN_A_ROW)
-        ax.set_title(_title(label, series), pad=6 + ROW_POINTS * rows)
+        ax.set_title(_format_title(label, series), pad=6 + ROW_POINTS * rows)
         ax.margins(y=0.15)
         close: dict[str, Any] = {"borderaxespad": 0.2, "borderpad": 0.2}
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(series), IN_A_ROW), **close)
     return ax
 
 
-def _draw(
-    ax: Axes, series: Series, positions: np.ndarray, scale: float, color: str, name: str, shift: float, *, alone: bool
+def _draw_series(
+    ax: Axes,
+    series: Series,
+    positions: np.ndarray,
+    scale: float,
+    color: str,
+    name: str,
+    shift: float,
+    *,
+    is_alone: bool,
 ) -> None:
     """Draw one series, its values shifted by some points on paper."""
     beside = offset_copy(ax.transData, figure_of(ax), x=shift, units="points")
@@ -72,7 +91,7 @@ def _draw(
         x = [positions[point.flight] for point in judged]
         low, high = (scale * np.array([point.limits[side] for point in judged if point.limits]) for side in (0, 1))
         # several bands overlap, and filled ones would hide each other: only a single one is filled
-        if alone:
+        if is_alone:
             ax.fill_between(x, low, high, color=color, alpha=0.10, linewidth=0)
         for edge in (low, high):
             ax.plot(x, edge, color=color, linewidth=0.8, alpha=0.8, marker="_" if len(x) == 1 else None)
@@ -96,30 +115,30 @@ def _draw(
     ax.autoscale_view()
     for point in series.points:
         if point.flagged:
-            gear = series.quantity.gear if _starts(series, point) else None
-            _mark(ax, point, positions[point.flight], scale, gear, beside)
+            gear = series.quantity.gear if _is_first(series, point) else None
+            _draw_flag(ax, point, positions[point.flight], scale, gear, beside)
 
 
-def _mark(ax: Axes, point: Point, position: float, scale: float, name: str | None, beside: Transform) -> None:
+def _draw_flag(ax: Axes, point: Point, position: float, scale: float, name: str | None, beside: Transform) -> None:
     """Draw a ring around a flagged value; the first one of a change has the departure beside it."""
     height = scale * (point.estimate.value or 0.0)
     ring: dict[str, Any] = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
     ax.plot([position], [height], color=INK, transform=beside, **ring)
     if name is not None:
         verdict = {True: "confirmed", False: "not confirmed", None: "next flight awaited"}[point.confirmed]
-        up = (point.departure or 0.0) > 0
-        text = f"{name}{': ' * bool(name)}" + minus(f"{point.departure:+.1f} std, {verdict}")
-        shift, side = ((-5, 9), "bottom") if up else ((-5, -9), "top")
-        note(ax, text, (position, height), shift, xycoords=beside, ha="right", va=side, fontsize=8)
+        is_up = (point.departure or 0.0) > 0
+        text = f"{name}{': ' * bool(name)}" + format_minus(f"{point.departure:+.1f} std, {verdict}")
+        shift, side = ((-5, 9), "bottom") if is_up else ((-5, -9), "top")
+        write_note(ax, text, (position, height), shift, xycoords=beside, ha="right", va=side, fontsize=8)
 
 
-def _starts(series: Series, point: Point) -> bool:
+def _is_first(series: Series, point: Point) -> bool:
     """Whether the flight before it is not flagged to the same side."""
     before = [each for each in series.points if each.flight < point.flight and each.departure is not None]
     return not (before and before[-1].flagged and before[-1].confirmed)
 
 
-def _reference(series: Series, clear_std: float) -> float | None:
+def _find_reference(series: Series, clear_std: float) -> float | None:
     """The value that was expected last, if it is clearly not zero."""
     judged = [point for point in series.points if point.expected is not None and point.std is not None]
     if not judged:
@@ -129,14 +148,14 @@ def _reference(series: Series, clear_std: float) -> float | None:
     return last.expected if abs(last.expected or 0.0) > clear_std * (last.std or 0.0) else None
 
 
-def _positions(result: Comparison) -> np.ndarray:
+def _find_positions(result: Comparison) -> np.ndarray:
     if not result.dated:
         return np.arange(1.0, len(result.flights) + 1)
     days = [flight.date for flight in result.flights if flight.date is not None]
     return np.array([date2num(datetime.combine(day, time())) for day in days])
 
 
-def _dates(ax: Axes, result: Comparison, positions: np.ndarray) -> None:
+def _label_dates(ax: Axes, result: Comparison) -> None:
     if result.dated:
         locator = AutoDateLocator(minticks=3, maxticks=8)
         ax.xaxis.set_major_locator(locator)
@@ -147,12 +166,12 @@ def _dates(ax: Axes, result: Comparison, positions: np.ndarray) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _title(label: str, series: list[Series]) -> str:
+def _format_title(label: str, series: list[Series]) -> str:
     flagged = [each.quantity.gear or "it is" for each in series if any(point.flagged for point in each.points)]
     text = label[:1].upper() + label[1:]
     return f"{text}: {', '.join(flagged)} flagged" if flagged else f"{text}: nothing flagged"
 
 
-def _digits(value: float) -> str:
+def _format_value(value: float) -> str:
     """Four digits, with a power of ten only for very small and very large values."""
     return f"{value:.4g}" if 1e-3 <= abs(value) < 1e4 or abs(value) >= 1e8 else f"{float(f'{value:.4g}'):,.0f}"

@@ -26,13 +26,15 @@ from opid.plots.style import (
     TRAVEL,
     VELOCITY,
     WIDTH_IN,
-    every,
+    build_motion,
+    choose_run_colors,
+    find_true_scale,
+    format_run,
     house_style,
     panels,
     require_answer,
-    run_colors,
-    run_title,
     thicken,
+    thin_samples,
 )
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.restoring_force import LawFit, SliceCurve
@@ -57,7 +59,7 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
             ax = Figure(figsize=(6.4, 4.6)).add_axes((0.02, 0.02, 0.94, 0.98), projection="3d")
         assert isinstance(ax, Axes3D)
         travel, velocity = run.binned.centres
-        faces = _faces(np.stack([1e3 * travel, velocity, run.binned.mean], axis=-1))
+        faces = _list_faces(np.stack([1e3 * travel, velocity, run.binned.mean], axis=-1))
         limit = float(np.nanmax(np.abs(run.binned.mean)))
         surface = Poly3DCollection(faces, cmap=SURFACE_MAP, edgecolor=GREY, linewidth=0.3)
         surface.set_array(faces[..., 2].mean(axis=1))
@@ -68,11 +70,11 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         ax.locator_params(nbins=5)
         ax.view_init(elev=24, azim=-125)
         ax.set_box_aspect((4, 4, 3), zoom=0.95)
-        ax.set_title(f"Mean restoring force, {run_title(run)}", loc="center", y=0.98)
+        ax.set_title(f"Mean restoring force, {format_run(run)}", loc="center", y=0.98)
     return ax
 
 
-def _faces(points: np.ndarray) -> np.ndarray:
+def _list_faces(points: np.ndarray) -> np.ndarray:
     """Quadrangles (n, 4, 3) between neighbouring points (rows, columns, 3), where all four are known."""
     corners = [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]]
     faces = np.stack(corners, axis=2).reshape(-1, 4, 3)
@@ -106,7 +108,7 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
         counts = np.ma.masked_equal(binned.counts, 0)
         color = count_ax.pcolormesh(*edges, counts.T, cmap=COUNT_MAP, norm=LogNorm(1, max(2.0, float(counts.max()))))
         count_ax.figure.colorbar(color, ax=count_ax, label="samples in the cell", location="bottom")
-        force_ax.set_title(f"Mean force, {run_title(run)}")
+        force_ax.set_title(f"Mean force, {format_run(run)}")
         count_ax.set_title(f"Samples; {binned.coverage:.0%} of the cells hold ≥ {binned.min_count}")
         for ax in grid[0]:
             ax.set_xlabel(TRAVEL)
@@ -130,21 +132,20 @@ def slices(run: RunEvidence, axes: Any = None) -> np.ndarray:
     with house_style():
         grid = panels(axes, 2, 2, height_in=4.8, sharex="col", sharey="row", height_ratios=[2, 1])
         for column, curve, fit in zip(grid.T, run.slices, run.slice_fits, strict=True):
-            _slice(column, curve, fit)
+            _draw_slice(column, curve, fit)
         grid[0, 0].set_ylabel(_FORCE)
         grid[1, 0].set_ylabel("residual [m/s²]")
     return grid
 
 
-def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
-    along_travel = curve.along == "travel"
-    scale, label = (1e3, TRAVEL) if along_travel else (1.0, VELOCITY)
-    shown = every(curve.position.size)
+def _draw_slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
+    is_along_travel = curve.along == "travel"
+    scale, label = (1e3, TRAVEL) if is_along_travel else (1.0, VELOCITY)
+    shown = thin_samples(curve.position.size)
     line = np.linspace(curve.position.min(), curve.position.max(), 400)
-    zero = np.zeros_like(line)
     straight = next(value for name, value in fit.straight.items() if name != "offset") * line + fit.straight["offset"]
-    arctangent = fit.law.force(line, zero) if along_travel else fit.law.force(zero, line)
-    other = f"|z′| ≤ {curve.half_width:.2g} m/s" if along_travel else f"|z| ≤ {1e3 * curve.half_width:.2g} mm"
+    arctangent = fit.law.force(*build_motion(line, curve.along))
+    other = f"|z′| ≤ {curve.half_width:.2g} m/s" if is_along_travel else f"|z| ≤ {1e3 * curve.half_width:.2g} mm"
     above, below = column
     dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
     position = scale * curve.position[shown]
@@ -154,8 +155,8 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
         dashed = {"color": RUN_COLORS[0], "linewidth": 1.1, "linestyle": "--"}
         above.plot(scale * line, straight, label="its straight part", **dashed)
     above.plot(scale * line, straight + arctangent, color=RUN_COLORS[1], label="slope + arctangent")
-    above.set_title("Stiffness curve" if along_travel else "Damping curve")
-    above.text(0.97, 0.05, _verdict(curve, fit), ha="right", va="bottom", fontsize=8.5, transform=above.transAxes)
+    above.set_title("Stiffness curve" if is_along_travel else "Damping curve")
+    above.text(0.97, 0.05, _say_verdict(curve, fit), ha="right", va="bottom", fontsize=8.5, transform=above.transAxes)
     thicken(above.legend(loc="upper left"))
     below.plot(position, fit.residual[shown], color=GREY, **dots)
     below.axhline(0, color=INK, linewidth=0.8)
@@ -164,7 +165,7 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     below.locator_params(axis="x", nbins=6)
 
 
-def _verdict(curve: SliceCurve, fit: LawFit) -> str:
+def _say_verdict(curve: SliceCurve, fit: LawFit) -> str:
     amplitude, inner = fit.law.vector
     unit, beside = ("mm", "stiffness") if curve.along == "travel" else ("m/s", "damping")
     if not fit.verdicts[0].distinguishable:
@@ -188,18 +189,18 @@ def law_curves(result: AnyIdentification, axes: Any = None, *, truth: GearTruth 
     """
     require_answer(result)
     visited = result.restoring_force
-    travelled, moved = _motion(result)
-    stiffness, damping = _slopes(result)
+    travelled, moved = _find_motion(result)
+    stiffness, damping = _find_slopes(result)
     true_law = None if truth is None or visited.per_mass else truth.law
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.4)
-        _law(grid[0, 0], moved, 1.0, damping, result.law, true_law, "velocity")
-        _law(grid[0, 1], travelled, 1e3, stiffness, result.law, true_law, "travel")
+        _draw_law(grid[0, 0], moved, 1.0, damping, result.law, true_law, "velocity")
+        _draw_law(grid[0, 1], travelled, 1e3, stiffness, result.law, true_law, "travel")
         grid[0, 0].set_ylabel("force per sprung mass [m/s²]" if visited.per_mass else "force [N]")
     return grid
 
 
-def rested_springs(result: Identification) -> list[InterfaceEstimate]:
+def find_rested_springs(result: Identification) -> list[InterfaceEstimate]:
     """Return the suspensions whose law depends on travel, so that it matters where they rest; one of those alike."""
     found: list[InterfaceEstimate] = []
     for each in result.interfaces:
@@ -214,7 +215,7 @@ def static_curves(result: Identification, axes: Any = None, *, truth: TaxiTruth 
 
     Args:
         result: the identification.
-        axes: one Axes for each of `rested_springs`, or None for a new figure.
+        axes: one Axes for each of `find_rested_springs`, or None for a new figure.
         truth: of a simulated run: its springs are drawn too.
 
     Returns:
@@ -224,7 +225,7 @@ def static_curves(result: Identification, axes: Any = None, *, truth: TaxiTruth 
         NotDeterminedError: the fit was refused, or no law depends on travel.
     """
     require_answer(result)
-    springs = rested_springs(result)
+    springs = find_rested_springs(result)
     if not springs:
         raise NotDeterminedError("the springs are straight: where a run rests on them changes nothing")
     unit, scale = ("m/s²", 1.0) if result.per_mass else ("kN", 1e-3)
@@ -232,9 +233,9 @@ def static_curves(result: Identification, axes: Any = None, *, truth: TaxiTruth 
         grid = panels(axes, 1, len(springs), height_in=3.8, width_in=max(WIDTH_IN, 3.4 * len(springs)))
         for ax, spring in zip(grid[0], springs, strict=True):
             true = truth.interfaces.get(spring.name) if isinstance(truth, BodyTruth) else truth
-            _static_curve(ax, spring, scale)
-            if true is not None and truth is not None:
-                _true_curve(ax, true, scale / truth.parameters.sprung_mass_kg if result.per_mass else scale)
+            _draw_static_curve(ax, spring, scale)
+            if true is not None:
+                _draw_true_curve(ax, true, scale * find_true_scale(truth, per_mass=result.per_mass))
             ax.set_xlabel("travel from the origin of the law [mm]" if spring.rest_m.value else TRAVEL)
             ax.set_title("Springs over travel" if result.study.is_one_gear else spring.name)
             ax.legend(loc="best")
@@ -242,7 +243,7 @@ def static_curves(result: Identification, axes: Any = None, *, truth: TaxiTruth 
     return grid
 
 
-def _static_curve(ax: Axes, spring: InterfaceEstimate, scale: float) -> None:
+def _draw_static_curve(ax: Axes, spring: InterfaceEstimate, scale: float) -> None:
     """Draw a spring, dashed where no run went, with the travel of each run and the place where it rests."""
     rest_m, runs = spring.rest_m.value or 0.0, spring.at_rest
     slope = (spring.stiffness.value or 0.0) + (spring.ground_stiffness.value or 0.0)
@@ -254,14 +255,14 @@ def _static_curve(ax: Axes, spring: InterfaceEstimate, scale: float) -> None:
 
     draw(far, color=GREY, linestyle="--", linewidth=1.1)
     draw(near, color=INK, linewidth=2.0, label="springs, standing still")
-    for each, color, marker in zip(runs, run_colors(len(runs)), cycle("osD^v"), strict=False):
+    for each, color, marker in zip(runs, choose_run_colors(len(runs)), cycle("osD^v"), strict=False):
         ax.axvspan(*(1e3 * (rest_m + end) for end in each.travelled_m), color=color, alpha=0.12, linewidth=0, zorder=0)
         mark: dict[str, Any] = {"marker": marker, "markersize": 7, "markeredgecolor": "white", "linestyle": "none"}
         label = f"run {each.run!r} at rest, its travel shaded"
         draw(np.array([each.travel_m.value or 0.0]), color=color, label=label, zorder=3, **mark)
 
 
-def _true_curve(ax: Axes, true: GearTruth | SuspensionTruth, scale: float) -> None:
+def _draw_true_curve(ax: Axes, true: GearTruth | SuspensionTruth, scale: float) -> None:
     """Draw the true spring over what is drawn of the found one."""
     line = 1e-3 * np.linspace(*ax.get_xlim(), 401) - true.law.rest_m
     if isinstance(true, GearTruth):
@@ -273,7 +274,7 @@ def _true_curve(ax: Axes, true: GearTruth | SuspensionTruth, scale: float) -> No
     ax.plot(1e3 * (true.law.rest_m + line), scale * force, label="truth", **look)
 
 
-def _slopes(result: AnyIdentification) -> tuple[float | None, float | None]:
+def _find_slopes(result: AnyIdentification) -> tuple[float | None, float | None]:
     """Stiffness and damping beside the law."""
     if isinstance(result, Identification):
         return result.interfaces[0].stiffness.value, result.interfaces[0].damping.value
@@ -283,7 +284,7 @@ def _slopes(result: AnyIdentification) -> tuple[float | None, float | None]:
     return parameters.suspension_stiffness_n_per_m.value, parameters.suspension_damping_n_s_per_m.value
 
 
-def _motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:
+def _find_motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:
     """Travel and velocity of all runs."""
     if isinstance(result, PaperIdentification):
         surfaces = [run.surface for run in result.chain.runs]
@@ -291,14 +292,13 @@ def _motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:
     return result.interfaces[0].travel, result.interfaces[0].velocity
 
 
-def _law(
+def _draw_law(
     ax: Axes, visited: np.ndarray, scale: float, slope: float | None, law: Law, true_law: Law | None, along: str
 ) -> None:
     """Draw a law along travel or velocity as far as the runs went."""
     position = np.linspace(-1, 1, 401) * float(np.abs(visited).max())
     rms = float(np.sqrt(np.mean(visited**2)))
-    zero = np.zeros_like(position)
-    motion = (position, zero) if along == "travel" else (zero, position)
+    motion = build_motion(position, along)
     nonlinear = law.force(*motion)
     coefficient, at, label = ("K₂ z", "z′ = 0", TRAVEL) if along == "travel" else ("C₂ z′", "z = 0", VELOCITY)
     ax.axvspan(-scale * rms, scale * rms, color=SHADED, zorder=0, label="up to the rms of the motion")

@@ -22,11 +22,11 @@ from opid.plots.style import (
     SKY,
     VERMILION,
     figure_of,
+    format_minus,
+    format_units,
     house_style,
-    minus,
-    note,
     panels,
-    pretty,
+    write_note,
 )
 from opid.signals.health.result import ChannelHealth, Health, Overview, SpectralLine, Stretch
 
@@ -38,13 +38,13 @@ KINDS = {
     "flat": ("held at one value", ORANGE),
     "spike": ("spike", GREEN),
 }
-# number of stretches of each kind that are stored: the record may have more
+# a health keeps this many stretches of each kind: the record may have more
 MOST_STRETCHES = 100
 MOST_LABELS = 6
 # with this many channels at most, each row has more height
 FEW = 6
 LONGEST_NAME = 44
-# range of the colours: a value that is held would make it far too large
+# the colours span from the one to the other at most: a value that is held would make the range far too large
 LEAST_DB, DEEPEST_DB = 40.0, 90.0
 
 
@@ -72,18 +72,18 @@ def health_picture(
     Raises:
         InputError: a name that is none of the channels.
     """
-    drawn = _chosen(health, channels)
+    drawn = _choose_channels(health, channels)
     n, row_in = len(drawn), 1.75 if len(drawn) <= FEW else 1.4
     with house_style():
         grid = panels(axes, n, 3, height_in=1.2 + row_in * n, width_in=WIDTH_IN, sharex="col", width_ratios=[10, 7, 7])
-        stretches = [_stretches(health, channel) for channel in drawn]
-        depth_db = _depth_db(drawn)
+        stretches = [_list_stretches(health, channel) for channel in drawn]
+        depth_db = _find_depth_db(drawn)
         mesh = None
         for (history_ax, psd_ax, spectrogram_ax), channel, wrong in zip(grid, drawn, stretches, strict=True):
-            _history(history_ax, channel, wrong, segment_s)
-            _spectrum(psd_ax, channel, _rate(health, channel))
-            mesh = _spectrogram(spectrogram_ax, channel, wrong, depth_db) or mesh
-        _limits(grid, drawn)
+            _draw_history(history_ax, channel, wrong, segment_s)
+            _draw_spectrum(psd_ax, channel, _find_rate(health, channel))
+            mesh = _draw_spectrogram(spectrogram_ax, channel, wrong, depth_db) or mesh
+        _set_limits(grid, drawn)
         if n > FEW:
             for ax in grid.flat:
                 ax.minorticks_off()  # drawing them would take most of the time
@@ -91,7 +91,7 @@ def health_picture(
         grid[0, 2].set_title("spectrogram")
         for ax, label in zip(grid[-1], ("time [s]", "frequency [Hz]", "time [s]"), strict=True):
             ax.set_xlabel(label)
-        _key(grid, stretches, segment_s, on_figure=axes is None)
+        _draw_legend(grid, stretches, segment_s, is_on_figure=axes is None)
         if mesh is not None:
             bar = figure_of(grid).colorbar(mesh, ax=list(grid[:, 2]), aspect=18 * n, pad=0.02)
             bar.set_label("dB below the loudest")
@@ -99,7 +99,7 @@ def health_picture(
     return grid
 
 
-def _chosen(health: Health, names: Sequence[str] | None) -> list[ChannelHealth]:
+def _choose_channels(health: Health, names: Sequence[str] | None) -> list[ChannelHealth]:
     known = {channel.name: channel for channel in health.channels}
     for name in names or ():
         if name not in known:
@@ -110,33 +110,33 @@ def _chosen(health: Health, names: Sequence[str] | None) -> list[ChannelHealth]:
     return chosen
 
 
-def _stretches(health: Health, channel: ChannelHealth) -> dict[str, list[Stretch]]:
+def _list_stretches(health: Health, channel: ChannelHealth) -> dict[str, list[Stretch]]:
     """The faulty stretches of a channel by kind, the gaps of its clock included."""
     gaps = [gap for clock in health.clocks if channel.name in clock.channels for gap in clock.gaps]
     every = list(dict.fromkeys((*gaps, *channel.stretches)))
     return {kind: own for kind in KINDS if (own := [each for each in every if each.kind == kind])}
 
 
-def _rate(health: Health, channel: ChannelHealth) -> float:
+def _find_rate(health: Health, channel: ChannelHealth) -> float:
     return next((clock.fs for clock in health.clocks if channel.name in clock.channels), health.fs)
 
 
 # ---- history -------------------------------------------------------------------------------------
 
 
-def _history(
+def _draw_history(
     ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], segment_s: tuple[float, float] | None
 ) -> None:
-    unit = "" if channel.unit == "?" else f" {pretty(channel.unit)}"
-    title = ax.set_title(f"{_brief(channel.name)}, {'mute' if channel.mute else f'{channel.rms:.4g}{unit} rms'}")
+    unit = "" if channel.unit == "?" else f" {format_units(channel.unit)}"
+    title = ax.set_title(f"{_shorten_name(channel.name)}, {'mute' if channel.mute else f'{channel.rms:.4g}{unit} rms'}")
     title.set_parse_math(False)  # a name may hold dollar signs
-    ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{pretty(channel.unit)}]")
+    ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{format_units(channel.unit)}]")
     overview = channel.overview
     if overview is None or not np.isfinite(overview.lowest).any():
-        _nothing(ax, "no values")
+        _write_nothing(ax, "no values")
     else:
         ax.fill_between(overview.time_s, overview.lowest, overview.highest, color=BLUE, linewidth=0.6)
-        _scale(ax, overview, wrong.get("spike", []))
+        _scale_history(ax, overview, wrong.get("spike", []))
     if segment_s is not None:
         ax.axvspan(*segment_s, color=SKY, alpha=0.22, linewidth=0, zorder=0)
     top = ax.get_xaxis_transform()
@@ -151,7 +151,7 @@ def _history(
             ax.plot(middles, [0.95] * len(own), "v", color=color, markersize=5, transform=top, zorder=4)
 
 
-def _scale(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
+def _scale_history(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
     """Scale the history to its values without spikes, and write how far the spikes reach."""
     half_s = 0.5 * float(np.median(np.diff(overview.time_s))) if overview.time_s.size > 1 else 0.0
     calm = np.isfinite(overview.lowest)
@@ -162,13 +162,13 @@ def _scale(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
     low, high = float(overview.lowest[calm].min()), float(overview.highest[calm].max())
     least, most = float(np.nanmin(overview.lowest)), float(np.nanmax(overview.highest))
     room = 0.5 * (high - low)
-    # room at the top for the marks
+    # the marks need room at the top
     if spikes and room > 0 and (least < low - room or most > high + room):
         ax.set_ylim(low - 0.3 * room, high + 0.6 * room)
         reach = " and ".join(
             f"{value:.4g}" for value, far in ((least, least < low - room), (most, most > high + room)) if far
         )
-        _write(ax, minus(f"spikes reach {reach}"), 0.03, color=GREEN)
+        _write(ax, format_minus(f"spikes reach {reach}"), 0.03, color=GREEN)
     elif most > least:
         ax.set_ylim(least - 0.08 * (most - least), most + 0.15 * (most - least))
 
@@ -176,13 +176,13 @@ def _scale(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
 # ---- spectra -------------------------------------------------------------------------------------
 
 
-def _spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
-    unit = "" if channel.unit == "?" else pretty(channel.unit)
+def _draw_spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
+    unit = "" if channel.unit == "?" else format_units(channel.unit)
     ax.set_xscale("log")
     ax.set_ylabel(f"[{f'({unit})²' if '/' in unit or ' ' in unit else f'{unit}²' if unit else '1'}/Hz]")
     overview = channel.overview
     if overview is None or not np.any(overview.psd[overview.frequency_hz > 0] > 0):
-        _nothing(ax, "mute: no spectrum" if channel.mute else "no spectrum")
+        _write_nothing(ax, "mute: no spectrum" if channel.mute else "no spectrum")
         return
     shown = (overview.frequency_hz > 0) & (overview.psd > 0)
     ax.set_yscale("log")
@@ -198,14 +198,16 @@ def _spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
     others = [line for line in channel.lines if "mains" not in line.name]
     ax.set_ylim(low * 10 ** (-0.25 * decades), high * 10 ** ((0.45 if others else 0.1) * decades))
     mains = [line for line in channel.lines if line not in others]
-    _mark(ax, mains, overview, VERMILION)
-    _mark(ax, others, overview, BLUE, named=True)
+    _mark_lines(ax, mains, overview, VERMILION)
+    _mark_lines(ax, others, overview, BLUE, is_named=True)
     if mains:
-        _write(ax, _mains_words(mains), 0.03, color=VERMILION)
+        _write(ax, _say_mains(mains), 0.03, color=VERMILION)
 
 
-def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: str, *, named: bool = False) -> None:
-    """Mark every line; if `named`, write the frequencies of the strongest lines that have room."""
+def _mark_lines(
+    ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: str, *, is_named: bool = False
+) -> None:
+    """Mark every line; if `is_named`, write the frequencies of the strongest lines that have room."""
     labelled: list[float] = []
     frequency_hz = overview.frequency_hz
     decades = float(np.log10(frequency_hz[-1] / frequency_hz[frequency_hz > 0][0]))
@@ -214,13 +216,13 @@ def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: st
         level = float(overview.psd[max(nearest_line - 1, 0) : nearest_line + 2].max())
         ax.plot([line.frequency_hz], [level], "o", color=color, markersize=3.5)
         position = float(np.log10(line.frequency_hz))
-        if named and len(labelled) < MOST_LABELS and all(abs(position - one) > 0.055 * decades for one in labelled):
+        if is_named and len(labelled) < MOST_LABELS and all(abs(position - one) > 0.055 * decades for one in labelled):
             labelled.append(position)
             text, at = f"{line.frequency_hz:.4g} Hz", (line.frequency_hz, level)
-            note(ax, text, at, (0, 4), fontsize=7, color=color, rotation=90, ha="center", va="bottom")
+            write_note(ax, text, at, (0, 4), fontsize=7, color=color, rotation=90, ha="center", va="bottom")
 
 
-def _mains_words(lines: Sequence[SpectralLine]) -> str:
+def _say_mains(lines: Sequence[SpectralLine]) -> str:
     """The lines of the mains in words: "mains, 50 Hz, and harmonics 2, 3"."""
     harmonics = sorted(line.harmonic for line in lines if line.harmonic is not None and line.harmonic > 1)
     listed = ", ".join(map(str, harmonics))
@@ -230,33 +232,33 @@ def _mains_words(lines: Sequence[SpectralLine]) -> str:
     return first[0] + (f", and harmonic{'s' * (len(harmonics) > 1)} {listed}" if harmonics else "")
 
 
-def _spectrogram(ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], depth_db: float) -> Any:
+def _draw_spectrogram(ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], depth_db: float) -> Any:
     ax.grid(False)
     ax.set_yscale("log")
     ax.set_ylabel("[Hz]")
     overview = channel.overview
     if overview is None or not np.any(overview.spectrogram[:, overview.spectrogram_hz > 0] > 0):
-        _nothing(ax, "no spectrogram")
+        _write_nothing(ax, "no spectrogram")
         return None
     bands = overview.spectrogram_hz > 0
-    level = _decibels(overview.spectrogram[:, bands])
-    time_s = _edges(overview.spectrogram_s, float(overview.time_s[0]), float(overview.time_s[-1]))
+    level = _compute_decibels(overview.spectrogram[:, bands])
+    time_s = _find_edges(overview.spectrogram_s, float(overview.time_s[0]), float(overview.time_s[-1]))
     frequency_hz = overview.spectrogram_hz[bands]
-    frequency_edges = _edges(frequency_hz, 0.75 * frequency_hz[0], 1.25 * frequency_hz[0])
+    frequency_edges = _find_edges(frequency_hz, 0.75 * frequency_hz[0], 1.25 * frequency_hz[0])
     mesh = ax.pcolormesh(time_s, frequency_edges, level.T, cmap=COUNT_MAP, vmin=-depth_db, vmax=0.0, rasterized=True)
-    for kind in {"gap", "missing"} & wrong.keys():
+    for kind in (each for each in ("gap", "missing") if each in wrong):
         spans = [(each.start_s, each.stop_s - each.start_s) for each in wrong[kind]]
         ax.broken_barh(spans, (0, 1), transform=ax.get_xaxis_transform(), color=KINDS[kind][1], linewidth=0.7)
     return mesh
 
 
-def _decibels(density: np.ndarray) -> np.ma.MaskedArray:
+def _compute_decibels(density: np.ndarray) -> np.ma.MaskedArray:
     """Levels relative to the largest, masked where there are no values."""
     there = np.ma.masked_invalid(np.ma.masked_less_equal(density, 0.0))
     return 10 * np.ma.log10(there / there.max())
 
 
-def _depth_db(channels: Sequence[ChannelHealth]) -> float:
+def _find_depth_db(channels: Sequence[ChannelHealth]) -> float:
     """Colour range below the maximum, dB: the median over channels of the 5 % quantile of their spectrograms."""
     quietest = []
     for overview in (channel.overview for channel in channels):
@@ -264,12 +266,12 @@ def _depth_db(channels: Sequence[ChannelHealth]) -> float:
             continue
         density = overview.spectrogram[:, overview.spectrogram_hz > 0]
         if np.any(density > 0):
-            quietest.append(-float(np.quantile(_decibels(density).compressed(), 0.05)))
+            quietest.append(-float(np.quantile(_compute_decibels(density).compressed(), 0.05)))
     usual = float(np.median(quietest)) if quietest else LEAST_DB
     return 10 * float(np.ceil(np.clip(usual, LEAST_DB, DEEPEST_DB) / 10))
 
 
-def _edges(middles: np.ndarray, low: float, high: float) -> np.ndarray:
+def _find_edges(middles: np.ndarray, low: float, high: float) -> np.ndarray:
     """Edges of cells from their middles; `low` and `high` are those of a single cell."""
     if middles.size < 2:
         return np.array([low, max(high, np.nextafter(low, np.inf))])
@@ -280,7 +282,7 @@ def _edges(middles: np.ndarray, low: float, high: float) -> np.ndarray:
 # ---- what stands around ----------------------------------------------------------------------------
 
 
-def _limits(grid: np.ndarray, channels: Sequence[ChannelHealth]) -> None:
+def _set_limits(grid: np.ndarray, channels: Sequence[ChannelHealth]) -> None:
     """Give all rows the same times and the same frequencies."""
     seen = [channel.overview for channel in channels if channel.overview is not None]
     times = np.concatenate([each.time_s for each in seen]) if seen else np.empty(0)
@@ -292,12 +294,12 @@ def _limits(grid: np.ndarray, channels: Sequence[ChannelHealth]) -> None:
         grid[0, 1].set_xlim(lines.min(), lines.max())
 
 
-def _key(
+def _draw_legend(
     grid: np.ndarray,
     stretches: Sequence[dict[str, list[Stretch]]],
     segment_s: tuple[float, float] | None,
     *,
-    on_figure: bool,
+    is_on_figure: bool,
 ) -> None:
     """One legend for all rows."""
     handles: list[Any] = [Patch(color=BLUE, label="least to largest value")]
@@ -309,7 +311,7 @@ def _key(
             label += f" (the first {MOST_STRETCHES} are drawn)" if most >= MOST_STRETCHES else ""
             mark = Line2D([], [], marker="v", linestyle="none", color=color, label=label)
             handles.append(mark if kind == "spike" else Patch(color=color, label=label))
-    if on_figure:
+    if is_on_figure:
         figure_of(grid).legend(handles=handles, loc="outside upper left", ncols=len(handles))
     else:
         grid[0, 0].legend(handles=handles, loc="lower right", fontsize=7)
@@ -317,19 +319,19 @@ def _key(
 
 def _write(ax: Axes, text: str, height: float, *, color: str) -> None:
     """Write at the left edge: a noise floor above its line, other text near the bottom."""
-    floor = color == GREY
-    at: Any = ax.get_yaxis_transform() if floor else ax.transAxes
+    is_floor = color == GREY
+    at: Any = ax.get_yaxis_transform() if is_floor else ax.transAxes
     box = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.3}
     how: Any = {"xycoords": at, "va": "bottom", "fontsize": 7, "zorder": 5, "bbox": box}
-    note(ax, text, (0.0, height), (3.0, 1.5 if floor else 0.0), color=color, **how)
+    write_note(ax, text, (0.0, height), (3.0, 1.5 if is_floor else 0.0), color=color, **how)
 
 
-def _brief(name: str) -> str:
+def _shorten_name(name: str) -> str:
     """A name that fits above a history; of a long one the end is kept, which differs more than its beginning."""
     shown = name if name.isprintable() else ascii(name)[1:-1]
     return shown if len(shown) <= LONGEST_NAME else f"…{shown[1 - LONGEST_NAME :]}"
 
 
-def _nothing(ax: Axes, text: str) -> None:
+def _write_nothing(ax: Axes, text: str) -> None:
     ax.text(0.5, 0.5, text, color=GREY, ha="center", va="center", transform=ax.transAxes)
     ax.set_yticks([])

@@ -18,12 +18,12 @@ from opid.plots.style import (
     TRAVEL,
     VELOCITY,
     figure_of,
+    format_law,
     house_style,
-    law_title,
     name_rows,
-    note,
     panels,
     plain_numbers,
+    write_note,
 )
 from opid.suspensions.law_search.force_surface import ForceSurface
 from opid.suspensions.law_search.pursuit import F, LawStep, chosen
@@ -31,7 +31,7 @@ from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 Ladder = Sequence[LawStep[Any]]
 
-# laws that are shown though the search rejected them
+# this many laws are shown though the search rejected them
 N_OTHERS = 8
 
 
@@ -59,7 +59,7 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
     with house_style():
         ax = panels(ax, 1, height_in=1.3 + 0.32 * len(steps))[0, 0]
         for row, step in enumerate(steps):
-            color = color_of_step(step, best)
+            color = choose_color(step, best)
             fitted = 1e3 * step.fit.noise_m_per_s2
             ax.plot([fitted], [row], marker="o", markersize=7, color=color, linestyle="none")
             if step.left_out is not None:
@@ -68,11 +68,13 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
                 ax.plot([left_out], [row], marker="D", color=color, **look)
             behind = step.fit.bic - best.fit.bic
             text = f"{fitted:.4g}" + (f"   BIC {behind:+,.0f}".replace(",", " ") if step is not best else "")
-            note(ax, text, (fitted, row), (10, 0), va="center", fontsize=8, bbox=BEHIND)
+            write_note(ax, text, (fitted, row), (10, 0), va="center", fontsize=8, bbox=BEHIND)
         if noise_floor_m_per_s2 is not None:
             floor = 1e3 * noise_floor_m_per_s2
             ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
-            note(ax, f"noise floor {floor:.2g}", (floor, 1), (4, 3), xycoords=("data", "axes fraction"), fontsize=8)
+            write_note(
+                ax, f"noise floor {floor:.2g}", (floor, 1), (4, 3), xycoords=("data", "axes fraction"), fontsize=8
+            )
         low, high = ax.get_xlim()
         # the text at the right needs room
         if (low > 0 and high / low > 3) or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
@@ -96,6 +98,7 @@ def force_departures(surface: ForceSurface, ax: Any = None) -> Axes:
         surface: from `force_surface`.
         ax: one Axes, or None for a new figure.
     """
+    # departures of this many standard errors or more have the darkest colours
     limit = 5.0
     with house_style():
         ax = panels(ax, 1, height_in=4.0, width_in=5.6)[0, 0]
@@ -146,7 +149,7 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel("force per mass less (K z + C z′) [m/s²]")
-        grid[0, 0].set_title(law_title(surface.law_name))
+        grid[0, 0].set_title(format_law(surface.law_name))
         handles, words = grid[0, 0].get_legend_handles_labels()
         figure_of(grid).legend(handles, words, loc="outside lower center", ncols=3)
     return grid
@@ -158,12 +161,12 @@ def choose_steps(ladder: Sequence[LawStep[F]]) -> list[LawStep[F]]:
     return [step for step in ladder if step.kept or step in others]
 
 
-def color_of_step(step: LawStep[Any], best: LawStep[Any]) -> str:
+def choose_color(step: LawStep[Any], best: LawStep[Any]) -> str:
     """Return the colour of a step of a ladder, of which `best` was chosen."""
     return RUN_COLORS[1] if step is best else INK if step.kept else GREY
 
 
 def name_steps(ax: Axes, steps: Sequence[LawStep[Any]], best: LawStep[Any]) -> None:
     """Write the laws of the steps beside the rows of an Axes, from the top."""
-    names = [law_title(step.law_name) + " (sparse)" * (step.method == "sparse regression") for step in steps]
-    name_rows(ax, names, [color_of_step(step, best) for step in steps], chosen=[step is best for step in steps])
+    names = [format_law(step.law_name) + " (sparse)" * (step.method == "sparse regression") for step in steps]
+    name_rows(ax, names, [choose_color(step, best) for step in steps], chosen=[step is best for step in steps])

@@ -17,18 +17,19 @@ from opid.plots.style import (
     COUNT_MAP,
     GREY,
     INK,
-    RUN_COLORS,
+    ORANGE,
     VERMILION,
+    choose_run_colors,
     figure_of,
     house_style,
-    note,
     panels,
     plain_numbers,
     thicken,
+    write_note,
 )
 
-MOST_WRITTEN = 10  # modes up to which each value of a matrix is written into its cell
-DECADES_SHOWN = 5  # decades that are shown below the highest value of a mode indicator function
+MOST_WRITTEN = 10  # with more modes the cells of a matrix have no room for their values
+DECADES_SHOWN = 5  # a mode indicator function is shown so far below its highest value
 
 
 def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
@@ -85,10 +86,10 @@ def mode_indicators(
     """
     marked = dict(marked or {})
     with house_style():
-        flat = np.atleast_1d(np.asarray(_panels(len(zoomed)) if axes is None else axes, dtype=object)).ravel()
+        flat = np.atleast_1d(np.asarray(_make_panels(len(zoomed)) if axes is None else axes, dtype=object)).ravel()
         top = float(np.nanmax(resynthesised.value[:, 0]))
         for ax in flat:
-            for color, (name, indicator) in zip(_shades(len(measured)), measured.items(), strict=True):
+            for color, (name, indicator) in zip(_choose_colors(len(measured)), measured.items(), strict=True):
                 ax.plot(indicator.frequency_hz, indicator.value[:, 0], color=color, linewidth=0.9, label=name)
             dashed = {"color": INK, "linestyle": "--", "linewidth": 1.0}
             ax.plot(resynthesised.frequency_hz, resynthesised.value[:, 0], label="linear modes", **dashed)
@@ -176,7 +177,7 @@ def number_modes(ax: Axes, marked: Mapping[int, float], *, own: int | None = Non
         color, style = (INK, "-") if number == own else (GREY, "--")
         ax.axvline(hz, **{"color": color, "linestyle": style, "linewidth": 0.9, **line})
         above: Any = ("data", "axes fraction")
-        note(ax, str(number), (hz, 1), (0, 2), xycoords=above, ha="center", fontsize=8, color=color)
+        write_note(ax, str(number), (hz, 1), (0, 2), xycoords=above, ha="center", fontsize=8, color=color)
 
 
 def _zoom(ax: Axes, centre_hz: float, measured: Mapping[str, ModeIndicator], made: ModeIndicator) -> None:
@@ -190,7 +191,7 @@ def _zoom(ax: Axes, centre_hz: float, measured: Mapping[str, ModeIndicator], mad
     ax.locator_params(axis="x", nbins=4)
 
 
-def _panels(n_zoomed: int) -> list[Any]:
+def _make_panels(n_zoomed: int) -> list[Any]:
     """Axes of a new figure: one wide panel, and small ones below it."""
     columns = max(n_zoomed, 1)
     figure = Figure(figsize=(7.4, 3.4 + 2.0 * (n_zoomed > 0)), layout="constrained")
@@ -198,5 +199,5 @@ def _panels(n_zoomed: int) -> list[Any]:
     return [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(n_zoomed))]
 
 
-def _shades(n: int) -> list[str]:
-    return [(BLUE, *RUN_COLORS[4:5], VERMILION)[i] if n <= 3 else RUN_COLORS[i % len(RUN_COLORS)] for i in range(n)]
+def _choose_colors(n: int) -> list[str]:
+    return [BLUE, ORANGE, VERMILION][:n] if n <= 3 else choose_run_colors(n)

@@ -36,13 +36,13 @@ from opid.plots.style import (
 
 # a value is well known if half of its interval is below this fraction of the range of the better half of the values
 KNOWN = 0.5
-ROOM_OF_DECAY = 0.08  # room above and below the well-known values, a fraction of their range
-N_PERIODS = 5  # periods of the strongest line on either side of the largest acceleration
-AROUND = 256  # samples to either side of the peak in which its period is looked for
-ROOM = 2.0  # height of the panel at the peak over the peaks of measurement and nonlinear model
+ROOM_OF_DECAY = 0.08  # a panel leaves this fraction of the range of the well-known values above and below them
+N_PERIODS = 5  # this many periods of the strongest line are shown on either side of the largest acceleration
+AROUND = 256  # the period at the peak is looked for in this many samples to either side
+ROOM = 2.0  # the panel at the peak is this many times as high as the peaks of measurement and nonlinear model
 LEAST_SHOWN = 1e-4  # the spectrum is shown down to this fraction of its peak
-N_CRESTS, LEAST_CRESTS = 400, 40  # points that stand for many samples or lines, and the fewest that show a shape
-N_SHOWN = 6  # the most curves of modal harmonics
+N_CRESTS, LEAST_CRESTS = 400, 40  # this many points stand for many samples or lines; fewer than 40 show no shape
+N_SHOWN = 6  # at most this many modal harmonics are drawn, each in a colour of the palette
 _AMPLITUDE = "\N{SQUARE ROOT}kg"
 
 
@@ -64,11 +64,11 @@ def sine_beats(result: ModalIdentification, mode: int, axes: Any = None) -> np.n
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.3, width_in=7.4)
         over_time, over_frequency = grid[0]
-        low, high = _around(result, fit)
-        for color, test in zip(_levels(len(tests)), tests, strict=True):
+        low, high = _find_range(result, fit)
+        for color, test in zip(_choose_colors(len(tests)), tests, strict=True):
             motion = test.modal_acceleration(mode)
             over_time.plot(np.arange(motion.size) / test.fs, motion, color=color, linewidth=0.7, label=test.name)
-            frequency, amplitude = fourier_amplitude(motion, test.fs)
+            frequency, amplitude = compute_fourier_amplitude(motion, test.fs)
             seen = (frequency >= low) & (frequency <= high)
             over_frequency.plot(frequency[seen], amplitude[seen], color=color, linewidth=1.1, label=test.name)
         over_frequency.axvspan(*fit.band_hz, color=PALE, alpha=0.35, linewidth=0, zorder=0, label="fitted band")
@@ -100,9 +100,9 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
     amplitude = fit.stiffness_curve.position
     with house_style():
         grid = panels(axes, 2, 3, height_in=5.2, width_in=8.6)
-        _force_row(grid[0], fit.stiffness_curve, f"q [{{}}m {_AMPLITUDE}]", "stiffness force", "k₀ q")
-        _force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′")
-        factor, prefix = _prefix(amplitude)
+        _draw_force_row(grid[0], fit.stiffness_curve, f"q [{{}}m {_AMPLITUDE}]", "stiffness force", "k₀ q")
+        _draw_force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′")
+        factor, prefix = _choose_prefix(amplitude)
         for ax, name, scale, values, label in (
             (grid[0, 2], "frequency_hz", 1, fit.frequency_at_hz, "natural frequency [Hz]"),
             (grid[1, 2], "damping_ratio", 100, fit.damping_at, "damping ratio [%]"),
@@ -148,19 +148,19 @@ def modal_orders(fit: ModeFit, ax: Any = None) -> Axes:
     return ax
 
 
-def fourier_amplitude(samples: np.ndarray, fs: float) -> tuple[np.ndarray, np.ndarray]:
+def compute_fourier_amplitude(samples: np.ndarray, fs: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the lines of a transient record and its Fourier amplitude |X| there, the unit of the samples per Hz.
 
-    >>> frequency, amplitude = fourier_amplitude(np.r_[1.0, np.zeros(7)], 4.0)
+    >>> frequency, amplitude = compute_fourier_amplitude(np.r_[1.0, np.zeros(7)], 4.0)
     >>> frequency.tolist(), amplitude.tolist()
     ([0.0, 0.5, 1.0, 1.5, 2.0], [0.25, 0.25, 0.25, 0.25, 0.25])
     """
     return np.fft.rfftfreq(samples.size, 1 / fs), np.abs(np.fft.rfft(samples)) / fs
 
 
-def _force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol: str) -> None:
+def _draw_force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol: str) -> None:
     """The whole force beside the linear one, and the nonlinear part alone, with their band."""
-    factor, prefix = _prefix(curve.position)
+    factor, prefix = _choose_prefix(curve.position)
     x = factor * curve.position
     whole, part = row[0], row[1]
     for ax, base in ((whole, curve.linear), (part, 0.0 * curve.linear)):
@@ -172,13 +172,13 @@ def _force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol
     thicken(whole.legend(loc="upper left", fontsize=7.5))
 
 
-def _levels(n: int) -> list[Any]:
+def _choose_colors(n: int) -> list[Any]:
     if n <= 3:
         return [SKY, BLUE, INK][:n]
     return [colormaps["viridis"](0.85 * (1 - level / (n - 1))) for level in range(n)]
 
 
-def _around(result: ModalIdentification, fit: ModeFit) -> tuple[float, float]:
+def _find_range(result: ModalIdentification, fit: ModeFit) -> tuple[float, float]:
     """A range of frequency with the fitted band and both neighbours in it."""
     below, above = result.modes.neighbours_hz(fit.mode)
     width = fit.band_hz[1] - fit.band_hz[0]
@@ -188,7 +188,7 @@ def _around(result: ModalIdentification, fit: ModeFit) -> tuple[float, float]:
     return max(min(low, fit.band_hz[0]) - room, 0.0), max(high, fit.band_hz[1]) + room
 
 
-def _prefix(values: np.ndarray) -> tuple[float, str]:
+def _choose_prefix(values: np.ndarray) -> tuple[float, str]:
     """A factor and the prefix of the unit that make values easy to read."""
     largest = float(np.abs(values).max())
     for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
@@ -249,7 +249,7 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
             ax.plot(np.arange(1, len(heights) + 1), values, color=color, linestyle=style, label=f"harmonic {harmonic}")
         ax.set_yscale("log")
         ax.set_ylim(bottom=max(1e-6 * float(heights.max()), 0.5 * float(heights[heights > 0].min())))
-        _over_levels(ax)
+        _label_levels(ax)
         ax.set(ylabel="acceleration [m/s²]", title=f"Harmonics at {sensor}")
         thicken(ax.legend(loc="best", fontsize=7.5, ncols=2))
     return ax
@@ -277,7 +277,7 @@ def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
             ax.plot(index, fractions[:, mode, harmonic], color=color, label=label)
         ax.axhline(interaction.least_fraction, color=GREY, linestyle="--", linewidth=1.0, label="fraction asked for")
         ax.set_ylim(bottom=0)
-        _over_levels(ax)
+        _label_levels(ax)
         ax.set(ylabel="fraction of the fundamental", title="Interaction" if interaction.flagged else "No interaction")
         thicken(ax.legend(loc="best", fontsize=7.5))
     return ax
@@ -297,13 +297,13 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
         ax.plot(index, interaction.mac_of_others, color=GREY, label="any other mode, at most")
         ax.axhline(interaction.least_assurance, color=INK, linestyle="--", linewidth=1.0, label="asked for")
         ax.set_ylim(0, 1.05)
-        _over_levels(ax)
+        _label_levels(ax)
         ax.set(ylabel="MAC", title=f"Shape of harmonic {interaction.harmonic}")
         thicken(ax.legend(loc="best", fontsize=7.5))
     return ax
 
 
-def _over_levels(ax: Axes) -> None:
+def _label_levels(ax: Axes) -> None:
     ax.set_xlabel("excitation index")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
@@ -324,34 +324,34 @@ def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = 
     Returns:
         (1, 3) Axes.
     """
-    factor, unit = _readable(float(decay.amplitude.max()), decay.amplitude_unit)
+    factor, unit = _choose_unit(float(decay.amplitude.max()), decay.amplitude_unit)
     shown = decay if law is None else law
     with house_style():
         grid = panels(axes, 1, 3, height_in=3.0, width_in=9.0)
-        _record(grid[0, 0], decay)
+        _draw_record(grid[0, 0], decay)
         for ax, name, std, low, scale, label in (
             (grid[0, 1], "frequency_hz", decay.frequency_std_hz, shown.frequency_low_hz, 1, "natural frequency [Hz]"),
             (grid[0, 2], "damping_ratio", decay.damping_std, shown.damping_low, 100, "damping ratio [%]"),
         ):
             over = None if law is None else (factor * law.amplitude, scale * getattr(law, name))
             lowest = None if low.value is None else scale * low.value
-            _over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
+            _draw_over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
             ax.set(xlabel=f"amplitude [{unit}]", ylabel=label)
         thicken(grid[0, 1].legend(loc="best", fontsize=7.5))
     return grid
 
 
-def _record(ax: Axes, decay: Decay) -> None:
+def _draw_record(ax: Axes, decay: Decay) -> None:
     ax.plot(decay.time_s, decay.signal, color=PALE, linewidth=0.6, label="record")
     for sign in (1, -1):
         label = "amplitude" if sign > 0 else None
         ax.plot(decay.time_s, sign * decay.envelope, color=VERMILION, linewidth=1.4, label=label)
-    ax.set(xlabel="time [s]", ylabel=f"[{_print_unit(decay.signal_unit)}]")
+    ax.set(xlabel="time [s]", ylabel=f"[{_format_unit(decay.signal_unit)}]")
     ax.set_title(decay.name if decay.mode is None else f"{decay.name}, mode {decay.mode}")
     thicken(ax.legend(loc="upper right", fontsize=7.5))
 
 
-def _over_amplitude(
+def _draw_over_amplitude(
     ax: Axes,
     amplitude: np.ndarray,
     values: np.ndarray,
@@ -360,7 +360,7 @@ def _over_amplitude(
     law: tuple[np.ndarray, np.ndarray] | None,
 ) -> None:
     """Draw the measured values with their band, the law, and its limit; the heights suit the well-known values."""
-    known = _known(values, std)
+    known = _find_known(values, std)
     below, above = values - 1.96 * std, values + 1.96 * std
     ax.fill_between(amplitude, below, above, color=VERMILION, alpha=0.25, linewidth=0, label="95 %")
     ax.plot(amplitude, values, color=VERMILION, linewidth=0.7, alpha=0.4)
@@ -375,20 +375,20 @@ def _over_amplitude(
     ax.set(ylim=(min(ends) - room, max(ends) + room), xscale="log")
 
 
-def _known(values: np.ndarray, std: np.ndarray) -> np.ndarray:
+def _find_known(values: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Which values are well known, compared with the range of the better half of them."""
     better = std <= np.median(std)
     enough = max(KNOWN * float(np.ptp(values[better])), 2.0 * 1.96 * float(np.quantile(std, 0.25)))
     return 1.96 * std <= enough
 
 
-def _readable(largest: float, unit: str) -> tuple[float, str]:
+def _choose_unit(largest: float, unit: str) -> tuple[float, str]:
     """A factor and a unit in which an amplitude in m or m kg^1/2 is easy to read."""
     factor, prefix = (1e3, "m") if largest >= 1e-3 else (1e6, "µ")
-    return factor, prefix + _print_unit(unit)
+    return factor, prefix + _format_unit(unit)
 
 
-def _print_unit(unit: str) -> str:
+def _format_unit(unit: str) -> str:
     return unit.replace("kg^1/2", "√kg").replace("^2", "²")
 
 
@@ -412,7 +412,7 @@ def truth_test(
     with house_style():
         grid = panels(axes, len(sensors), 3, height_in=0.6 + 2.4 * len(sensors), width_in=9.4)
         for row, sensor in zip(grid, sensors, strict=True):
-            _sensor(row, test, sensor, nonlinear_hz)
+            _draw_sensor(row, test, sensor, nonlinear_hz)
             row[0].set(ylabel="acceleration [m/s²]", title=sensor)
             figures = test.sensors[sensor]
             peak = f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}"
@@ -449,7 +449,7 @@ def truth_test_figures(test: TruthTest, ax: Any = None) -> Axes:
     return ax
 
 
-def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequence[float]) -> None:
+def _draw_sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequence[float]) -> None:
     whole, near, spectrum = row
     fs = test.measured.fs
     measured = test.measured.channel(sensor)
@@ -461,22 +461,22 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
     )
     time = test.measured.time_s
     peak = int(np.abs(measured).argmax())
-    reach = _reach(measured, peak)
+    reach = _find_reach(measured, peak)
     close = slice(max(peak - reach, 0), peak + reach + 1)
     for values, color, label, order in series:
         settings: dict[str, Any] = {"color": color, "label": label, "zorder": order}
         # where two curves agree, a thin line is still seen on a broad one
-        broad = label == "measured"
-        _whole(whole, time, values, 2 * reach // N_PERIODS, settings)
-        near.plot(time[close], values[close], linewidth=2.6 if broad else 1.1, **settings)
-        lines, height = fourier_amplitude(values - values.mean(), fs)
-        shown = _thin_lines(lines, test.band_hz, height)
-        look = {"linewidth": 2.2, "alpha": 0.5} if broad else {"linewidth": 0.9, "alpha": 1}
-        spectrum.plot(*_crests(lines[shown], height[shown]), **look, **settings)
+        is_broad = label == "measured"
+        _draw_whole(whole, time, values, 2 * reach // N_PERIODS, settings)
+        near.plot(time[close], values[close], linewidth=2.6 if is_broad else 1.1, **settings)
+        lines, height = compute_fourier_amplitude(values - values.mean(), fs)
+        shown = _choose_lines(lines, test.band_hz, height)
+        look = {"linewidth": 2.2, "alpha": 0.5} if is_broad else {"linewidth": 0.9, "alpha": 1}
+        spectrum.plot(*_find_crests(lines[shown], height[shown]), **look, **settings)
     for hz in nonlinear_hz:
         spectrum.axvline(hz, color=GREY, linestyle="--", linewidth=0.8, zorder=0)
     spectrum.set_yscale("log")
-    top = float(fourier_amplitude(measured - measured.mean(), fs)[1].max())
+    top = float(compute_fourier_amplitude(measured - measured.mean(), fs)[1].max())
     spectrum.set_ylim(LEAST_SHOWN * top, 4 * top)
     spectrum.set_ylabel("Fourier amplitude [m/s²/Hz]", fontsize=8.5)
     # a linear model that overshoots by far would flatten the other two
@@ -485,7 +485,7 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
     near.locator_params(axis="x", nbins=5)
 
 
-def _whole(ax: Axes, time: np.ndarray, values: np.ndarray, least: int, settings: dict[str, Any]) -> None:
+def _draw_whole(ax: Axes, time: np.ndarray, values: np.ndarray, least: int, settings: dict[str, Any]) -> None:
     """Draw a whole record; if it has many periods, its envelope: of a measurement as an area, of a model as lines."""
     size = max(values.size // N_CRESTS, least)
     n = values.size // size
@@ -502,7 +502,7 @@ def _whole(ax: Axes, time: np.ndarray, values: np.ndarray, least: int, settings:
         ax.plot(middle, edge, linewidth=1.0, **settings | {"label": label})
 
 
-def _crests(frequency: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_crests(frequency: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The highest of each group of neighbouring lines: of very many lines, noise would fill an area."""
     size = frequency.size // N_CRESTS
     if size < 2:
@@ -512,7 +512,7 @@ def _crests(frequency: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.n
     return frequency[crests], height[crests]
 
 
-def _reach(measured: np.ndarray, peak: int) -> int:
+def _find_reach(measured: np.ndarray, peak: int) -> int:
     """The number of samples to either side of the peak that hold some periods of the strongest line there."""
     near = measured[max(peak - AROUND, 0) : peak + AROUND]
     height = np.abs(np.fft.rfft(near * np.hanning(near.size)))
@@ -520,7 +520,7 @@ def _reach(measured: np.ndarray, peak: int) -> int:
     return max(8, round(N_PERIODS * near.size / strongest))
 
 
-def _thin_lines(frequency: np.ndarray, band_hz: tuple[float, float] | None, height: np.ndarray) -> np.ndarray:
+def _choose_lines(frequency: np.ndarray, band_hz: tuple[float, float] | None, height: np.ndarray) -> np.ndarray:
     """Which lines are drawn: those in the compared band, or without one up to the last that stands out."""
     if band_hz is not None:
         return (frequency > 0) & (frequency >= band_hz[0]) & (frequency <= band_hz[1])

@@ -16,13 +16,13 @@ from opid.plots.style import (
     PALE,
     RUN_COLORS,
     TRAVEL,
+    choose_run_colors,
+    format_run,
+    format_units,
     house_style,
     panels,
     plain_numbers,
-    pretty,
     require_answer,
-    run_colors,
-    run_title,
     smooth_lines,
     thicken,
 )
@@ -36,8 +36,9 @@ from opid.suspensions.paper.spectral_equation import JointFit
 from opid.suspensions.paper.transmissibility import suspension_transmissibility
 from opid.suspensions.result import GearRatios
 
-# width over which the residual spectrum is averaged, Hz
+# the residual spectrum is averaged over lines within this width
 SMOOTHING_HZ = 0.25
+# a transmissibility is shown between these frequencies
 LOWEST_HZ, HIGHEST_HZ = 0.25, 40.0
 
 
@@ -54,14 +55,14 @@ def accelerations(result: AnyIdentification, axes: Any = None) -> np.ndarray:
     runs = result.study.runs
     with house_style():
         grid = panels(axes, len(runs), height_in=0.6 + 1.9 * len(runs), sharex=True, sharey=True)
-        for ax, run, color in zip(grid[:, 0], runs, run_colors(len(runs)), strict=True):
+        for ax, run, color in zip(grid[:, 0], runs, choose_run_colors(len(runs)), strict=True):
             for samples, shade, width, name in (
                 (run.recording.channel(result.study.unsprung), PALE, 0.5, "spindle (unsprung)"),
                 (run.recording.channel(result.study.sprung), color, 0.7, "airframe (sprung)"),
             ):
                 label = f"{name}, {np.std(samples):.2f} m/s² rms"
                 ax.plot(run.recording.time_s, samples - np.mean(samples), color=shade, linewidth=width, label=label)
-            ax.set_title(run_title(run))
+            ax.set_title(format_run(run))
             ax.set_ylabel("acceleration − mean [m/s²]")
             ax.margins(x=0)
             thicken(ax.legend(loc="upper right", ncols=2))
@@ -89,9 +90,9 @@ def integration(run: RunEvidence, axes: Any = None) -> np.ndarray:
         above, below = grid[:, 0]
         for ax in (above, below):
             if ax is above:
-                label = f"mean removed before each integration, {_rms_mm(literal.displacement)} rms"
+                label = f"mean removed before each integration, {_format_rms_mm(literal.displacement)} rms"
                 ax.plot(run.time_s, 1e3 * literal.displacement, color=RUN_COLORS[1], label=label)
-            label = f"band above {sound.high_pass_hz:g} Hz, {_rms_mm(sound.displacement[inside])} rms"
+            label = f"band above {sound.high_pass_hz:g} Hz, {_format_rms_mm(sound.displacement[inside])} rms"
             travel = 1e3 * sound.displacement[inside]
             ax.plot(run.time_s[inside], travel, color=RUN_COLORS[0], linewidth=0.7, label=label)
             ax.set_ylabel(TRAVEL)
@@ -119,21 +120,21 @@ def recording(run: Recording, axes: Any = None) -> np.ndarray:
         for (time_ax, psd_ax), channel in zip(grid, run.channels, strict=True):
             samples = run.channel(channel.name)
             time_ax.plot(run.time_s, samples, color=RUN_COLORS[0], linewidth=0.6)
-            time_ax.set_title(f"{channel.name}, {np.std(samples):.3g} {pretty(channel.unit)} rms")
-            time_ax.set_ylabel(f"[{pretty(channel.unit)}]")
+            time_ax.set_title(f"{channel.name}, {np.std(samples):.3g} {format_units(channel.unit)} rms")
+            time_ax.set_ylabel(f"[{format_units(channel.unit)}]")
             time_ax.margins(x=0)
-            _density(psd_ax, samples, run.fs, channel.unit)
+            _draw_density(psd_ax, samples, run.fs, channel.unit)
         grid[0, 1].set_title("power spectral density")
         grid[-1, 0].set_xlabel("time [s]")
         grid[-1, 1].set_xlabel("frequency [Hz]")
     return grid
 
 
-def _density(ax: Axes, samples: np.ndarray, fs: float, unit: str) -> None:
+def _draw_density(ax: Axes, samples: np.ndarray, fs: float, unit: str) -> None:
     spectra = cross_spectra((samples - samples.mean())[:, np.newaxis], fs=fs)
     frequency_hz, density = spectra.frequency_hz[1:], spectra.density[1:, 0, 0].real
     ax.set_xscale("log")
-    ax.set_ylabel(f"[({pretty(unit)})²/Hz]")
+    ax.set_ylabel(f"[({format_units(unit)})²/Hz]")
     if not np.any(density > 0):
         ax.text(0.5, 0.5, "mute: nothing to show", color=GREY, ha="center", transform=ax.transAxes)
         return
@@ -142,7 +143,7 @@ def _density(ax: Axes, samples: np.ndarray, fs: float, unit: str) -> None:
     ax.margins(x=0)
 
 
-def _rms_mm(displacement: np.ndarray) -> str:
+def _format_rms_mm(displacement: np.ndarray) -> str:
     return f"{1e3 * float(np.sqrt(np.mean(displacement**2))):.3g} mm"
 
 
@@ -158,7 +159,7 @@ class _Suspension:
     ground: float
     inverse_mass: float
 
-    def transmissibility(self, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
+    def compute_transmissibility(self, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
         """The transmissibility at the mass of one run."""
         scale = 1 / (1 + self.inverse_mass * mass_change_kg)
         return suspension_transmissibility(
@@ -179,27 +180,27 @@ def transmissibilities(result: AnyIdentification, axes: Any = None) -> np.ndarra
     Returns:
         (3, n_runs) Axes.
     """
-    chain, suspension = result.paper_chain, _suspension(result)
+    chain, suspension = result.paper_chain, _find_suspension(result)
     n_runs = len(chain.runs)
     with house_style():
         shared: dict[str, Any] = {"sharex": True, "sharey": "row", "height_ratios": [3, 1.4, 1.1]}
         grid = panels(axes, 3, n_runs, height_in=6.8, width_in=max(5.4, 3.7 * n_runs), **shared)
-        for column, run, color in zip(grid.T, chain.runs, run_colors(n_runs), strict=True):
-            _transmissibility(column, run, suspension, color, chain.band_hz, with_law=not result.is_refused)
+        for column, run, color in zip(grid.T, chain.runs, choose_run_colors(n_runs), strict=True):
+            _draw_transmissibility(column, run, suspension, color, chain.band_hz, has_law=not result.is_refused)
         grid[0, 0].set_ylabel("|T| = |X₂/X₁|")
         grid[1, 0].set_ylabel("phase [°]")
         grid[2, 0].set_ylabel("coherence")
     return grid
 
 
-def _transmissibility(
+def _draw_transmissibility(
     column: np.ndarray,
     run: RunEvidence,
     suspension: _Suspension | None,
     color: str,
     band_hz: tuple[float, float],
     *,
-    with_law: bool,
+    has_law: bool,
 ) -> None:
     magnitude, phase, coherence = column
     measured, beneath = run.T, run.T_without_force
@@ -211,13 +212,13 @@ def _transmissibility(
     lines: list[tuple[str, np.ndarray, np.ndarray, dict[str, Any]]] = [
         (f"measured, {averages}", frequency_hz, measured.value[shown], {"color": GREY, "linewidth": 0.9})
     ]
-    if with_law:
+    if has_law:
         subtracted, look = run.T_subtracted.value[shown], {"color": color, "linewidth": 1.0, "alpha": 0.45}
         lines.append(("force subtracted (the paper)", frequency_hz, subtracted, look))
         taken_out, look = beneath.value[shown], {"color": color, "linewidth": 1.6}
         lines.append(("force taken out (conditioned)", frequency_hz, taken_out, look))
     if suspension is not None:
-        fitted = suspension.transmissibility(run.mass_change_kg, fitted_at)
+        fitted = suspension.compute_transmissibility(run.mass_change_kg, fitted_at)
         lines.append(("fitted suspension", fitted_at, fitted, {"color": INK, "linestyle": "--", "linewidth": 1.0}))
     for label, frequency, value, style in lines:
         magnitude.plot(frequency, np.abs(value), label=label, **style)
@@ -228,12 +229,12 @@ def _transmissibility(
     marks = {"marker": "v", "linestyle": "none", "color": GREEN, "markersize": 5}
     magnitude.plot(*peaks, label="peaks of the measured |T|", **marks)
     coherence.plot(frequency_hz, measured.coherence[shown], color=GREY, linewidth=0.9, label="spindle alone (ordinary)")
-    if with_law:
+    if has_law:
         coherence.plot(frequency_hz, beneath.coherence[shown], color=color, label="spindle and force (multiple)")
     magnitude.set_xscale("log")
     magnitude.set_yscale("log")
     plain_numbers(magnitude.yaxis)
-    magnitude.set_title(run_title(run))
+    magnitude.set_title(format_run(run))
     magnitude.legend(loc="lower left")
     phase.set_yticks([-180, -90, 0])
     phase.set_ylim(-225, 45)
@@ -247,7 +248,7 @@ def _transmissibility(
         ax.axvspan(*band_hz, color="#F6F6F6", zorder=0)
 
 
-def _suspension(result: AnyIdentification) -> _Suspension | None:
+def _find_suspension(result: AnyIdentification) -> _Suspension | None:
     """The linear suspension by all runs; None where it is refused or not determined."""
     if isinstance(result, PaperIdentification):
         joint = result.joint
@@ -271,7 +272,7 @@ def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
         NotDeterminedError: the fit was refused.
     """
     require_answer(result)
-    fit, ladder, floor = _fit_of(result)
+    fit, ladder, floor = _find_fit(result)
     linear = next((step.fit for step in ladder if step.law_name == "linear"), None)
     names = [run.name for run in result.study.runs]
     with house_style():
@@ -279,9 +280,9 @@ def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
         if linear is not None and fit.law_name != "linear":
             for i in range(len(names)):
                 label = "linear law" if i == 0 else None
-                ax.plot(*_noise_lines(linear, i), color=PALE, linewidth=1.1, label=label)
-        for i, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True)):
-            ax.plot(*_noise_lines(fit, i), color=color, linewidth=1.3, label=f"{fit.law_name}, {name}")
+                ax.plot(*_compute_noise_lines(linear, i), color=PALE, linewidth=1.1, label=label)
+        for i, (name, color) in enumerate(zip(names, choose_run_colors(len(names)), strict=True)):
+            ax.plot(*_compute_noise_lines(fit, i), color=color, linewidth=1.3, label=f"{fit.law_name}, {name}")
         floor *= 1e3
         ax.axhline(floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {floor:.2g} mm/s²")
         ax.set_yscale("log")
@@ -294,14 +295,14 @@ def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
     return ax
 
 
-def _fit_of(result: AnyIdentification) -> tuple[Fit | JointFit, Sequence[LawStep[Any]], float]:
+def _find_fit(result: AnyIdentification) -> tuple[Fit | JointFit, Sequence[LawStep[Any]], float]:
     """The fit of all runs, the laws that were tried, and the noise floor of the sensors."""
     if isinstance(result, PaperIdentification):
         return result.joint, result.ladder, result.chain.noise_floor_m_per_s2
     return result.evidence[0].fit, result.evidence[0].ladder, result.evidence[0].noise
 
 
-def _noise_lines(fit: Fit | JointFit, index: int) -> tuple[np.ndarray, np.ndarray]:
+def _compute_noise_lines(fit: Fit | JointFit, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Frequency and rms of the white noise on each channel, mm/s^2, that would make the residual of each line."""
     if isinstance(fit, JointFit):
         frequency_hz, residual = fit.frequency_hz[index], fit.residual[index]

@@ -18,18 +18,19 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from opid.errors import NotDeterminedError
+from opid.mechanics.truth import TaxiTruth
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.study import Run
 
-# the palette of Okabe & Ito (2008), distinct for colour-blind readers
+# the palette of Okabe & Ito (2008) is distinct for colour-blind readers
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 INK, GREY, PALE = "#222222", "#7A7A7A", "#C4C4C4"
 RUN_COLORS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 SURFACE_MAP, COUNT_MAP = "RdBu_r", "cividis"
-# the box behind a number that would cross a line
+# a number that would cross a line has this box behind it
 BEHIND = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-# the colour of the range in which most of the motion lies
+# the range in which most of the motion lies has this colour
 SHADED = "#F1F1F1"
 TRAVEL, VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 WIDTH_IN, DPI = 7.4, 150
@@ -135,10 +136,10 @@ def figure_of(axes: Axes | np.ndarray) -> Figure:
     return figure
 
 
-def every(n_samples: int, n_points: int = N_POINTS) -> slice:
+def thin_samples(n_samples: int, n_points: int = N_POINTS) -> slice:
     """Return the slice that thins `n_samples` to fewer than twice `n_points`.
 
-    >>> len(range(10000)[every(10000, 4000)])
+    >>> len(range(10000)[thin_samples(10000, 4000)])
     5000
     """
     return slice(None, None, max(1, n_samples // n_points))
@@ -152,7 +153,7 @@ def panels_in_rows(axes: Any, n_panels: int, columns: int, **settings: Any) -> n
     return grid
 
 
-def note(ax: Axes, text: str, at: tuple[float, float], shift: tuple[float, float], **style: Any) -> None:
+def write_note(ax: Axes, text: str, at: tuple[float, float], shift: tuple[float, float], **style: Any) -> None:
     """Write a text that is shifted by some points on paper from a position in the data."""
     ax.annotate(text, at, shift, textcoords="offset points", **{"fontsize": 8.5, **style})
 
@@ -174,12 +175,27 @@ def smooth_lines(frequency_hz: np.ndarray, residual: np.ndarray, width_hz: float
     return np.convolve(frequency_hz, np.ones(n), "valid") / n, np.sqrt(power)
 
 
-def law_title(name: str) -> str:
+def build_motion(position: np.ndarray, along: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return travel and velocity along "travel" or "velocity", the other one zero: the arguments of a force.
+
+    >>> build_motion(np.ones(1), "velocity")
+    (array([0.]), array([1.]))
+    """
+    zero = np.zeros_like(position)
+    return (position, zero) if along == "travel" else (zero, position)
+
+
+def find_true_scale(truth: TaxiTruth | None, *, per_mass: bool) -> float:
+    """Return the factor of true forces, which must be per kg of the sprung mass where those of the result are."""
+    return 1.0 / truth.parameters.sprung_mass_kg if truth is not None and per_mass else 1.0
+
+
+def format_law(name: str) -> str:
     """Return the name of a law with blanks, as it is written in a figure."""
     return name.replace("_", " ").replace("+", " + ")
 
 
-def minus(text: str) -> str:
+def format_minus(text: str) -> str:
     """Return a text with the sign minus in the place of each hyphen."""
     return text.replace("-", "−")
 
@@ -195,18 +211,18 @@ def require_answer(result: AnyIdentification) -> None:
         raise NotDeterminedError(f"there is no fit to draw: {reason}")
 
 
-def run_colors(n_runs: int) -> list[str]:
+def choose_run_colors(n_runs: int) -> list[str]:
     """Return one colour a run, from the palette over and over.
 
-    >>> run_colors(2) == [BLUE, VERMILION]
+    >>> choose_run_colors(2) == [BLUE, VERMILION]
     True
     """
     return [RUN_COLORS[i % len(RUN_COLORS)] for i in range(n_runs)]
 
 
-def run_title(run: RunEvidence | Run) -> str:
+def format_run(run: RunEvidence | Run) -> str:
     """Return the name of a run with its mass against the reference."""
-    change = "reference mass" if run.mass_change_kg == 0 else minus(f"{run.mass_change_kg:+g} kg")
+    change = "reference mass" if run.mass_change_kg == 0 else format_minus(f"{run.mass_change_kg:+g} kg")
     return f"run {run.name!r}, {change}"
 
 
@@ -219,10 +235,10 @@ def thicken(legend: Legend) -> None:
             handle.set_alpha(1)
 
 
-def pretty(unit: str) -> str:
+def format_units(unit: str) -> str:
     """Return a unit, or a text with units, in print.
 
-    >>> pretty("N s^2/m^2")
+    >>> format_units("N s^2/m^2")
     'N s²/m²'
     """
     # exponents like "^2.5" and "^n" count, too: a raised point does not exist, so that a dot above stands for it

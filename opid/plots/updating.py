@@ -20,13 +20,14 @@ from opid.plots.style import (
     RUN_COLORS,
     VERMILION,
     WIDTH_IN,
-    every,
+    choose_run_colors,
+    format_minus,
     house_style,
-    minus,
-    note,
     panels,
     panels_in_rows,
     thicken,
+    thin_samples,
+    write_note,
 )
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone
@@ -36,26 +37,26 @@ from opid.updating.structure.reduction import ReductionErrors
 _COLUMNS = 3
 
 _METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
-_LINEAR_TO = 10.0  # differences of evidences beyond this are on a logarithmic axis
+_LINEAR_TO = 10.0  # the axis of differences of evidences is logarithmic beyond this one
 
 _SAME_FORCE = 0.02  # curves that are closer than this fraction of the largest force would hide each other
-# length of a dash, in widths of its line; width of the line of the best class
+# a dash is this many times as long as its line is wide; the line of the best class is this wide
 _DASH, _WIDE = 4.0, 2.4
-_N_TRUTH = 16  # marks of the truth; other lines can be seen between them
-_IN_ONE_COLUMN = 6  # the most classes in one column of a legend
+_N_TRUTH = 16  # the truth has about this many marks, so that other lines can be seen between them
+_IN_ONE_COLUMN = 6  # a legend with more classes has two columns
 
-LEAST_STD = 0.005  # of a log evidence: what is less is drawn without a bar
+LEAST_STD = 0.005  # a log evidence with a smaller standard deviation is drawn without a bar
 
-_LEAST_PERCENT = 1e-12  # the error of an exact frequency, which needs a place on a logarithmic axis
+_LEAST_PERCENT = 1e-12  # an exact frequency has this error, for it needs a place on a logarithmic axis
 _HELD: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4, "label": "sensors and joints held"}
-# hollow, so that the other mark can be seen within it
+# this mark is hollow, so that the other one can be seen within it
 _FREE: dict[str, Any] = {
     "color": VERMILION, "marker": "s", "markersize": 6, "markerfacecolor": "none", "label": "free modes",
 }  # fmt: skip
 
-_WITHIN = (0.5, 0.9, 0.99)  # fractions of the samples within the contours of the Gaussian
-_N_RUNNING = 400  # points of the running moments
-_N_SHOWN = 5  # the most parameters that are drawn
+_WITHIN = (0.5, 0.9, 0.99)  # the contours of the Gaussian hold these fractions of its samples
+_N_RUNNING = 400  # running moments have about this many points: they are smooth
+_N_SHOWN = 5  # more parameters would make the panels of their pairs too small
 
 
 # ---- backbones -------------------------------------------------------------------------------------
@@ -82,12 +83,12 @@ def measured_backbones(
     if not curves:
         raise InputError(f"no backbone of mode {mode} was measured: there are {sorted({c.mode for c in measured})}")
     with house_style():
-        grid = _grid(len(sensors), axes)
+        grid = _make_grid(len(sensors), axes)
         for ax, sensor in zip(grid.ravel(), sensors, strict=False):
-            factor, unit = _length_unit(_largest(curves, sensor))
+            factor, unit = _choose_length_unit(_find_largest(curves, sensor))
             for curve in (curve for curve in curves if sensor in curve.sensors):
                 ax.plot(
-                    curve.frequency_hz, factor * np.abs(_at(curve, sensor)),
+                    curve.frequency_hz, factor * np.abs(_find_amplitudes(curve, sensor)),
                     color=BLUE, linewidth=0.9, alpha=0.75, marker=".", markersize=3.5,
                 )  # fmt: skip
             _label_axes(ax, sensor, unit)
@@ -121,9 +122,9 @@ def predicted_backbones(
         raise InputError(f"no backbone of mode {mode} was predicted: there are {sorted({b.mode for b in bands})}")
     curves = [curve for curve in measured if curve.mode == mode]
     with house_style():
-        grid = _grid(len(own), axes)
+        grid = _make_grid(len(own), axes)
         for ax, band in zip(grid.ravel(), own, strict=False):
-            factor, unit = _length_unit(max(float(band.amplitude.max()), _largest(curves, band.sensor)))
+            factor, unit = _choose_length_unit(max(float(band.amplitude.max()), _find_largest(curves, band.sensor)))
             height = factor * band.amplitude
             ax.fill_betweenx(
                 height, band.low_hz, band.high_hz, color=VERMILION, alpha=0.22, linewidth=0, label="95 % band"
@@ -131,7 +132,7 @@ def predicted_backbones(
             ax.plot(band.frequency_hz, height, color=VERMILION, label="predicted")
             for number, curve in enumerate(curve for curve in curves if band.sensor in curve.sensors):
                 ax.plot(
-                    curve.frequency_hz, factor * np.abs(_at(curve, band.sensor)),
+                    curve.frequency_hz, factor * np.abs(_find_amplitudes(curve, band.sensor)),
                     color=INK, linestyle="none", marker=".", markersize=3, alpha=0.6,
                     label="measured" if number == 0 else None,
                 )  # fmt: skip
@@ -142,7 +143,7 @@ def predicted_backbones(
     return grid
 
 
-def _grid(n: int, axes: Any) -> np.ndarray:
+def _make_grid(n: int, axes: Any) -> np.ndarray:
     """Rows of three panels; those beyond the last one are empty."""
     if axes is not None:
         return panels(axes, 1, n, height_in=3.0)
@@ -151,15 +152,18 @@ def _grid(n: int, axes: Any) -> np.ndarray:
     return panels_in_rows(None, n, columns, height_in=height_in)
 
 
-def _at(curve: MeasuredBackbone, sensor: str) -> np.ndarray:
+def _find_amplitudes(curve: MeasuredBackbone, sensor: str) -> np.ndarray:
     return curve.amplitude[:, curve.sensors.index(sensor)]
 
 
-def _largest(curves: Sequence[MeasuredBackbone], sensor: str) -> float:
-    return max((float(np.abs(_at(curve, sensor)).max()) for curve in curves if sensor in curve.sensors), default=0.0)
+def _find_largest(curves: Sequence[MeasuredBackbone], sensor: str) -> float:
+    return max(
+        (float(np.abs(_find_amplitudes(curve, sensor)).max()) for curve in curves if sensor in curve.sensors),
+        default=0.0,
+    )
 
 
-def _length_unit(largest: float) -> tuple[float, str]:
+def _choose_length_unit(largest: float) -> tuple[float, str]:
     """A factor from metres and its unit that make amplitudes easy to read."""
     if largest >= 1:
         return 1.0, "m"
@@ -204,7 +208,7 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
     named: set[str] = set()
     with house_style():
         ax = panels(ax, 1, height_in=1.4 + 0.42 * len(classes))[0, 0]
-        lowest, spread = 0.0, False
+        lowest, has_bars = 0.0, False
         for row, each in enumerate(classes):
             color = RUN_COLORS[1] if each.model_class.name == result.best_class else RUN_COLORS[0]
             for evidence in each.evidences:
@@ -214,21 +218,21 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
                     continue
                 lowest = min(lowest, offset - 1.96 * evidence.std)
                 bar = 1.96 * evidence.std if evidence.std > LEAST_STD else None
-                spread = spread or bar is not None
+                has_bars = has_bars or bar is not None
                 ax.errorbar(
                     offset, row, xerr=bar, color=color, marker=marker, linestyle="none", markersize=6,
                     markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
                     label="_" if label in named else label,
                 )  # fmt: skip
                 named.add(label)
-        _as_differences(ax, lowest)
+        _scale_differences(ax, lowest)
         ax.axvline(0, color=GREY, linewidth=0.9, zorder=0)
-        ax.set_yticks(range(len(classes)), [_class_label(each) for each in classes])
+        ax.set_yticks(range(len(classes)), [_format_class(each) for each in classes])
         ax.set_ylim(len(classes) - 0.5, -0.5)
-        bars = " (bars: 95 % intervals)" if spread else ""
+        bars = " (bars: 95 % intervals)" if has_bars else ""
         ax.set_xlabel(f"log evidence less that of the best class{bars}")
         if named:
-            # above the axes: a class may lie anywhere within
+            # the legend stands above the axes, for a class may lie anywhere within
             ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named), fontsize=8)
     return ax
 
@@ -255,13 +259,12 @@ def joint_forces(
     x = 1e3 * extension
     with house_style():
         ax = panels(ax, 1, height_in=3.8)[0, 0]
-        for number, band in enumerate(bands):
-            color = RUN_COLORS[number % len(RUN_COLORS)]
+        for color, band in zip(choose_run_colors(len(bands)), bands, strict=True):
             if band.name == best:
                 ax.plot(x, band.force, color=color, linewidth=_WIDE, label=f"{band.name} (best)", zorder=2)
                 ax.fill_between(x, band.low, band.high, color=color, alpha=0.25, linewidth=0, label="its 95 % band")
             else:
-                style = _dashes(band, bands, best)
+                style = _choose_dashes(band, bands, best)
                 ax.plot(x, band.force, color=color, label=band.name, zorder=3, **style)
         if truth is not None:
             ax.plot(
@@ -271,7 +274,7 @@ def joint_forces(
         for mode, extended in (reached or {}).items():
             ax.axvline(1e3 * extended, color=GREY, linestyle=":", linewidth=1.0)
             look: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "rotation": 90, "ha": "right", "va": "top"}
-            note(ax, f"mode {mode}", (1e3 * extended, 1), (-3, -3), fontsize=8, color=INK, **look)
+            write_note(ax, f"mode {mode}", (1e3 * extended, 1), (-3, -3), fontsize=8, color=INK, **look)
         # joints that are not extended leave no range to show
         if x[-1] > x[0]:
             ax.set_xlim(float(x[0]), float(x[-1]))
@@ -285,7 +288,7 @@ def joint_forces(
     return ax
 
 
-def _dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str, Any]:
+def _choose_dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str, Any]:
     """The style of a class that is not the best; classes with the same curve get alternating dashes."""
     largest = max(float(np.abs(each.force).max()) for each in bands)
     together = [each.name for each in bands if np.abs(each.force - band.force).max() <= _SAME_FORCE * largest]
@@ -295,12 +298,12 @@ def _dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str,
     return {"linestyle": dashes, "linewidth": _WIDE if best in together else 1.5}
 
 
-def _class_label(each: ClassPosterior) -> str:
+def _format_class(each: ClassPosterior) -> str:
     name, law = each.model_class.name, each.model_class.law_in_words
     return name if name == law else f"{name}: {law}"
 
 
-def _as_differences(ax: Axes, lowest: float) -> None:
+def _scale_differences(ax: Axes, lowest: float) -> None:
     """Make the axis linear near the best class and logarithmic beyond, with plain numbers."""
     if lowest > -3 * _LINEAR_TO:
         ax.set_xlim(min(1.15 * lowest, -1.0), max(-0.06 * lowest, 0.3))
@@ -310,7 +313,7 @@ def _as_differences(ax: Axes, lowest: float) -> None:
     decades = [_LINEAR_TO * 10**power * step for power in range(1, 12) for step in (1, 3)]
     ticks = [0, -2, -5, -10, -30, *(-each for each in decades if each < -2 * lowest)]
     ax.xaxis.set_major_locator(FixedLocator(ticks))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: minus(f"{value:g}")))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: format_minus(f"{value:g}")))
     ax.xaxis.set_minor_locator(NullLocator())
 
 
@@ -340,7 +343,7 @@ def linear_updating(linear: LinearPosterior, axes: Any = None) -> np.ndarray:
         for ax, (before, after) in zip(grid[0], (errors, shapes), strict=True):
             for shift, values, color, label in ((-0.2, before, BLUE, "initial"), (0.2, after, VERMILION, "updated")):
                 bars = ax.bar(position + shift, values, width=0.38, color=color, label=label)
-                ax.bar_label(bars, [_short(value) for value in values], fontsize=7.5, padding=2)
+                ax.bar_label(bars, [_format_value(value) for value in values], fontsize=7.5, padding=2)
             ax.margins(y=0.14)
             ax.set_xticks(position, [f"mode {mode.mode}" for mode in modes])
         grid[0, 0].axhline(0, color=INK, linewidth=0.9)
@@ -386,7 +389,7 @@ def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: Reducti
         for ax in grid[0]:
             ax.set_xlabel("mode")
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        # above the axes: an error may lie anywhere within
+        # the legends stand above the axes, for an error may lie anywhere within
         above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0, 1), "fontsize": 8}
         thicken(left.legend(ncols=2, **above))
         if crosses:
@@ -394,9 +397,9 @@ def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: Reducti
     return grid
 
 
-def _short(value: float) -> str:
+def _format_value(value: float) -> str:
     """A number of three digits, at most three of them decimals."""
-    return minus(f"{value:.3g}" if abs(value) >= 1 and value != 1 else f"{value:.3f}")
+    return format_minus(f"{value:.3g}" if abs(value) >= 1 and value != 1 else f"{value:.3f}")
 
 
 # ---- posterior samples -----------------------------------------------------------------------------
@@ -429,9 +432,9 @@ def parameter_samples(
                 ax.set_axis_off()
                 continue
             if row == column:
-                _histogram(ax, shown[:, row], known[row])
+                _draw_histogram(ax, shown[:, row], known[row])
             else:
-                _pair(ax, shown[:, [column, row]], (known[column], known[row]))
+                _draw_pair(ax, shown[:, [column, row]], (known[column], known[row]))
                 if column == 0:
                     ax.set_ylabel(labels[row])
             ax.xaxis.set_major_locator(MaxNLocator(nbins=5))
@@ -461,7 +464,7 @@ def running_moments(samples: FloatArray, labels: Sequence[str], axes: Any = None
     mean = np.cumsum(shown - centre, axis=0) / count[:, None]
     square = np.cumsum((shown - centre) ** 2, axis=0) / count[:, None]
     deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
-    thin = every(len(shown), _N_RUNNING)
+    thin = thin_samples(len(shown), _N_RUNNING)
     with house_style():
         grid = panels(axes, shown.shape[1], 2, height_in=0.9 + 1.5 * shown.shape[1], sharex="all")
         for row, label in enumerate(labels[: shown.shape[1]]):
@@ -476,9 +479,9 @@ def running_moments(samples: FloatArray, labels: Sequence[str], axes: Any = None
     return grid
 
 
-def _histogram(ax: Axes, values: np.ndarray, truth: float | None) -> None:
+def _draw_histogram(ax: Axes, values: np.ndarray, truth: float | None) -> None:
     mean, deviation = float(values.mean()), float(values.std())
-    ax.hist(values, bins="auto", range=_span(values), density=True, color=BLUE, alpha=0.45, label="samples")
+    ax.hist(values, bins="auto", range=_find_span(values), density=True, color=BLUE, alpha=0.45, label="samples")
     if deviation > 0:
         x = np.linspace(mean - 4 * deviation, mean + 4 * deviation, 300)
         density = np.exp(-0.5 * ((x - mean) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
@@ -488,8 +491,8 @@ def _histogram(ax: Axes, values: np.ndarray, truth: float | None) -> None:
     ax.set_yticks([])
 
 
-def _pair(ax: Axes, pair: np.ndarray, truth: tuple[float | None, float | None]) -> None:
-    thinned = pair[every(len(pair))]
+def _draw_pair(ax: Axes, pair: np.ndarray, truth: tuple[float | None, float | None]) -> None:
+    thinned = pair[thin_samples(len(pair))]
     ax.plot(*thinned.T, linestyle="none", marker=".", markersize=2.5, color=BLUE, alpha=0.35, rasterized=True)
     mean, covariance = pair.mean(axis=0), np.cov(pair.T)
     angle = np.linspace(0, 2 * np.pi, 200)
@@ -503,7 +506,7 @@ def _pair(ax: Axes, pair: np.ndarray, truth: tuple[float | None, float | None]) 
         ax.plot(truth[0], truth[1], marker="+", markersize=11, markeredgewidth=2, color=GREEN, linestyle="none")
 
 
-def _span(values: np.ndarray) -> tuple[float, float]:
+def _find_span(values: np.ndarray) -> tuple[float, float]:
     """The range of the values without 0.1 % at either end, which would make the bins too wide."""
     low, high = (float(each) for each in np.quantile(values, [0.001, 0.999]))
     return (low, high) if high > low else (low - 0.5, low + 0.5)

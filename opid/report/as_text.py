@@ -6,22 +6,23 @@ import re
 import textwrap
 from collections.abc import Collection, Iterator, Sequence
 
-from opid.report.document import Block, Column, Document, Paragraph, Remarks, Table, ended
+from opid.report.document import Block, Column, Document, Paragraph, Remarks, Table, end_sentence
+from opid.report.formulas import write_plain
 
 WIDTH = 80
 
-# a path to a file, which may hold blanks: it begins at a root, a drive, the home or this folder, and ends with a suffix
+# the path of a file begins at a root, a drive, the home or this folder, ends with a suffix, and may hold blanks
 _PATH = re.compile(r"(?<!\S)(?:~|\.{1,2}|[A-Za-z]:)?[/\\][^\n:;,'\"]*?\.\w{1,8}(?!\w)")
-_NO_BREAK = "\ue000"  # a character that no text holds
+_NO_BREAK = "\ue000"  # no text holds this character
 
 
-def wrapped(text: str, head: str = "") -> list[str]:
+def wrap_text(text: str, head: str = "") -> list[str]:
     """Return a paragraph as lines of at most 80 characters with `head` before the first; only paths may be longer.
 
-    >>> wrapped("a " * 50, "Note: ")[1][:8]
+    >>> wrap_text("a " * 50, "Note: ")[1][:8]
     '      a '
     """
-    kept = _PATH.sub(lambda path: path[0].replace(" ", _NO_BREAK), text)
+    kept = _PATH.sub(lambda path: path[0].replace(" ", _NO_BREAK), write_plain(text))
     lines = textwrap.wrap(
         kept,
         WIDTH,
@@ -33,39 +34,39 @@ def wrapped(text: str, head: str = "") -> list[str]:
     return [line.replace(_NO_BREAK, " ") for line in lines]
 
 
-def as_text(document: Document) -> str:
+def lay_out_text(document: Document) -> str:
     """Return a document for a terminal: paragraphs and aligned tables, without figures."""
-    answer = f"Not determined: {ended(document.not_determined)}" if document.not_determined else document.answer
+    answer = f"Not determined: {end_sentence(document.not_determined)}" if document.not_determined else document.answer
     title = f"{document.title} ({document.about})" if document.about else document.title
     for file in document.command or ():  # a title may name what the command reads
         title = title.replace(file, file.replace(" ", _NO_BREAK))
-    blocks = [wrapped(title), wrapped(answer), *map(_block_lines, document.blocks)]
+    blocks = [wrap_text(title), wrap_text(answer), *map(_lay_out_block, document.blocks)]
     return "\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n"
 
 
-def _block_lines(block: Block) -> list[str]:
+def _lay_out_block(block: Block) -> list[str]:
     if isinstance(block, Paragraph):
-        return [*wrapped(block.heading), *wrapped(block.text)]
+        return [*wrap_text(block.heading), *wrap_text(block.text)]
     if isinstance(block, Remarks):
         head = f"{block.label}: " if block.label else ""
-        return [line for each in block.sentences for line in wrapped(ended(each), head)]
+        return [line for each in block.sentences for line in wrap_text(end_sentence(each), head)]
     if isinstance(block, Table):
-        return [*wrapped(block.title), *_lines_of_table(block), *wrapped(block.note)]
+        return [*wrap_text(block.title), *_lay_out_table(block), *wrap_text(block.note)]
     return []
 
 
-def _lines_of_table(table: Table) -> list[str]:
+def _lay_out_table(table: Table) -> list[str]:
     """The aligned rows below the names of their columns, with an empty line before each heading."""
     rows = table.rows[: table.most_in_text]
-    lines = _rows_in_width([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
+    lines = _lay_out_rows([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
     text = next(lines)
     for row in rows:
-        text += next(lines) if len(row) > 1 else ["", *wrapped(row[0])]
+        text += next(lines) if len(row) > 1 else ["", *wrap_text(row[0])]
     more = len(table.rows) - len(rows)
     return text + [f"and {more} more in the report"] * (more > 0)
 
 
-def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[list[str]]:
+def _lay_out_rows(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[list[str]]:
     """Yield the lines of each row, first of that with the names of the columns.
 
     Where a line is too long for the terminal, optional columns are left out first. Then elastic cells are shortened,
@@ -73,18 +74,18 @@ def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[li
     """
     columns, gap = list(table.columns), 2
 
-    def excess() -> int:
+    def find_excess() -> int:
         return max(map(len, _align_columns(rows, columns, gap))) - WIDTH
 
-    if excess() > 0:
+    if find_excess() > 0:
         kept = [index for index, column in enumerate(columns) if not column.is_optional]
         columns, rows = [columns[index] for index in kept], [tuple(row[index] for index in kept) for row in rows]
-    for index in [index for index, column in enumerate(columns) if column.is_elastic and excess() > 0]:
-        room = max(max(len(row[index]) for row in rows) - excess(), 3)
+    for index in [index for index, column in enumerate(columns) if column.is_elastic and find_excess() > 0]:
+        room = max(max(len(row[index]) for row in rows) - find_excess(), 3)
         rows = [(*row[:index], _shorten(row[index], room), *row[index + 1 :]) for row in rows]
-    gap = 2 if excess() <= 0 else 1
+    gap = 2 if find_excess() <= 0 else 1
     longest = max(len(row[0]) for row in rows)
-    room = longest if excess() <= 0 else max(12, longest - excess())
+    room = longest if find_excess() <= 0 else max(12, longest - find_excess())
     short = [(row[0] if len(row[0]) <= room else "", *row[1:]) for row in rows]
     for row, line in zip(rows, _align_columns(short, columns, gap), strict=True):
         yield [row[0], line] if len(row[0]) > room else [line]
@@ -95,13 +96,13 @@ def _shorten(text: str, room: int) -> str:
 
 
 def _align_columns(rows: Sequence[Sequence[str]], columns: Sequence[Column], gap: int) -> list[str]:
-    return aligned(rows, left=[index for index, each in enumerate(columns) if each.align == "left"], gap=gap)
+    return align_table(rows, left=[index for index, each in enumerate(columns) if each.align == "left"], gap=gap)
 
 
-def aligned(table: Sequence[Sequence[str]], *, left: Collection[int] = (0,), gap: int = 2) -> list[str]:
+def align_table(table: Sequence[Sequence[str]], *, left: Collection[int] = (0,), gap: int = 2) -> list[str]:
     """Return the rows of a table with aligned columns; those with an index in `left` are aligned to the left.
 
-    >>> aligned([("name", "value"), ("mass", "1850")])
+    >>> align_table([("name", "value"), ("mass", "1850")])
     ['name  value', 'mass   1850']
     """
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]

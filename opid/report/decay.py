@@ -10,18 +10,18 @@ from opid.estimate import rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, law_of_decays
 from opid.modal.power_laws import unit_of, unit_per_mass
-from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, warnings
-from opid.report.estimates import estimate_row, estimate_table
+from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, build_warnings, write_options
+from opid.report.estimates import build_estimate_row, tabulate_estimates
 
 
-def document_of(decay: Decay) -> Document:
+def build_document(decay: Decay) -> Document:
     """Return the report of a free decay: frequency and damping over amplitude, and the law."""
     amplitude, hz, damping = decay.amplitude, decay.frequency_hz, 100 * decay.damping_ratio
-    blocks: list[Block] = [Paragraph(_basis(decay)), _ends(decay)]
+    blocks: list[Block] = [Paragraph(_say_basis(decay)), _tabulate_ends(decay)]
     if decay.law is not None:
         blocks.append(
-            estimate_table(
-                _law_rows(decay),
+            tabulate_estimates(
+                _list_law_rows(decay),
                 legend="The interval holds the value with 95 % if the law holds; beyond the amplitudes of the record "
                 "it is an extrapolation.",
             )
@@ -32,18 +32,18 @@ def document_of(decay: Decay) -> Document:
         f"While the amplitude falls from {amplitude[0]:.3g} to {amplitude[-1]:.3g} {decay.amplitude_unit}, frequency "
         f"and damping go from {hz[0]:#.4g} Hz and {damping[0]:.2g} % to {hz[-1]:#.4g} Hz and {damping[-1]:.2g} %.",
         None,
-        (*blocks, warnings(decay.warnings)),
-        lambda: [_figure(decay)],
-        _command(decay.settings),
+        (*blocks, build_warnings(decay.warnings)),
+        lambda: [_build_figure(decay)],
+        _write_command(decay.settings),
         source="record",
     )
 
 
-def _figure(decay: Decay) -> Figure:
+def _build_figure(decay: Decay) -> Figure:
     def draw() -> Any:
         from opid import plots
 
-        return plots.free_decay_figure(decay, law=_law(decay))
+        return plots.free_decay_figure(decay, law=_find_law(decay))
 
     return Figure(
         "decay",
@@ -55,19 +55,19 @@ def _figure(decay: Decay) -> Figure:
     )
 
 
-def _law(decay: Decay) -> DecayLaw | None:
+def _find_law(decay: Decay) -> DecayLaw | None:
     orders = {name: decay.settings.get(name) for name in ("stiffness_order", "damping_order")}
     return None if decay.law is None else law_of_decays([decay], **orders)
 
 
-def _basis(decay: Decay) -> str:
+def _say_basis(decay: Decay) -> str:
     return (
         f"From {decay.start_s:.4g} to {decay.stop_s:.4g} s; amplitudes are of displacement. "
         f"{100 * decay.residual_share:.2g} % of the record (rms) is neither this mode nor what was found beside it."
     )
 
 
-def _ends(decay: Decay) -> Table:
+def _tabulate_ends(decay: Decay) -> Table:
     """Frequency and damping at the largest and the smallest amplitude, and the limit at zero by the law."""
     std = Column("std. dev.")
     columns = (
@@ -80,32 +80,31 @@ def _ends(decay: Decay) -> Table:
         (
             label,
             f"{decay.amplitude[index]:.4g}",
-            *_value(decay.frequency_hz[index], decay.frequency_std_hz[index]),
-            *_value(100 * decay.damping_ratio[index], 100 * decay.damping_std[index]),
+            *_format_value(decay.frequency_hz[index], decay.frequency_std_hz[index]),
+            *_format_value(100 * decay.damping_ratio[index], 100 * decay.damping_std[index]),
         )
         for label, index in (("largest", 0), ("smallest", -1))
     ]
     low, damping = decay.frequency_low_hz, decay.damping_low
     if low.value is not None and damping.value is not None:
-        percent = _value(100 * damping.value, 100 * (damping.std or 0.0))
-        rows.append(("law, at zero", "0", *_value(low.value, low.std or 0.0), *percent))
+        percent = _format_value(100 * damping.value, 100 * (damping.std or 0.0))
+        rows.append(("law, at zero", "0", *_format_value(low.value, low.std or 0.0), *percent))
     return Table(columns, tuple(rows))
 
 
-def _law_rows(decay: Decay) -> Iterator[Row]:
+def _list_law_rows(decay: Decay) -> Iterator[Row]:
     unit, per = (unit_per_mass, ", per unit mass") if decay.mode is None else (unit_of, "")
     yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1) = 0",)
     for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):
         for power, estimate in sorted(estimates.items()):
-            yield estimate_row(f"{letter}{power}", unit(letter, power), estimate)
+            yield build_estimate_row(f"{letter}{power}", unit(letter, power), estimate)
 
 
-def _value(value: float, std: float) -> tuple[str, str]:
+def _format_value(value: float, std: float) -> tuple[str, str]:
     """A value and its standard deviation, with as many decimals as that leaves."""
     return rounded(float(value), float(std)), rounded(float(std), float(std))
 
 
-def _command(settings: Mapping[str, Any]) -> list[str]:
+def _write_command(settings: Mapping[str, Any]) -> list[str]:
     given = {name: value for name, value in settings.items() if name != "log" and value is not None}
-    options = [word for name, value in given.items() for word in (f"--{name.replace('_', '-')}", str(value))]
-    return ["opid", "decay", str(settings.get("log", "LOG")), *options]
+    return ["opid", "decay", str(settings.get("log", "LOG")), *write_options(given)]

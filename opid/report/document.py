@@ -5,8 +5,9 @@ A document has no JSON of its own: result.json holds what the `to_dict` of the r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 
@@ -77,6 +78,11 @@ class Table:
         note: below it.
         legend: explains its words; it is shown below it on the page only.
         most_in_text: number of rows that a terminal shows; None for all.
+        is_filtered: whether the page has a field that shows only the rows with some words, and sorts by each column.
+        links: the file that each row leads to, beside or above the page, or None; empty where no row leads anywhere.
+        overlay: name of the figure in which a reader overlays curves by choosing rows; empty without one. The curves
+            have the names in `keys`.
+        keys: a name for each row.
     """
 
     columns: tuple[Column, ...]
@@ -85,6 +91,10 @@ class Table:
     note: str = ""
     legend: str = ""
     most_in_text: int | None = None
+    is_filtered: bool = False
+    links: tuple[Path | None, ...] = ()
+    overlay: str = ""
+    keys: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -96,12 +106,14 @@ class Figure:
         heading: its title.
         text: what can be seen in it.
         draw: draws it, and returns its Axes.
+        is_chosen: whether its curves are shown only when they are chosen, in the table that names it as its overlay.
     """
 
     name: str
     heading: str
     text: str
     draw: Callable[[], Any]
+    is_chosen: bool = False
 
 
 @dataclass(frozen=True)
@@ -136,6 +148,7 @@ class Document:
         source: what the command reads: "log", "logs", "record", "study" or "results".
         reference: a sentence that names the paper.
         data_file: name of the file beside the page that holds all numbers.
+        page_file: name of the page.
     """
 
     title: str
@@ -149,6 +162,7 @@ class Document:
     source: str = "logs"
     reference: str = ""
     data_file: str = "result.json"
+    page_file: str = "report.html"
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -156,12 +170,12 @@ class Document:
         return tuple(block for block in self.details() if isinstance(block, Figure))
 
 
-def columns(
+def build_columns(
     *headers: str, left: Sequence[int] = (0,), elastic: Sequence[int] = (), optional: Sequence[int] = ()
 ) -> tuple[Column, ...]:
     """Return the columns of a table; `left`, `elastic` and `optional` are the indices of those that are so.
 
-    >>> [column.align for column in columns("run", "mass")]
+    >>> [column.align for column in build_columns("run", "mass")]
     ['left', 'right']
     """
     return tuple(
@@ -170,34 +184,43 @@ def columns(
     )
 
 
-def warnings(sentences: Iterable[str]) -> Remarks:
+def build_warnings(sentences: Iterable[str]) -> Remarks:
     """Return the warnings of a result, one for each sentence."""
     return Remarks("Warning", tuple(sentences), is_warning=True)
 
 
-def ended(text: str) -> str:
+def end_sentence(text: str) -> str:
     """Return a clause that ends with one full stop.
 
-    >>> ended("run 1: an offset"), ended("")
+    >>> end_sentence("run 1: an offset"), end_sentence("")
     ('run 1: an offset.', '')
     """
     text = text.rstrip(". ")
     return f"{text}." if text else ""
 
 
-def sentence(text: str) -> str:
+def write_sentence(text: str) -> str:
     """Return a clause as a sentence: with a capital letter and one full stop.
 
-    >>> sentence("the mass is known")
+    >>> write_sentence("the mass is known")
     'The mass is known.'
     """
-    return text[:1].upper() + ended(text[1:])
+    return text[:1].upper() + end_sentence(text[1:])
 
 
-def counted(number: int, word: str) -> str:
+def write_options(given: Mapping[str, object]) -> list[str]:
+    """Return the words of the options of a command that have these values.
+
+    >>> write_options({"start_s": 0.5})
+    ['--start-s', '0.5']
+    """
+    return [word for name, value in given.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+
+
+def format_count(number: int, word: str) -> str:
     """Return a number with its word in the singular or the plural.
 
-    >>> counted(1, "joint"), counted(2, "joint")
+    >>> format_count(1, "joint"), format_count(2, "joint")
     ('1 joint', '2 joints')
     """
     return f"{number} {word}{'s' * (number != 1)}"

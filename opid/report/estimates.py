@@ -8,34 +8,19 @@ from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.kinds import Parameter
 from opid.mechanics.laws.law import Law, unit_of_parameter
 from opid.mechanics.truth import Truth
-from opid.report.document import Row, Table, columns
+from opid.report.document import Row, Table, build_columns
+from opid.report.formulas import embed_formula
 from opid.suspensions.result import GasColumn
+
+INTERVAL = "The interval holds the value with 95 % if the model holds."
+"""What each table of estimates says of its intervals."""
 
 ROUNDING = 1e-12
 """A value whose relative standard deviation is smaller is a constant: such a deviation comes from rounding."""
 
-# what the LaTeX of the laws is in plain text
-_PLAIN = (
-    (r"\tfrac{2}{\pi}", "(2/pi)"),
-    (r"\operatorname{sgn}", "sgn"),
-    (r"\tfrac12", "1/2"),
-    (r"\dot z", "z'"),
-    (r"\dot h_u", "h_u'"),
-    (r"\dot h", "h'"),
-    (r"\overline{h_u}", "mean(h_u)"),
-    (r"e^{-(z' / w)^2}", "exp(-(z' / w)^2)"),
-    (r"\tau", "tau"),
-    (r"\min", "min"),
-    (r"\le", "<="),
-    ("\\ ", " "),
-    (r"\arctan", "arctan"),
-    (r"\tanh", "tanh"),
-    (r"\,", ""),
-)
 
-
-def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None) -> Row:
-    """Return an estimate as a row of `estimate_table`; a constant has neither standard deviation nor interval."""
+def build_estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None) -> Row:
+    """Return an estimate as a row of `tabulate_estimates`; a constant has neither standard deviation nor interval."""
     std, interval = estimate.std, estimate.interval95
     if std is not None and estimate.value is not None and std <= ROUNDING * abs(estimate.value):
         std, interval = None, None  # the constant was given, or the fit left it at a bound
@@ -48,29 +33,29 @@ def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None =
     return (label, rounded(estimate.value, std), rounded(std, std), between, unit, known, error, is_inside)
 
 
-def estimate_table(rows: Iterable[Row], truth: Truth | None = None, title: str = "", legend: str = "") -> Table:
-    """Return a table of rows by `estimate_row` and of headings; with a truth it shows that, and no std. dev.
+def tabulate_estimates(rows: Iterable[Row], truth: Truth | None = None, title: str = "", legend: str = "") -> Table:
+    """Return a table of rows by `build_estimate_row` and of headings; with a truth it shows that, and no std. dev.
 
-    >>> [column.head for column in estimate_table([]).columns]
+    >>> [column.head for column in tabulate_estimates([]).columns]
     ['', 'value', 'std. dev.', '95 % interval', 'unit']
     """
     heads = ("", "value", "std. dev.", "95 % interval", "unit", "truth", "error", "inside")
     # the interval implies the standard deviation, and a terminal has only 80 characters
     shown = (0, 1, 2, 3, 4) if truth is None else (0, 1, 3, 4, 5, 6, 7)
     return Table(
-        columns(*(heads[index] for index in shown), optional=() if truth is None else (5,)),
+        build_columns(*(heads[index] for index in shown), optional=() if truth is None else (5,)),
         tuple(row if len(row) == 1 else tuple(row[index] for index in shown) for row in rows),
         title,
         legend=legend,
     )
 
 
-def law_in_words(law: Law, symbol: str = "f") -> str:
+def say_law(law: Law, symbol: str = "f") -> str:
     """Return the name of a law, and its formula where it is one term."""
-    return f"{law.name}, {symbol} = {formula(law.latex)}" if len(law.terms) == 1 else law.name
+    return f"{law.name}, {embed_formula(f'{symbol} = {law.latex}')}" if len(law.terms) == 1 else law.name
 
 
-def gas_rows(gas: GasColumn | None, where: str) -> Iterator[Row]:
+def list_gas_rows(gas: GasColumn | None, where: str) -> Iterator[Row]:
     """Yield a heading and the rows of a column of gas; none where there is no gas."""
     if gas is None:
         return
@@ -78,10 +63,10 @@ def gas_rows(gas: GasColumn | None, where: str) -> Iterator[Row]:
     if gas.pressure_pa.value is not None:
         rows += [("gas: gauge pressure", "Pa", gas.pressure_pa), ("gas: volume", "m^3", gas.volume_m3)]
     yield (f"{where}; pressure times volume falls where gas leaks or cools",)
-    yield from (estimate_row(*row) for row in rows)
+    yield from (build_estimate_row(*row) for row in rows)
 
 
-def law_rows(
+def list_law_rows(
     law: Law,
     estimates: Mapping[str, Mapping[str, Estimate]],
     *,
@@ -96,31 +81,24 @@ def law_rows(
     """
     for term in law.terms:
         if len(law.terms) > 1:
-            yield (f"Term {term.name}{f' of {of}' if of else ''}: {formula(term.kind.latex)}",)
+            yield (f"Term {term.name}{f' of {of}' if of else ''}: {embed_formula(term.kind.latex)}",)
         for parameter in term.kind.parameters if term.name in estimates else ():
             known = (true or {}).get(term.name, {}).get(parameter.name)
             if known is not None and parameter.role == "amplitude":
                 known *= true_scale
             unit, found = unit_of_parameter(parameter, per_mass=per_mass), estimates[term.name][parameter.name]
-            yield estimate_row(parameter_label(parameter), unit, found, known)
+            yield build_estimate_row(format_label(parameter), unit, found, known)
 
 
-def parameter_label(parameter: Parameter) -> str:
+def format_label(parameter: Parameter) -> str:
     """Return the name of a parameter of a law in words, without its unit.
 
     >>> from opid.mechanics.laws.law import LAWS
-    >>> [parameter_label(each) for each in LAWS["gas_column"].parameters]
+    >>> [format_label(each) for each in LAWS["gas_column"].parameters]
     ['static force', 'gas length', 'exponent']
     """
     name = parameter.name
     if parameter.role == "amplitude":
-        # the word before the unit in amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3
+        # the unit begins at the first _n of amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3
         name = name.split("_n")[0]
     return name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
-
-
-def formula(latex: str) -> str:
-    """Return the LaTeX of a law as plain text."""
-    for written, plain in _PLAIN:
-        latex = latex.replace(written, plain)
-    return latex

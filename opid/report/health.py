@@ -5,7 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from opid.report.document import Block, Document, Figure, Paragraph, Remarks, Table, columns, counted, ended, sentence
+from opid.report.document import (
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Remarks,
+    Table,
+    build_columns,
+    end_sentence,
+    format_count,
+    write_sentence,
+)
 from opid.signals.health.result import (
     ChannelHealth,
     ClockHealth,
@@ -34,11 +45,11 @@ LEAST_JITTER = 1e-6
 """Fraction of the period; less is the rounding of numbers, not of stamps."""
 
 
-def document_of(result: Health | Inspection) -> Document:
+def build_document(result: Health | Inspection) -> Document:
     """Return the report of a log, or of several in their order: each with a heading, as it is alone."""
     if isinstance(result, Health):
-        return _document_of(result, "health")
-    parts = [_document_of(health, name) for name, health in zip(result.names, result.logs, strict=True)]
+        return _build_log_document(result, "health")
+    parts = [_build_log_document(health, name) for name, health in zip(result.names, result.logs, strict=True)]
     if len(parts) == 1:
         return parts[0]
     findings = [each for health in result.logs for each in health.findings]
@@ -46,7 +57,7 @@ def document_of(result: Health | Inspection) -> Document:
     return Document(
         f"{len(parts)} logs",
         "what is in them, and what is wrong with them",
-        sentence(count_findings(findings)),
+        write_sentence(count_findings(findings)),
         None,
         tuple(block for heading, part in zip(headings, parts, strict=True) for block in (heading, *part.blocks)),
         lambda: [block for part in parts for block in part.details()],
@@ -55,37 +66,37 @@ def document_of(result: Health | Inspection) -> Document:
     )
 
 
-def _document_of(health: Health, name: str) -> Document:
+def _build_log_document(health: Health, name: str) -> Document:
     """The report of a log: clocks, channels and pairs, then the findings, the most serious first."""
-    blocks: list[Block] = [*_clocks(health.clocks), *_channels(health.channels)]
-    blocks += [*_spectra(_telling(health.channels)), *_pairs(health.pairs)]
+    blocks: list[Block] = [*_list_clock_blocks(health.clocks), *_tabulate_channels(health.channels)]
+    blocks += [*_list_spectrum_blocks(_choose_telling(health.channels)), *_list_pair_blocks(health.pairs)]
     if health.looks_unsprung:
         blocks.append(Paragraph(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz)."))
-    blocks += _findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
+    blocks += _list_findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
     return Document(
         _make_printable(health.log or "A recording"),
         "what is in the log, and what is wrong with it",
-        sentence(_answer(health)),
+        write_sentence(_say_answer(health)),
         None,
         tuple(blocks),
-        lambda: _details(health, name),
+        lambda: _list_details(health, name),
         ["opid", "inspect", health.log] if health.log else None,
         source="log",
     )
 
 
-def _details(health: Health, name: str) -> Iterator[Block]:
-    left_out = channels_left_out(health)
+def _list_details(health: Health, name: str) -> Iterator[Block]:
+    left_out = say_channels_left_out(health)
     if left_out:
-        yield Paragraph(ended(left_out))
-    yield from _figures(health, name)
+        yield Paragraph(end_sentence(left_out))
+    yield from _list_figures(health, name)
 
 
-def _figures(health: Health, name: str) -> Iterator[Figure]:
+def _list_figures(health: Health, name: str) -> Iterator[Figure]:
     """The figures of a log, several channels on each; of very many channels some are drawn."""
     from opid import plots
 
-    def figure(number: int, names: Sequence[str]) -> Figure:
+    def build_figure(number: int, names: Sequence[str]) -> Figure:
         return Figure(
             name if len(parts) == 1 else f"{name}_part{number}",
             "History, spectrum and spectrogram"
@@ -98,10 +109,10 @@ def _figures(health: Health, name: str) -> Iterator[Figure]:
 
     names = _choose_drawn(health)
     parts = [names[i : i + CHANNELS_A_FIGURE] for i in range(0, len(names), CHANNELS_A_FIGURE)]
-    return (figure(number, part) for number, part in enumerate(parts, 1))
+    return (build_figure(number, part) for number, part in enumerate(parts, 1))
 
 
-def channels_left_out(health: Health) -> str:
+def say_channels_left_out(health: Health) -> str:
     """Return a sentence on channels that are not drawn; empty if all are."""
     n, every = len(_choose_drawn(health)), len(health.channels)
     words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
@@ -118,15 +129,15 @@ def _choose_drawn(health: Health) -> list[str]:
 # ---- clocks ----------------------------------------------------------------------------------------
 
 
-def _answer(health: Health) -> str:
+def _say_answer(health: Health) -> str:
     if not health.clocks:
         return f"{health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples"
     if len(health.clocks) == 1:
-        return _clock_words(health.clocks[0])
-    return f"{len(health.clocks)} clocks, {counted(len(health.channels), 'channel')}"
+        return _say_clock(health.clocks[0])
+    return f"{len(health.clocks)} clocks, {format_count(len(health.channels), 'channel')}"
 
 
-def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
+def _list_clock_blocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
     """A sentence for each of a few clocks, or a row for each of many."""
     if len(clocks) > FEW_CLOCKS:
         shown = sorted(clocks, key=lambda clock: -clock.n_samples)[:MOST_CLOCKS]
@@ -144,38 +155,46 @@ def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
         )
         more = len(clocks) - len(rows)
         yield Table(
-            columns("clock", "channels", "rate [Hz]", "samples", "length [s]", "gaps"),
+            build_columns("clock", "channels", "rate [Hz]", "samples", "length [s]", "gaps"),
             rows,
-            note=f"and {counted(more, 'clock')} with fewer samples (--json lists all)" if more > 0 else "",
+            note=f"and {format_count(more, 'clock')} with fewer samples (--json lists all)" if more > 0 else "",
         )
     elif len(clocks) > 1:
         titles = (clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1) for clock in clocks)
         sentences = zip(titles, clocks, strict=True)
-        yield Remarks("Clock", tuple(f"{_make_printable(title)}: {_clock_words(clock)}" for title, clock in sentences))
+        yield Remarks("Clock", tuple(f"{_make_printable(title)}: {_say_clock(clock)}" for title, clock in sentences))
 
 
-def _clock_words(clock: ClockHealth) -> str:
+def _say_clock(clock: ClockHealth) -> str:
     if clock.stated:
         rate = f"{clock.fs:.9g} Hz as stated, no time stamps to check it by"
     else:
-        jitter = f"jitter {_figure(100 * clock.jitter)} % of the period" if clock.jitter > LEAST_JITTER else "no jitter"
+        jitter = (
+            f"jitter {_format_number(100 * clock.jitter)} % of the period"
+            if clock.jitter > LEAST_JITTER
+            else "no jitter"
+        )
         rate = f"{clock.fs:.9g} Hz from time stamps, {jitter}"
         # less than a nanosecond comes from arithmetic, and stamps that are exact binary numbers are not rounded
-        exact = abs(clock.resolution_s * clock.fs - 1) < 1e-6 and clock.jitter <= LEAST_JITTER
-        rounded = clock.resolution_s > 1e-9 and not exact
-        rate += f" (they are rounded to {_seconds(clock.resolution_s)})" if rounded else ""
+        is_exact = abs(clock.resolution_s * clock.fs - 1) < 1e-6 and clock.jitter <= LEAST_JITTER
+        is_rounded = clock.resolution_s > 1e-9 and not is_exact
+        rate += f" (they are rounded to {_format_seconds(clock.resolution_s)})" if is_rounded else ""
     words = [f"{clock.duration_s:.6g} s from {clock.start_s:.6g} s on", rate, f"{clock.n_samples} samples"]
     if clock.n_gaps:
         longest = max((gap.stop_s - gap.start_s for gap in clock.gaps), default=0.0)
-        words.append(f"{counted(clock.n_gaps, 'gap')} (the longest {_seconds(longest)}, {clock.n_lost} samples lost)")
+        words.append(
+            f"{format_count(clock.n_gaps, 'gap')} (the longest {_format_seconds(longest)}, {clock.n_lost} samples lost)"
+        )
     elif not clock.stated:
         words.append("no gap")
-    words += [f"{counted(clock.repeated, 'stamp')} repeated"] * (clock.repeated > 0)
-    words += [f"{counted(clock.backward, 'stamp')} run{'s' * (clock.backward == 1)} backward"] * (clock.backward > 0)
+    words += [f"{format_count(clock.repeated, 'stamp')} repeated"] * (clock.repeated > 0)
+    words += [f"{format_count(clock.backward, 'stamp')} run{'s' * (clock.backward == 1)} backward"] * (
+        clock.backward > 0
+    )
     return "; ".join(words)
 
 
-def _seconds(value: float) -> str:
+def _format_seconds(value: float) -> str:
     """A time in a unit in which it needs no zeros: "3.5 s", "10 ms", "1 us"."""
     for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
         if value * factor >= 0.9995:  # otherwise 999.9 ms would become 1e+03 ms
@@ -186,9 +205,9 @@ def _seconds(value: float) -> str:
 # ---- channels --------------------------------------------------------------------------------------
 
 
-def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
+def _tabulate_channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
     """A table of all channels, and one of the faults of some; of very many channels some are shown."""
-    shown = _telling(channels)
+    shown = _choose_telling(channels)
     # a study may name a channel by its number in the log
     has_numbers = any(channel.number for channel in shown)
     more = (
@@ -196,7 +215,7 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
         "constant: --json lists all, and [channels] of a study (--study) names those wanted."
     )
     yield Table(
-        columns(
+        build_columns(
             *("channel", *["no."] * has_numbers, "unit", "mean", "rms", "peak", "noise at most", "step", "drift"),
             left=(0, 1 + has_numbers),
         ),
@@ -205,23 +224,23 @@ def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
                 _make_printable(channel.name),
                 *[f"{channel.number or '-'}"] * has_numbers,
                 channel.unit,
-                *(_figure(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
-                _figure(channel.noise_floor or None),
-                _figure(channel.quantisation_step),
-                _figure(None if channel.mute else channel.drift),
+                *(_format_number(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
+                _format_number(channel.noise_floor or None),
+                _format_number(channel.quantisation_step),
+                _format_number(None if channel.mute else channel.drift),
             )
             for channel in shown
         ),
         note=more if len(shown) < len(channels) else "",
     )
     faults = tuple(
-        (_make_printable(channel.name), *cells) for channel in shown if set(cells := _faults(channel)) != {"-"}
+        (_make_printable(channel.name), *cells) for channel in shown if set(cells := _format_faults(channel)) != {"-"}
     )
     if faults:
-        yield Table(columns("channel", "missing", "clipped", "longest held", "spikes"), faults)
+        yield Table(build_columns("channel", "missing", "clipped", "longest held", "spikes"), faults)
 
 
-def _telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth]:
+def _choose_telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth]:
     """All channels, or of very many those that a page has room for, accelerations before others."""
     if len(channels) <= MOST_CHANNELS:
         return channels
@@ -232,40 +251,41 @@ def _make_printable(name: str) -> str:
     return name if name.isprintable() else ascii(name)[1:-1]
 
 
-def _figure(value: float | None, digits: int = 2) -> str:
+def _format_number(value: float | None, digits: int = 2) -> str:
     """A number with so many digits: "4000", not "4e+03"."""
     return "-" if value is None or not math.isfinite(value) else f"{float(f'{value:.{digits}g}'):.6g}"
 
 
-def _faults(channel: ChannelHealth) -> tuple[str, ...]:
-    flat = any(stretch.kind == "flat" for stretch in channel.stretches)
+def _format_faults(channel: ChannelHealth) -> tuple[str, ...]:
+    is_flat = any(stretch.kind == "flat" for stretch in channel.stretches)
     return (
         f"{channel.missing}" if channel.missing else "-",
         f"{channel.clipped_fraction:.2%}" if channel.clipped_fraction > 0 else "-",
-        _seconds(channel.longest_flat_s) if flat else "mute" if channel.mute else "-",
+        _format_seconds(channel.longest_flat_s) if is_flat else "mute" if channel.mute else "-",
         f"{channel.spikes}" if channel.spikes else "-",
     )
 
 
-def _spectra(channels: Sequence[ChannelHealth]) -> Iterator[Block]:
+def _list_spectrum_blocks(channels: Sequence[ChannelHealth]) -> Iterator[Block]:
     """The lines of each channel, and the peaks that may be lines."""
     kinds = (
         ("Lines", [(each, [line for line in each.lines if line.resolved or line.name]) for each in channels]),
         ("Peaks", [(each, [line for line in each.lines if not (line.resolved or line.name)]) for each in channels]),
     )
     for kind, of_channels in kinds:
-        some = [_line_words(channel, lines) for channel, lines in of_channels if lines]
+        some = [_say_lines(channel, lines) for channel, lines in of_channels if lines]
         more = len(some) - MOST_WITH_LINES
-        more_channels = [f"{counted(more, 'channel')} more (--json lists all)"] * (more > 0)
+        more_channels = [f"{format_count(more, 'channel')} more (--json lists all)"] * (more > 0)
         yield Remarks(kind, (*some[:MOST_WITH_LINES], *more_channels))
         if some and kind == "Peaks":
             yield Paragraph("A peak may be a line or a resonance: the record cannot decide.")
 
 
-def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
+def _say_lines(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
     unit = "" if channel.unit == "?" else f" {channel.unit}"
     shown = [
-        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms" for line in lines[:MOST_LINES]
+        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_format_number(line.rms)}{unit} rms"
+        for line in lines[:MOST_LINES]
     ]
     more = len(lines) - len(shown)
     return f"{_make_printable(channel.name)}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
@@ -274,15 +294,19 @@ def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
 # ---- pairs and findings ------------------------------------------------------------------------------
 
 
-def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
+def _list_pair_blocks(pairs: Sequence[PairHealth]) -> Iterator[Block]:
     together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
     more, apart = len(together) - MOST_PAIRS, len(pairs) - len(together)
-    notes = [f"and {counted(more, 'pair')} more (--json lists all)."] * (more > 0)
-    notes += [f"{counted(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent."] * (apart > 0)
+    notes = [f"and {format_count(more, 'pair')} more (--json lists all)."] * (more > 0)
+    notes += [f"{format_count(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent."] * (
+        apart > 0
+    )
     if together:
-        heads = columns("channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1))
+        heads = build_columns(
+            "channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1)
+        )
         rows = tuple(
-            (_make_printable(p.first), _make_printable(p.second), *_pair_cells(p)) for p in together[:MOST_PAIRS]
+            (_make_printable(p.first), _make_printable(p.second), *_format_pair(p)) for p in together[:MOST_PAIRS]
         )
         if any(row[2] == "-" for row in rows):
             notes.append(NO_LAG)
@@ -291,29 +315,29 @@ def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
         yield Paragraph(" ".join(notes))
 
 
-def _pair_cells(pair: PairHealth) -> tuple[str, ...]:
+def _format_pair(pair: PairHealth) -> tuple[str, ...]:
     lag = ("-", "-")
     if math.isfinite(pair.lag_s):
         decimals = 3
         if math.isfinite(pair.lag_std_s) and pair.lag_std_s > 0:
-            # two digits of the standard deviation, in ms
+            # the standard deviation keeps two digits, in ms
             decimals = min(6, max(0, 1 - math.floor(math.log10(1e3 * pair.lag_std_s))))
         lag = (f"{1e3 * pair.lag_s:.{decimals}f}", f"{1e3 * pair.lag_std_s:.{decimals}f}")
     band = pair.coherent_band_hz
     return *lag, "none" if band is None else f"{band[0]:.3g} to {band[1]:.3g} Hz"
 
 
-def _findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
+def _list_findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
     """The findings by severity; those with the same message, and many with the same code, together."""
     for severity in dict.fromkeys(finding.severity for finding in findings):
-        sentences = list(_sentences([finding for finding in findings if finding.severity == severity]))
+        sentences = list(_say_findings([finding for finding in findings if finding.severity == severity]))
         more = len(sentences) - MOST_NOTES if severity == "note" else 0
         if more > 0:
-            sentences[MOST_NOTES:] = [f"and {counted(more, 'note')} more (--json lists all)"]
+            sentences[MOST_NOTES:] = [f"and {format_count(more, 'note')} more (--json lists all)"]
         yield Remarks(severity.capitalize(), tuple(sentences), is_warning=severity != "note")
 
 
-def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
+def _say_findings(findings: Sequence[Finding]) -> Iterator[str]:
     alike: dict[tuple[str, str], dict[str, list[str]]] = {}
     for finding in findings:
         message = finding.message.removeprefix(f"channel {finding.channel!r} ")
@@ -324,16 +348,16 @@ def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
         messages = list(by_message.items())
         concerned = list(dict.fromkeys(channel for channels in by_message.values() for channel in channels))
         # the findings of a single clock or channel are listed one by one
-        many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
-        for message, channels in messages[:1] if many else messages:
-            where = _list_names(channels)
-            if many:
-                also = _list_names([channel for channel in concerned if channel not in channels])
+        is_merged = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
+        for message, channels in messages[:1] if is_merged else messages:
+            where = _say_names(channels)
+            if is_merged:
+                also = _say_names([channel for channel in concerned if channel not in channels])
                 message += f" (likewise {also})" if also else f" (and {len(messages) - 1} times likewise)"
             yield f"{where}: {message}" if where else message
 
 
-def _list_names(channels: Sequence[str]) -> str:
+def _say_names(channels: Sequence[str]) -> str:
     names = list(dict.fromkeys(_make_printable(channel) for channel in channels if channel))
     more = len(names) - MOST_CHANNELS // 5
     return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")

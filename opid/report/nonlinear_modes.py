@@ -18,18 +18,33 @@ from opid.modal.model import TruthTest
 from opid.modal.power_laws import unit_of
 from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS, ModalStudy
-from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, columns, counted, warnings
-from opid.report.estimates import estimate_row, estimate_table
+from opid.report.document import (
+    Block,
+    Column,
+    Document,
+    Figure,
+    Paragraph,
+    Row,
+    Table,
+    build_columns,
+    build_warnings,
+    format_count,
+    write_options,
+)
+from opid.report.estimates import build_estimate_row, tabulate_estimates
 
-N_SENSORS_SHOWN = 3  # the most sensors that are drawn of a truth test
-N_LINES = 4000  # of the mode indicator of the linear modes
-ABOVE_MODES = 1.15  # highest frequency of the mode indicators over the highest natural frequency
-MOST_SENSORS = 8  # the most sensors of a truth test in the text; the page shows all
+N_SENSORS_SHOWN = 3  # at most this many sensors of a truth test are drawn
+N_LINES = 4000  # the mode indicator of the linear modes is computed at this many frequencies
+ABOVE_MODES = 1.15  # the mode indicators reach this many times the highest natural frequency
+MOST_SENSORS = 8  # the text shows at most this many sensors of a truth test, the page all of them
+MOST_ZOOMED = 5  # more panels of single modes in a row would be too narrow
+
+_AMPLITUDE = Column("q", "m kg^1/2")
 
 PACINI = "B. R. Pacini, Industrial applications of nonlinear modal modeling: two case studies."
 
 
-def document_of(result: ModalIdentification, truth: ModalTruth | None = None) -> Document:
+def build_document(result: ModalIdentification, truth: ModalTruth | None = None) -> Document:
     """Return the report of a nonlinear modal model."""
     known = [str(fit.mode) for fit in result.fits]
     known += [f"{mode} (by free decays)" for mode in result.modes_by_decays_alone]
@@ -37,24 +52,28 @@ def document_of(result: ModalIdentification, truth: ModalTruth | None = None) ->
     errors = "" if worst is None else f"; in the truth tests no sensor is farther off than {100 * worst:.2g} % (rms)"
     return Document(
         result.title or "Nonlinear modal model",
-        counted(result.modes.n_modes, "mode"),
+        format_count(result.modes.n_modes, "mode"),
         f"Modelled as nonlinear: {', '.join(known) or 'none'}{errors}.",
         result.not_determined,
         (
-            Paragraph(_basis(result)),
-            *(table for table in (_mode_table(result), _shift_table(result), _decay_table(result)) if table.rows),
-            *_coefficients(result, _with_coefficients(truth)),
-            *(_truth_table(test, first=result.drive_point) for test in result.truth_tests),
-            warnings(result.all_warnings),
+            Paragraph(_say_basis(result)),
+            *(
+                table
+                for table in (_tabulate_modes(result), _tabulate_shifts(result), _tabulate_decays(result))
+                if table.rows
+            ),
+            *_tabulate_coefficients(result, _choose_truth(truth)),
+            *(_tabulate_truth_test(test, first=result.drive_point) for test in result.truth_tests),
+            build_warnings(result.all_warnings),
         ),
-        lambda: figures_of(result, truth),
-        command_of(result),
+        lambda: list_figures(result, truth),
+        write_command(result),
         source="study",
         reference=f"The method is that of {PACINI}",
     )
 
 
-def _basis(result: ModalIdentification) -> str:
+def _say_basis(result: ModalIdentification) -> str:
     modes = result.modes
     rigid = modes.n_modes - int(np.count_nonzero(modes.elastic))
     at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
@@ -64,11 +83,7 @@ def _basis(result: ModalIdentification) -> str:
     )
 
 
-def _amplitude() -> Column:
-    return Column("q", "m kg^1/2")
-
-
-def _mode_table(result: ModalIdentification) -> Table:
+def _tabulate_modes(result: ModalIdentification) -> Table:
     rows = []
     for fit in result.fits:
         of_fit = (
@@ -82,36 +97,40 @@ def _mode_table(result: ModalIdentification) -> Table:
             mode = str(fit.mode) if index == 0 else ""
             rows.append((mode, label, f"{frequency:.2f} Hz", f"{100 * damping:.3g} %", *more))
     return Table(
-        (*columns("mode"), _amplitude(), *columns("frequency", "damping", "N_s, N_d", "band [Hz]", "misfit", left=())),
+        (
+            *build_columns("mode"),
+            _AMPLITUDE,
+            *build_columns("frequency", "damping", "N_s, N_d", "band [Hz]", "misfit", left=()),
+        ),
         tuple(rows),
         note="Natural frequency and damping ratio at zero amplitude, and at the top, the largest modal displacement q "
         "fitted.",
     )
 
 
-def _shift_table(result: ModalIdentification) -> Table:
+def _tabulate_shifts(result: ModalIdentification) -> Table:
     rows = []
     for shift in result.shifts:
-        frequency, damping = _lowest(shift.frequency_hz), _lowest(shift.damping_ratio)
+        frequency, damping = _find_lowest(shift.frequency_hz), _find_lowest(shift.damping_ratio)
         rows.append(
             (
                 str(shift.mode),
                 "-" if frequency is None else f"{frequency:.2f} Hz",
-                _percent(shift.frequency_shift, digits=2),
+                _format_percent(shift.frequency_shift, digits=2),
                 "-" if damping is None else f"{100 * damping:.3g} %",
-                _percent(shift.damping_shift, digits=0),
+                _format_percent(shift.damping_shift, digits=0),
                 ("yes" if shift.nonlinear else "no") if shift.determined else "cannot tell",
             )
         )
     return Table(
-        columns("mode", "frequency", "frequency shift", "damping", "damping shift", "nonlinear"),
+        build_columns("mode", "frequency", "frequency shift", "damping", "damping shift", "nonlinear"),
         tuple(rows),
         note="Frequency and damping are those at the lowest level, shifts those from there to the highest level."
-        + _thresholds(result),
+        + _say_thresholds(result),
     )
 
 
-def _thresholds(result: ModalIdentification) -> str:
+def _say_thresholds(result: ModalIdentification) -> str:
     frequency, damping = (result.settings.get(name) for name in ("frequency_threshold", "damping_threshold"))
     if frequency is None or damping is None:
         return ""
@@ -121,7 +140,7 @@ def _thresholds(result: ModalIdentification) -> str:
     )
 
 
-def _decay_table(result: ModalIdentification) -> Table:
+def _tabulate_decays(result: ModalIdentification) -> Table:
     """Frequency and damping of each free decay at its largest amplitude, and at zero by its law."""
     rows: list[Row] = []
     for decay in result.decays:
@@ -131,22 +150,22 @@ def _decay_table(result: ModalIdentification) -> Table:
         mode = "-" if decay.mode is None else str(decay.mode)
         rows.append((decay.name, mode, "zero", *zero, f"{100 * decay.residual_share:.2g} %"))
         rows.append(("", "", f"top, {decay.amplitude[0]:.3g}", *top, ""))
-    heads = columns("frequency", "damping", "left over", left=())
+    heads = build_columns("frequency", "damping", "left over", left=())
     return Table(
-        (*columns("free decay", "mode"), _amplitude(), *heads),
+        (*build_columns("free decay", "mode"), _AMPLITUDE, *heads),
         tuple(rows),
         note="At zero amplitude by the law of the decay, and at the top, its largest amplitude, as measured.",
     )
 
 
-def _coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Block]:
-    rows = [row for fit in result.fits for row in _rows_of(fit, truth)]
-    rows += [row for mode in sorted(result.decay_laws) for row in _rows_of_decays(result, mode, truth)]
+def _tabulate_coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Block]:
+    rows = [row for fit in result.fits for row in _list_mode_rows(fit, truth)]
+    rows += [row for mode in sorted(result.decay_laws) for row in _list_decay_rows(result, mode, truth)]
     decays = " Free decays give k₀ and c₀ themselves: there these are k1 and c1." if result.decay_laws else ""
     if truth:
         decays += " The tests were simulated: truth, error, and whether the interval held the truth, are known."
     if rows:
-        yield estimate_table(
+        yield tabulate_estimates(
             rows,
             truth,
             "Coefficients",
@@ -156,27 +175,27 @@ def _coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iter
         )
 
 
-def _with_coefficients(truth: ModalTruth | None) -> ModalTruth | None:
+def _choose_truth(truth: ModalTruth | None) -> ModalTruth | None:
     """The truth if it has coefficients to compare with, as only joints with power laws have."""
     return truth if truth and any(law.k or law.c for law in truth.nonlinear.values()) else None
 
 
-def _rows_of(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
+def _list_mode_rows(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
     free = "k0 and c0 corrected (k1, c1)" if fit.free_linear else "k0 and c0 as given"
     yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {100 * fit.damping_ratio:.3g} % of critical damping: {free}",)
-    yield from _powers(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
+    yield from _list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
 
 
-def _rows_of_decays(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:
+def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:
     """The coefficients of a mode by its free decays; k1 and c1 are k0 and c0 themselves, whose truth is unknown."""
     law = result.decay_laws[mode]
     names = [decay.name for decay in result.decays if decay.mode == mode]
     many = f"{len(names)} free decays together" if len(names) > 1 else f"free decay {names[0]!r}" if names else "decays"
     yield (f"Mode {mode} by {many}, {law.frequency_low_hz.value or 0:.2f} Hz: k1 and c1 are k0 and c0",)
-    yield from _powers(mode, law.stiffness, law.damping, truth, lowest=2)
+    yield from _list_power_rows(mode, law.stiffness, law.damping, truth, lowest=2)
 
 
-def _powers(
+def _list_power_rows(
     mode: int,
     stiffness: Mapping[int, Estimate],
     damping: Mapping[int, Estimate],
@@ -190,10 +209,10 @@ def _powers(
         # a power that the true law lacks is zero; only a joint with a power law has coefficients
         for power, estimate in sorted(estimates.items()):
             value = known.get(power, 0.0) if known and power >= lowest else None
-            yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value)
+            yield build_estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value)
 
 
-def _truth_table(test: TruthTest, *, first: str | None) -> Table:
+def _tabulate_truth_test(test: TruthTest, *, first: str | None) -> Table:
     """The errors of a truth test: at the drive point first, then from the worst sensor to the best."""
     band = "" if test.band_hz is None else f", {test.band_hz[0]:.4g} to {test.band_hz[1]:.4g} Hz"
     rows = [
@@ -207,7 +226,7 @@ def _truth_table(test: TruthTest, *, first: str | None) -> Table:
         for name, each in ((name, test.sensors[name]) for name in sorted(test.worst_sensors, key=lambda s: s != first))
     ]
     return Table(
-        columns("sensor", "peak, nonlinear", "peak, linear", "error, nonlinear", "error, linear"),
+        build_columns("sensor", "peak, nonlinear", "peak, linear", "error, nonlinear", "error, linear"),
         tuple(rows),
         f"Truth test {test.name!r}{band}",
         "Peak of the model over the measured peak, and rms error over the rms of the measurement, nonlinear and linear "
@@ -216,28 +235,27 @@ def _truth_table(test: TruthTest, *, first: str | None) -> Table:
     )
 
 
-def command_of(result: ModalIdentification, options: Mapping[str, Any] | None = None) -> list[str]:
+def write_command(result: ModalIdentification, options: Mapping[str, Any] | None = None) -> list[str]:
     """Return the words of the command that gives this result."""
-    given = _beside_defaults(result) if options is None else options
+    given = _find_changed_settings(result) if options is None else options
     words = ["opid", "modal", str(result.settings.get("study") or "STUDY.toml")]
-    for name, value in given.items():
-        words += [] if name == "free_linear" else [f"--{name.replace('_', '-')}", f"{value:g}"]
+    words += write_options({name: f"{value:g}" for name, value in given.items() if name != "free_linear"})
     if given.get("free_linear") is not None:
         words.append("--free-linear" if given["free_linear"] else "--fixed-linear")
     return words
 
 
-def _beside_defaults(result: ModalIdentification) -> dict[str, Any]:
+def _find_changed_settings(result: ModalIdentification) -> dict[str, Any]:
     names = ("stiffness_order", "damping_order", "free_linear", *THRESHOLDS)
     given = {name: result.settings[name] for name in names if result.settings.get(name) is not None}
     return {name: value for name, value in given.items() if value != getattr(ModalStudy, name)}
 
 
-def _lowest(estimates: tuple[Estimate, ...]) -> float | None:
+def _find_lowest(estimates: tuple[Estimate, ...]) -> float | None:
     return next((each.value for each in estimates if each.value is not None), None)
 
 
-def _percent(shift: Estimate, *, digits: int) -> str:
+def _format_percent(shift: Estimate, *, digits: int) -> str:
     # adding 0 turns -0 into 0
     return "-" if shift.value is None else f"{round(100 * shift.value, digits) + 0.0:+.{digits}f} %"
 
@@ -245,7 +263,7 @@ def _percent(shift: Estimate, *, digits: int) -> str:
 # ---- figures ----------------------------------------------------------------------------------------
 
 
-def figures_of(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Figure]:
+def list_figures(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Figure]:
     """Yield the figures, in the order of the work, for which the result has data."""
     yield Figure(
         "auto_mac",
@@ -276,7 +294,7 @@ def figures_of(result: ModalIdentification, truth: ModalTruth | None) -> Iterato
             ),
         )
     for fit in result.fits:
-        yield from _figures_of_mode(result, fit, truth)
+        yield from _list_mode_figures(result, fit, truth)
     for number, decay in enumerate(result.decays, start=1):
         yield Figure(
             f"decay_{number}",
@@ -286,13 +304,13 @@ def figures_of(result: ModalIdentification, truth: ModalTruth | None) -> Iterato
             _draw_decay(result, decay),
         )
     for number, test in enumerate(result.truth_tests, start=1):
-        yield from _figures_of_truth_test(result, number, test)
+        yield from _list_truth_test_figures(result, number, test)
 
 
-def _figures_of_mode(result: ModalIdentification, fit: ModeFit, truth: ModalTruth | None) -> Iterator[Figure]:
+def _list_mode_figures(result: ModalIdentification, fit: ModeFit, truth: ModalTruth | None) -> Iterator[Figure]:
     known = (
         " Green dots are the truth of the simulation: frequency and damping of this mode while all others are at rest."
-        if _true_mode(fit, truth)
+        if _find_true_mode(fit, truth)
         else ""
     )
 
@@ -309,7 +327,7 @@ def _figures_of_mode(result: ModalIdentification, fit: ModeFit, truth: ModalTrut
         "Stiffness force over displacement and damping force over velocity, whole and nonlinear part alone with its "
         "95 % band, and what they make of natural frequency and damping ratio. Beyond the drawn range the law is an "
         f"extrapolation.{known}",
-        lambda: plots.mode_restoring_force(fit, truth=_true_mode(fit, truth)),
+        lambda: plots.mode_restoring_force(fit, truth=_find_true_mode(fit, truth)),
     )
     if fit.orders:
         yield Figure(
@@ -320,7 +338,7 @@ def _figures_of_mode(result: ModalIdentification, fit: ModeFit, truth: ModalTrut
         )
 
 
-def _figures_of_truth_test(result: ModalIdentification, number: int, test: TruthTest) -> Iterator[Figure]:
+def _list_truth_test_figures(result: ModalIdentification, number: int, test: TruthTest) -> Iterator[Figure]:
     yield Figure(
         f"truth_test_{number}",
         f"Truth test {test.name}",
@@ -349,23 +367,23 @@ def _draw_decay(result: ModalIdentification, decay: Decay) -> Callable[[], Any]:
 
 
 def _draw_indicators(result: ModalIdentification) -> Any:
-    measured = _measured_indicators(result)
+    measured = _compute_measured_indicators(result)
     top = ABOVE_MODES * float(result.modes.frequency_hz.max())
     elastic = result.modes.frequency_hz[result.modes.elastic]
     frequency = np.linspace(0.5 * float(elastic.min()), top, N_LINES)
     made = cmif([resynthesised(result.modes, np.union1d(frequency, elastic), str(result.drive_point))])
     marked = {mode: float(result.modes.frequency_hz[mode - 1]) for mode in sorted(result.model.laws)}
-    zoomed = list(marked)[:5] if measured else []
+    zoomed = list(marked)[:MOST_ZOOMED] if measured else []
     return plots.mode_indicators(measured, made, marked=marked, zoomed=zoomed)
 
 
-def _measured_indicators(result: ModalIdentification) -> dict[str, ModeIndicator]:
+def _compute_measured_indicators(result: ModalIdentification) -> dict[str, ModeIndicator]:
     names = {name for shift in result.shifts for name in shift.levels}
-    tests = sorted((test for test in result.tests if test.name in names), key=_largest_force)
+    tests = sorted((test for test in result.tests if test.name in names), key=_find_largest_force)
     return {test.name: cmif([measured_response([test])]) for test in tests}
 
 
-def _largest_force(test: ModalTest) -> float:
+def _find_largest_force(test: ModalTest) -> float:
     return 0.0 if test.force is None else float(np.abs(test.force).max())
 
 
@@ -377,6 +395,6 @@ def _choose_sensors(result: ModalIdentification, test: TruthTest) -> list[str]:
     return list(dict.fromkeys([*drive, moves_most, test.worst_sensors[0]]))[:N_SENSORS_SHOWN]
 
 
-def _true_mode(fit: ModeFit, truth: ModalTruth | None) -> ModeTruth | None:
+def _find_true_mode(fit: ModeFit, truth: ModalTruth | None) -> ModeTruth | None:
     known = truth.nonlinear.get(fit.mode) if truth else None
     return known if known and known.amplitude else None

@@ -12,8 +12,21 @@ from opid import plots
 from opid.estimate import with_std
 from opid.mechanics.laws.law import LAWS, FloatArray
 from opid.mechanics.truth import UpdatingTruth
-from opid.report.document import Document, Figure, Paragraph, Remarks, Row, Table, columns, counted, warnings
-from opid.report.estimates import estimate_row, estimate_table, formula
+from opid.report.document import (
+    Document,
+    Figure,
+    Paragraph,
+    Remarks,
+    Row,
+    Table,
+    build_columns,
+    build_warnings,
+    format_count,
+    write_options,
+    write_sentence,
+)
+from opid.report.estimates import build_estimate_row, tabulate_estimates
+from opid.report.formulas import embed_formula
 from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Diagnostics
@@ -34,9 +47,9 @@ SONG = (
     "(2022)."
 )
 
-N_SENSORS_SHOWN = 6  # the most sensors in a figure of backbones
-N_DRAWS = 200  # samples that make the band of a force
-N_EXTENSIONS = 200  # extensions at which a force is computed
+N_SENSORS_SHOWN = 6  # a figure of backbones has at most this many sensors, two rows of three panels
+N_DRAWS = 200  # the band of a force is made of about this many samples: its ends need no more
+N_EXTENSIONS = 200  # a force is computed at this many extensions, so that its curve looks smooth
 KEPT = 0.01  # a mode counts as kept if the relative error of its frequency is smaller
 MOST_NAMED = 4  # this many modes at most are named one by one
 
@@ -48,44 +61,44 @@ _SIMULATED = (
 )
 
 
-def document_of(result: Updating, truth: UpdatingTruth | None = None) -> Document:
+def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Document:
     """Return the report of an updating."""
     tables = (
-        _class_table(result),
-        _coefficient_table(result, truth),
-        _linear_table(result, truth),
-        _mode_table(result),
-        _evidence_table(result),
-        _sensitivity_table(result),
-        _sampling_table(result),
-        _coverage_table(result),
+        _tabulate_classes(result),
+        _tabulate_coefficients(result, truth),
+        _tabulate_linear(result, truth),
+        _tabulate_modes(result),
+        _tabulate_evidences(result),
+        _tabulate_sensitivities(result),
+        _tabulate_sampling(result),
+        _tabulate_coverage(result),
     )
     return Document(
         result.title or "Bayesian updating",
         "Bayesian updating and class selection from backbones",
-        _best(result),
+        _say_best(result),
         result.not_determined,
         (
-            Paragraph(_basis(result)),
+            Paragraph(_say_basis(result)),
             *(table for table in tables if table.rows),
-            Remarks("Reduction", reduction_sentences(result)),
-            warnings(result.all_warnings),
+            Remarks("Reduction", say_reductions(result)),
+            build_warnings(result.all_warnings),
         ),
-        lambda: figures_of(result, truth),
-        _command(result),
+        lambda: list_figures(result, truth),
+        _write_command(result),
         source="study",
         reference=f"The method is that of {SONG}",
     )
 
 
-def _command(result: Updating) -> list[str]:
+def _write_command(result: Updating) -> list[str]:
     settings = result.settings
     words = ["opid", "update", str(settings.get("study") or "STUDY.toml"), "--form", result.form]
-    given = [name for name in ("sampler", "samples", "seed") if settings.get(name) is not None]
-    return [*words, *(word for name in given for word in (f"--{name}", str(settings[name])))]
+    given = {name: settings[name] for name in ("sampler", "samples", "seed") if settings.get(name) is not None}
+    return [*words, *write_options(given)]
 
 
-def _basis(result: Updating) -> str:
+def _say_basis(result: Updating) -> str:
     counts = [
         f"{sum(curve.mode == mode for curve in result.measured)} of mode {mode}"
         for mode in sorted({curve.mode for curve in result.measured})
@@ -94,14 +107,14 @@ def _basis(result: Updating) -> str:
     system = result.system
     form = FORMS.get(result.form)
     return (
-        f"{counted(len(result.measured), 'backbone')} ({', '.join(counts)}), {counted(points, 'point')}, "
-        f"{counted(len(system.sensors), 'sensor')}, {counted(len(system.joints), 'joint')}, "
-        f"{counted(system.n_modes, 'mode')} kept; likelihood {result.form!r}"
+        f"{format_count(len(result.measured), 'backbone')} ({', '.join(counts)}), {format_count(points, 'point')}, "
+        f"{format_count(len(system.sensors), 'sensor')}, {format_count(len(system.joints), 'joint')}, "
+        f"{format_count(system.n_modes, 'mode')} kept; likelihood {result.form!r}"
         f"{f' ({form})' if form else ''}."
     )
 
 
-def _best(result: Updating) -> str:
+def _say_best(result: Updating) -> str:
     best = next((each for each in result.classes if each.model_class.name == result.best_class), None)
     if best is None:
         return "No class of laws is the best."
@@ -113,11 +126,12 @@ def _best(result: Updating) -> str:
     ahead = best.log_evidence - second.log_evidence
     if not math.isfinite(ahead):
         return f"{named}; no other class can explain the data."
+    # exp(14) is more than a million
     odds = f"{math.exp(ahead):.3g} to 1" if ahead < 14 else "more than a million to 1"
     return f"{named}, ahead of {second.model_class.name} by {ahead:.2f} (odds {odds})."
 
 
-def _class_table(result: Updating) -> Table:
+def _tabulate_classes(result: Updating) -> Table:
     """The log evidence of each class, and its difference to the best (Song Table 3)."""
     named = [each.log_evidence for each in result.classes if each.model_class.name == result.best_class]
     best = named[0] if named else max((each.log_evidence for each in result.classes), default=0.0)
@@ -125,16 +139,21 @@ def _class_table(result: Updating) -> Table:
     for each in result.classes:
         first = each.evidences[0]
         marked = "best" if each.model_class.name == result.best_class else f"{first.log_evidence - best:+.2f}"
-        cells = (f"{first.log_evidence:.2f}", _spread(first.std) or "-", marked, f"{each.log_likelihood_at_best:.2f}")
+        cells = (
+            f"{first.log_evidence:.2f}",
+            _format_spread(first.std) or "-",
+            marked,
+            f"{each.log_likelihood_at_best:.2f}",
+        )
         rows.append((each.model_class.name, each.model_class.law_in_words, *cells))
-    heads = columns("class", "law", "log evidence", "std. dev.", "to the best", "log likelihood", left=(0, 1))
+    heads = build_columns("class", "law", "log evidence", "std. dev.", "to the best", "log likelihood", left=(0, 1))
     return Table(heads, tuple(rows), "Model classes")
 
 
-def _coefficient_table(result: Updating, truth: UpdatingTruth | None) -> Table:
+def _tabulate_coefficients(result: Updating, truth: UpdatingTruth | None) -> Table:
     """The parameters of each class, and its coefficients in SI units (Song Table 4)."""
-    return estimate_table(
-        (row for each in result.classes for row in _rows_of(each, truth)),
+    return tabulate_estimates(
+        (row for each in result.classes for row in _list_class_rows(each, truth)),
         truth,
         "Coefficients of the classes",
         legend="Each coefficient is its parameter θ times the scale of the class, in the unit of its row, for z in m "
@@ -143,43 +162,44 @@ def _coefficient_table(result: Updating, truth: UpdatingTruth | None) -> Table:
     )
 
 
-def _rows_of(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Row]:
+def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Row]:
     own = posterior.model_class
     several = len(own.kinds) > 1
     names = [f"k{number}" if several else "k" for number in range(1, len(own.kinds) + 1)]
-    terms = (formula(LAWS[kind].latex).replace("k", name, 1) for kind, name in zip(own.kinds, names, strict=True))
+    terms = (LAWS[kind].latex.replace("k", name, 1) for kind, name in zip(own.kinds, names, strict=True))
     scales = ", ".join(f"{name} = theta x {scale:.4g}" for name, scale in zip(names, own.scales, strict=True))
-    yield (f"{own.name}: f(z) = {' + '.join(terms)}, {scales}",)
-    true = true_theta(posterior, truth)
+    formula = embed_formula("f(z) = " + " + ".join(terms))
+    yield (f"{own.name}: {formula}, {scales}",)
+    true = find_true_theta(posterior, truth)
     coefficients = posterior.coefficients
     for number, (name, estimate) in enumerate(posterior.estimates.items()):
         kind, value = own.kinds[number], true[number]
-        yield estimate_row(name, "1", estimate, value)
+        yield build_estimate_row(name, "1", estimate, value)
         coefficient, unit = coefficients[kind]
         known = None if value is None else value * own.scales[number] + 0.0
-        yield estimate_row(short_kind(kind), unit, coefficient, known)
+        yield build_estimate_row(short_kind(kind), unit, coefficient, known)
 
 
-def _linear_table(result: Updating, truth: UpdatingTruth | None) -> Table:
+def _tabulate_linear(result: Updating, truth: UpdatingTruth | None) -> Table:
     """The linear parameters as factors of their nominal values (Song Table 1)."""
     true = truth.linear if truth else {}
     rows = (
-        estimate_row(name, "of nominal", estimate, true.get(name))
+        build_estimate_row(name, "of nominal", estimate, true.get(name))
         for name, estimate in (result.linear.estimates.items() if result.linear is not None else ())
     )
-    return estimate_table(rows, truth, "Linear structure")
+    return tabulate_estimates(rows, truth, "Linear structure")
 
 
-def _mode_table(result: Updating) -> Table:
+def _tabulate_modes(result: Updating) -> Table:
     """Frequency and MAC of each identified mode before and after linear updating (Song Table 2)."""
     rows = []
     for mode in result.linear.modes if result.linear is not None else ():
         hz = [f"{value:.2f} Hz" for value in (mode.identified_hz, mode.initial_hz, mode.updated_hz)]
         rows.append((str(mode.mode), *hz, f"{mode.initial_mac:.3f}", f"{mode.updated_mac:.3f}"))
-    return Table(columns("mode", "identified", "initial", "updated", "MAC, initial", "MAC, updated"), tuple(rows))
+    return Table(build_columns("mode", "identified", "initial", "updated", "MAC, initial", "MAC, updated"), tuple(rows))
 
 
-def _evidence_table(result: Updating) -> Table:
+def _tabulate_evidences(result: Updating) -> Table:
     """The log evidence of each class by each method, if there are several methods."""
     methods = list(dict.fromkeys(one.method for each in result.classes for one in each.evidences))
     rows = []
@@ -188,43 +208,45 @@ def _evidence_table(result: Updating) -> Table:
         cells = []
         for method in methods:
             found = by_method.get(method)
-            cells.append("-" if found is None else _with_std(found))
+            cells.append("-" if found is None else _format_evidence(found))
         rows.append((each.model_class.name, *cells))
     return Table(
-        columns("log evidence ± std. dev.", *methods),
+        build_columns("log evidence ± std. dev.", *methods),
         tuple(rows),
         note="Log evidence by every method that was run; classes are compared by the first.",
     )
 
 
-def _sensitivity_table(result: Updating) -> Table:
+def _tabulate_sensitivities(result: Updating) -> Table:
     names = list(dict.fromkeys(name for each in result.classes for name in each.prior_sensitivity))
     rows = []
     for each in result.classes if names else ():
         changes = [each.prior_sensitivity.get(name, math.nan) for name in names]
         rows.append((each.model_class.name, *(f"{c:+.2f}" if math.isfinite(c) else "-" for c in changes)))
     return Table(
-        columns("prior twice as wide", *names),
+        build_columns("prior twice as wide", *names),
         tuple(rows),
         note="What a prior twice as wide does to the log evidence: of a wide uniform prior -0.69, for log 2.",
     )
 
 
-def _sampling_table(result: Updating) -> Table:
+def _tabulate_sampling(result: Updating) -> Table:
     linear = [] if result.linear is None else [("linear", result.linear.diagnostics)]
     each = [*linear, *((each.model_class.name, each.diagnostics) for each in result.classes)]
-    heads = columns("sampling", "by", "samples", "evaluations", "accepted", "effective", "R-hat")
-    return Table(heads, tuple((name, *_sampling_cells(known)) for name, known in each))
+    heads = build_columns("sampling", "by", "samples", "evaluations", "accepted", "effective", "R-hat")
+    return Table(heads, tuple((name, *_format_diagnostics(known)) for name, known in each))
 
 
-def _coverage_table(result: Updating) -> Table:
+def _tabulate_coverage(result: Updating) -> Table:
     """The fraction of measured points within the predicted band, with a row a sensor and a column a mode."""
     modes = sorted({band.mode for band in result.prediction})
     rows = []
     for sensor in dict.fromkeys(band.sensor for band in result.prediction):
         own = [band for band in result.prediction if band.sensor == sensor]
         # a cell shows all bands of a mode and a sensor
-        cells = [", ".join(_percent(band.coverage) for band in own if band.mode == mode) or "-" for mode in modes]
+        cells = [
+            ", ".join(_format_percent(band.coverage) for band in own if band.mode == mode) or "-" for mode in modes
+        ]
         rows.append((f"sensor {sensor}", *cells))
     gaps = "".join(
         f" The band of mode {band.mode} has no frequency at {band.n_missing} of its {band.amplitude.size} "
@@ -233,32 +255,32 @@ def _coverage_table(result: Updating) -> Table:
         if band.n_missing
     )
     return Table(
-        columns("within the band", *(f"mode {mode}" for mode in modes)),
+        build_columns("within the band", *(f"mode {mode}" for mode in modes)),
         tuple(rows),
         note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
         f"points: it shows whether the errors are as large as assumed, and is no test on new data.{gaps}",
     )
 
 
-def _spread(std: float) -> str:
+def _format_spread(std: float) -> str:
     """The standard deviation of a log evidence; "" if it is negligible."""
     return f"{std:.2f}" if std >= 0.005 else ""
 
 
-def _with_std(found: Evidence) -> str:
-    return with_std(found.log_evidence, found.std) if _spread(found.std) else f"{found.log_evidence:.2f}"
+def _format_evidence(found: Evidence) -> str:
+    return with_std(found.log_evidence, found.std) if _format_spread(found.std) else f"{found.log_evidence:.2f}"
 
 
-def _percent(value: float) -> str:
+def _format_percent(value: float) -> str:
     return f"{100 * value:.0f} %" if math.isfinite(value) else "-"
 
 
-def _sampling_cells(each: Diagnostics) -> tuple[str, ...]:
+def _format_diagnostics(each: Diagnostics) -> tuple[str, ...]:
     return (
         each.sampler,
         str(each.n_samples),
         str(each.n_evaluations),
-        _percent(each.acceptance),
+        _format_percent(each.acceptance),
         f"{each.effective_samples:.0f}" if math.isfinite(each.effective_samples) else "-",
         f"{each.r_hat:.3f}" if math.isfinite(each.r_hat) else "-",
     )
@@ -267,33 +289,33 @@ def _sampling_cells(each: Diagnostics) -> tuple[str, ...]:
 # ---- what the reduction leaves out ------------------------------------------------------------------
 
 
-def reduction_sentences(result: Updating) -> tuple[str, ...]:
+def say_reductions(result: Updating) -> tuple[str, ...]:
     """Return how well each reduced structure keeps the modes of the whole one (Song Fig. 7)."""
     tested = sorted({curve.mode for curve in result.measured})
-    return tuple(_kept(each, tested) for each in result.reductions)
+    return tuple(_say_kept(each, tested) for each in result.reductions)
 
 
-def order_sentences(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
+def say_orders(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
     """Return the reasons for small values of the modal assurance criterion (MAC) of these reductions."""
-    return tuple(reason for each in reductions for reason in _reasons(each))
+    return tuple(reason for each in reductions for reason in _say_reasons(each))
 
 
-def _kept(errors: ReductionErrors, tested: Sequence[int]) -> str:
+def _say_kept(errors: ReductionErrors, tested: Sequence[int]) -> str:
     n = errors.relative.size
     parts = []
     compared = [mode for mode in tested if mode <= n]
     if compared:
         worst = float(np.abs(errors.relative[np.array(compared) - 1]).max())
-        parts.append(f"frequency of {_modes(compared)} off by at most {100 * worst:.1g} %")
+        parts.append(f"frequency of {_say_modes(compared)} off by at most {100 * worst:.1g} %")
     beyond = np.flatnonzero(np.abs(errors.relative) >= KEPT)
     n_kept = int(beyond[0]) if beyond.size else n
     if n_kept:
-        parts.append(f"{_modes(range(1, n_kept + 1))} by less than {100 * KEPT:g} %")
-    cut = f" ({counted(errors.n_cut, 'direction')} cut off)" if errors.n_cut else ""
-    return f"{counted(errors.n_dof, 'coordinate')}{cut}, {_BASES[errors.method]}: {', '.join(parts)}"
+        parts.append(f"{_say_modes(range(1, n_kept + 1))} by less than {100 * KEPT:g} %")
+    cut = f" ({format_count(errors.n_cut, 'direction')} cut off)" if errors.n_cut else ""
+    return f"{format_count(errors.n_dof, 'coordinate')}{cut}, {_BASES[errors.method]}: {', '.join(parts)}"
 
 
-def _reasons(errors: ReductionErrors) -> Iterator[str]:
+def _say_reasons(errors: ReductionErrors) -> Iterator[str]:
     number = np.arange(1, errors.nearest.size + 1)
     moved = np.flatnonzero((errors.nearest > 0) & (errors.nearest != number))
     lost = [int(mode) for mode in number[errors.nearest == 0]]
@@ -306,10 +328,10 @@ def _reasons(errors: ReductionErrors) -> Iterator[str]:
             f"{errors.nearest_mac[moved].min():.2f}), so that the MAC of equal numbers is small there"
         )
     if lost:
-        yield f"with {of} modes the shape of {_modes(lost)} is like no single one of the {number.size} compared"
+        yield f"with {of} modes the shape of {_say_modes(lost)} is like no single one of the {number.size} compared"
 
 
-def _modes(numbers: Sequence[int]) -> str:
+def _say_modes(numbers: Sequence[int]) -> str:
     """ "mode 3", "modes 1 to 9", "modes 7 and 8", "modes 2, 7 and 9"."""
     if len(numbers) == 1:
         return f"mode {numbers[0]}"
@@ -321,32 +343,32 @@ def _modes(numbers: Sequence[int]) -> str:
 # ---- figures ----------------------------------------------------------------------------------------
 
 
-def figures_of(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
+def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
     """Yield the figures, in the order of the work, for which the result has data."""
     for mode in sorted({curve.mode for curve in result.measured}):
-        yield _measured_figure(result, mode)
+        yield _build_measured_figure(result, mode)
     if result.linear is not None:
-        yield from _linear_figures(result.linear, truth)
+        yield from _list_linear_figures(result.linear, truth)
     if result.reductions:
-        yield _reduction_figure(result)
+        yield _build_reduction_figure(result)
     if result.classes:
-        yield from _class_figures(result, truth)
+        yield from _list_all_class_figures(result, truth)
     for mode in sorted({band.mode for band in result.prediction}):
-        yield _predicted_figure(result, mode)
+        yield _build_predicted_figure(result, mode)
 
 
-def _measured_figure(result: Updating, mode: int) -> Figure:
+def _build_measured_figure(result: Updating, mode: int) -> Figure:
     return Figure(
         f"measured_mode_{mode}",
         f"Mode {mode}: what was measured",
         "Amplitude of the first harmonic over the frequency of phase resonance, one curve a test. They should lie on "
         "each other: how far they do not is what the likelihood takes for errors. A loop or a peak is a modal "
         "interaction, of which one harmonic knows nothing.",
-        lambda: plots.measured_backbones(result.measured, mode, sensors=_moving(result, mode)),
+        lambda: plots.measured_backbones(result.measured, mode, sensors=_choose_sensors(result, mode)),
     )
 
 
-def _linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
+def _list_linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
     yield Figure(
         "linear_updating",
         "The linear structure, before and after",
@@ -373,10 +395,10 @@ def _linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -> Ite
     )
 
 
-def _reduction_figure(result: Updating) -> Figure:
-    sentences = (*reduction_sentences(result), *order_sentences(result.reductions))
+def _build_reduction_figure(result: Updating) -> Figure:
+    sentences = (*say_reductions(result), *say_orders(result.reductions))
     used, *others = result.reductions
-    caption = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
+    caption = " ".join(map(write_sentence, sentences))
     return Figure(
         "reduction",
         "What the reduction leaves out",
@@ -386,7 +408,7 @@ def _reduction_figure(result: Updating) -> Figure:
     )
 
 
-def _class_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
+def _list_all_class_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
     yield Figure(
         "log_evidences",
         "Which class",
@@ -402,10 +424,10 @@ def _class_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Fi
         lambda: _draw_forces(result, truth),
     )
     for number, posterior in enumerate(result.classes, start=1):
-        yield from _figures_of_class(number, posterior, truth)
+        yield from _list_class_figures(number, posterior, truth)
 
 
-def _figures_of_class(number: int, posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
+def _list_class_figures(number: int, posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
     name = posterior.model_class.name
     labels = posterior.labels
     yield Figure(
@@ -414,7 +436,7 @@ def _figures_of_class(number: int, posterior: ClassPosterior, truth: UpdatingTru
         "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
         "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
         lambda: plots.parameter_samples(
-            posterior.samples, labels, truth=true_theta(posterior, truth) if truth else None
+            posterior.samples, labels, truth=find_true_theta(posterior, truth) if truth else None
         ),
     )
     yield Figure(
@@ -425,7 +447,7 @@ def _figures_of_class(number: int, posterior: ClassPosterior, truth: UpdatingTru
     )
 
 
-def _predicted_figure(result: Updating, mode: int) -> Figure:
+def _build_predicted_figure(result: Updating, mode: int) -> Figure:
     n_missing = sum(band.n_missing for band in result.prediction if band.mode == mode)
     gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
     return Figure(
@@ -434,11 +456,11 @@ def _predicted_figure(result: Updating, mode: int) -> Figure:
         "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
         "the fraction within the band is no test on new data. Points that leave the band on one side, and more of them "
         f"with the amplitude, ask for another law.{gap}",
-        lambda: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
+        lambda: plots.predicted_backbones(_choose_bands(result, mode), result.measured, mode),
     )
 
 
-def true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[float | None]:
+def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[float | None]:
     """Return the true value of each parameter of a class; None for all if the class lacks a part of the true law."""
     own = posterior.model_class
     law = {term.name: term.amplitude for term in truth.law.terms} if truth else None
@@ -453,14 +475,14 @@ def _draw_forces(result: Updating, truth: UpdatingTruth | None) -> Any:
     extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
     return plots.joint_forces(
         extension,
-        [_force_band(each, extension) for each in result.classes],
+        [_compute_force_band(each, extension) for each in result.classes],
         best=result.best_class,
         truth=truth.law.force(extension, 0.0) if truth else None,
         reached=reached,
     )
 
 
-def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
+def _compute_force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
     own = posterior.model_class
     thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
     draws = np.array([own.law(theta).force(extension, 0.0) for theta in thinned])
@@ -468,7 +490,7 @@ def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
     return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
 
 
-def _moving(result: Updating, mode: int) -> list[str]:
+def _choose_sensors(result: Updating, mode: int) -> list[str]:
     curves = [curve for curve in result.measured if curve.mode == mode]
     largest: dict[str, float] = {}
     for curve in curves:
@@ -478,7 +500,7 @@ def _moving(result: Updating, mode: int) -> list[str]:
     return [sensor for sensor in largest if sensor in chosen]
 
 
-def _bands_shown(result: Updating, mode: int) -> list[Any]:
-    shown = set(_moving(result, mode)) if any(curve.mode == mode for curve in result.measured) else set()
+def _choose_bands(result: Updating, mode: int) -> list[Any]:
+    shown = set(_choose_sensors(result, mode)) if any(curve.mode == mode for curve in result.measured) else set()
     own = [band for band in result.prediction if band.mode == mode]
     return ([band for band in own if band.sensor in shown] or own)[:N_SENSORS_SHOWN]

@@ -16,13 +16,15 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
 from opid.provenance import traced
-from opid.report.as_text import as_text
-from opid.report.document import Block, Document, Figure, Remarks, Sketch, Table, ended
+from opid.report.as_text import lay_out_text
+from opid.report.document import Block, Document, Figure, Remarks, Sketch, Table, end_sentence
+from opid.report.formulas import write_html
 from opid.result import Result
 from opid.signals.files import write_together
 
@@ -36,7 +38,7 @@ class KindOfResult:
 
     Args:
         result: its class in `opid`, by the full name, so that no wing is loaded to know the kind of a result.
-        module: in `opid.report`, with `document_of`.
+        module: in `opid.report`, with `build_document`.
         truths: the records of a simulation with which it is compared.
     """
 
@@ -69,17 +71,17 @@ def text(result: Result, truth: Truth | None = None) -> str:
     Raises:
         InputError: what is no result, or a truth that is none of such a result.
     """
-    return as_text(document_of(result, truth))
+    return lay_out_text(build_document(result, truth))
 
 
-def document_of(result: Result, truth: Truth | None = None) -> Document:
+def build_document(result: Result, truth: Truth | None = None) -> Document:
     """Return the report of a result, from which its text and its page are made.
 
     Raises:
         InputError: what is no result, or a truth that is none of such a result.
     """
-    kind = _kind_of(result)
-    make: Callable[..., Document] = import_module(f"opid.report.{kind.module}").document_of
+    kind = _find_kind(result)
+    make: Callable[..., Document] = import_module(f"opid.report.{kind.module}").build_document
     if truth is None:
         return make(result)
     if not isinstance(truth, kind.truths):
@@ -116,25 +118,37 @@ def write_report(
     Raises:
         InputError: what is no result, a truth that is none of such a result, or a place that cannot be written to.
     """
-    document = document_of(result, truth)
+    document = build_document(result, truth)
     every = tuple(document.details())
     pictures = [block for block in every if isinstance(block, Figure)]
     charts, images = draw_figures(pictures if figures else [], png=png, progress=progress)
     shown = [block for block in every if figures or not isinstance(block, Figure)]
     words = document.command if command is None else command
-    html = as_page(document, (*document.blocks, *shown), charts, None if words is None else shlex.join(words))
+    target = Path(directory)
+    for chart in charts.values():
+        for trace in chart["data"]:
+            if "link" in trace:
+                trace["link"] = _link_to(Path(trace["link"]), target)
+    html = lay_out_page(
+        document, (*document.blocks, *shown), charts, None if words is None else shlex.join(words), directory=target
+    )
     contents = {f"{name}.png": image for name, image in images.items()}
-    contents["report.html"] = html.encode("utf-8", "backslashreplace")
+    contents[document.page_file] = html.encode("utf-8", "backslashreplace")
     # result.json is the last file, so that it never exists without its report
     contents[document.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
     write_together(directory, contents)
     # the figures of an older report would show another result
     for figure in () if images else pictures:
-        Path(directory, f"{figure.name}.png").unlink(missing_ok=True)
-    return Path(directory) / "report.html"
+        (target / f"{figure.name}.png").unlink(missing_ok=True)
+    return target / document.page_file
 
 
-def _kind_of(result: Result) -> KindOfResult:
+def _link_to(path: Path, directory: Path) -> str:
+    """Return the address of a file for a page in a directory, so that both may be moved together."""
+    return quote(Path(os.path.relpath(path, directory)).as_posix())
+
+
+def _find_kind(result: Result) -> KindOfResult:
     names = [f"{each.__module__}.{each.__qualname__}" for each in type(result).__mro__]
     for kind in KINDS:
         if f"opid.{kind.result}" in names:
@@ -147,7 +161,7 @@ def draw_figures(
     figures: Sequence[Figure], *, png: bool = False, progress: Callable[[str], None] | None = None
 ) -> tuple[dict[str, Chart], dict[str, bytes]]:
     """Return the chart of each figure by its name, and its PNG file where that is wanted."""
-    from opid.plots.charts.figure import chart_of
+    from opid.plots.charts.figure import build_chart
     from opid.plots.style import figure_of, png as png_of
 
     charts: dict[str, Chart] = {}
@@ -156,43 +170,50 @@ def draw_figures(
         if progress is not None:
             progress(f"figure {figure.name}")
         drawn = figure_of(figure.draw())
-        charts[figure.name] = chart_of(drawn)
+        charts[figure.name] = build_chart(drawn)
         if png:
             images[figure.name] = png_of(drawn)
     return charts, images
 
 
-def as_page(document: Document, blocks: Sequence[Block], charts: Mapping[str, Chart], command: str | None) -> str:
-    """Return a document as a page that opens offline, with its charts and their script inside."""
+def lay_out_page(
+    document: Document, blocks: Sequence[Block], charts: Mapping[str, Chart], command: str | None, *, directory: Path
+) -> str:
+    """Return a document as a page of a directory that opens offline, with its charts and their script inside."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup, escape
 
-    from opid.plots.style import pretty
+    from opid.plots.style import format_units
 
-    def printed(text: str) -> Markup:
-        return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(pretty(text)))))
+    def format_words(text: str) -> str:
+        return re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(format_units(text))))
 
-    def embedded(chart: Chart) -> Markup:
+    def format_text(text: str) -> Markup:
+        return Markup(write_html(text, format_words))
+
+    def embed_chart(chart: Chart) -> Markup:
         # no name of a channel can end the script or begin a comment in it
         return Markup(json.dumps(chart, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
     loader = PackageLoader("opid.report")
     page = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    page.filters |= {"printed": printed, "ended": ended, "kind": lambda block: type(block).__name__}
+    page.filters |= {"printed": format_text, "ended": end_sentence, "kind": lambda block: type(block).__name__}
     places = find_places(blocks)
-    page.filters |= {"embedded": embedded, "place": lambda block: places[id(block)]}
+    page.filters |= {"embedded": embed_chart, "place": lambda block: places[id(block)]}
+    page.filters["linked"] = lambda path: _link_to(path, directory)
     return page.get_template("document.html.jinja").render(
         document=document,
         blocks=blocks,
         charts=charts,
-        contents=[(heading_of(block), places[id(block)]) for block in blocks if heading_of(block)],
-        script=packed_script() if charts else "",
+        contents=[(find_heading(block), places[id(block)]) for block in blocks if find_heading(block)],
+        script=pack_script() if charts else "",
+        has_filter=any(isinstance(block, Table) and block.is_filtered for block in blocks),
         command=command,
         version=version("opid"),
     )
 
 
-def heading_of(block: Block) -> str:
+def find_heading(block: Block) -> str:
     """Return the heading of a block; empty if it has none."""
     if isinstance(block, Table):
         return block.title
@@ -209,14 +230,14 @@ def find_places(blocks: Sequence[Block]) -> dict[int, str]:
     """
     places: dict[int, str] = {}
     for block in blocks:
-        stem = re.sub(r"\W+", "-", heading_of(block).casefold()).strip("-")
+        stem = re.sub(r"\W+", "-", find_heading(block).casefold()).strip("-")
         n_before = sum(re.fullmatch(rf"{re.escape(stem)}(-\d+)?", place) is not None for place in places.values())
         places[id(block)] = f"{stem}-{n_before + 1}" if n_before else stem
     return places
 
 
 @cache
-def packed_script() -> str:
+def pack_script() -> str:
     """Return the script of Plotly, compressed: the page unpacks it, which makes it three times as small."""
     path = Path(str(files("plotly"))) / "package_data" / "plotly.min.js"
     return base64.b64encode(gzip.compress(path.read_bytes(), mtime=0)).decode()

@@ -11,9 +11,8 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
-from opid.studies.channels import CHANNEL, ChannelTable, as_table
-from opid.studies.run_files import RunFiles, read_beside, run_from_files, sources_of
-from opid.studies.schema import Document, Say, fields_of, prefix_errors, read_tables, recast, text_of
+from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, add_files, find_sources, read_run, tabulate_channel
+from opid.studies.schema import Document, Say, derive_record, format_toml, prefix_errors, read_tables, recast
 from opid.studies.study_file import TEST_BENCH
 from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run
@@ -22,7 +21,7 @@ _NAME = "the name of a channel in quotes"
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Bench(fields_of(BenchStudy, "title", "recording", "findings", "source")):  # type: ignore[misc]
+class _Bench(derive_record(BenchStudy, "title", "recording", "findings", "source")):  # type: ignore[misc]
     log: str
     force: Annotated[str, _NAME]
     travel: Annotated[str, _NAME]
@@ -48,23 +47,23 @@ class _Study:
 
 def build_study(document: Document, source: Path, say: Say) -> BenchStudy:
     """Read the log that a study file of a test bench names, and return the study."""
-    study, faults = bench_tables(document)
+    study, faults = read_bench_tables(document)
     refuse(faults, source)
     with prefix_errors(f"{source}: "):
-        read = _read(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
-        return replace(read, recording=read_beside(read.recording, source))
+        read = _read_log(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
+        return replace(read, recording=add_files(read.recording, source))
 
 
-def bench_tables(document: Document) -> tuple[_Study, list[str]]:
+def read_bench_tables(document: Document) -> tuple[_Study, list[str]]:
     """Return the content of a study file of a test bench, and its faults."""
     study, faults = read_tables(_Study, document)
     if study.bench:
-        faults += _unused_channels(study, "[channels]")
+        faults += _find_unused_channels(study, "[channels]")
     return study, faults
 
 
-def _unused_channels(study: _Study, where: str) -> list[str]:
-    """The faults of channels of which something is said in a place and that the bench does not take."""
+def _find_unused_channels(study: _Study, where: str) -> list[str]:
+    """Return the faults of channels that `where` describes and the bench does not take."""
     return [
         f"[bench] takes no channel {name!r}, which stands in {where} ({nearest(name, study.bench.channels)})"
         for name in study.channels
@@ -97,20 +96,20 @@ def bench_study_from_log(
         log=LogSettings(time_unit=time_unit),
         channels={name: ChannelTable(unit=unit) for name, unit in units.items()},
     )
-    refuse(_unused_channels(study, "--unit"), log)
-    return _read(study, Path(), progress, title=log.name, log=log, source=None)
+    refuse(_find_unused_channels(study, "--unit"), log)
+    return _read_log(study, Path(), progress, title=log.name, log=log, source=None)
 
 
 def write_files(study: BenchStudy, directory: Path) -> str:
     """Write the log of a test bench, and return the text of the study file."""
     write_log(study.recording, directory / "bench.csv")
-    return text_of(_Study(title=study.title, bench=recast(_Bench, study, log="bench.csv")))
+    return format_toml(_Study(title=study.title, bench=recast(_Bench, study, log="bench.csv")))
 
 
-def _read(study: _Study, directory: Path, say: Say, *, title: str, **origin: Any) -> BenchStudy:
+def _read_log(study: _Study, directory: Path, say: Say, *, title: str, **origin: Any) -> BenchStudy:
     bench = study.bench
-    channels = {name: as_table(ChannelTable, name, study.channels.get(name, name)) for name in bench.channels}
-    sources = sources_of(channels, run=title, log=bench.log, settings=study.log, directory=directory)
+    channels = {name: tabulate_channel(ChannelTable, name, study.channels.get(name, name)) for name in bench.channels}
+    sources = find_sources(channels, run=title, log=bench.log, settings=study.log, directory=directory)
     files = RunFiles(title, sources, 0.0, bench.start_s, bench.stop_s)
     if bench.quasi_static:
         for name in ("start_s", "stop_s"):
@@ -118,19 +117,19 @@ def _read(study: _Study, directory: Path, say: Say, *, title: str, **origin: Any
                 raise InputError(
                     f"[bench]: {name} beside quasi_static, where time means nothing: leave one of them out"
                 )
-        run = run_from_files(_without_time(files), is_bench=True, progress=say)
+        run = read_run(_drop_time(files), is_bench=True, progress=say)
     else:
-        run = _with_time(files, say)
+        run = _read_with_time(files, say)
     return recast(BenchStudy, bench, title=title, recording=run.recording, findings=run.findings, **origin)
 
 
-def _with_time(files: RunFiles, say: Say) -> Run:
+def _read_with_time(files: RunFiles, say: Say) -> Run:
     """Read a test with its time; if only the time is at fault, say how to do without it."""
     try:
-        return run_from_files(files, is_bench=True, progress=say)
+        return read_run(files, is_bench=True, progress=say)
     except InputError as error:
         has_stretch = files.start_s is not None or files.stop_s is not None
-        if has_stretch or not _is_readable(_without_time(files)):
+        if has_stretch or not _is_readable(_drop_time(files)):
             raise
         raise InputError(
             f"{error}; a test so slow that time means nothing needs none: --quasi-static, or quasi_static = true in a "
@@ -140,12 +139,12 @@ def _with_time(files: RunFiles, say: Say) -> Run:
 
 def _is_readable(files: RunFiles) -> bool:
     try:
-        return bool(run_from_files(files, is_bench=True))
+        return bool(read_run(files, is_bench=True))
     except InputError:
         return False
 
 
-def _without_time(files: RunFiles) -> RunFiles:
-    """The same logs with one second from each row to the next."""
+def _drop_time(files: RunFiles) -> RunFiles:
+    """Return the same logs with one second from each row to the next."""
     sources = {name: replace(each, settings=replace(each.settings, fs_hz=1.0)) for name, each in files.sources.items()}
     return replace(files, sources=sources)

@@ -17,26 +17,25 @@ from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
 from opid.signals.units import to_si
-from opid.studies.channels import CHANNEL, ChannelTable, as_table
-from opid.studies.run_files import read_beside
+from opid.studies.run_files import CHANNEL, ChannelTable, add_files, tabulate_channel
 from opid.studies.schema import (
     NO_KEY,
     Document,
     Say,
     collect_faults,
-    fields_of,
+    derive_record,
+    format_toml,
     read_tables,
     recast,
     require_plain,
-    stated,
-    text_of,
+    select_stated,
 )
 from opid.studies.study_file import MODAL_TESTS
 
 LARGEST_CSV = 3_000_000
 """Logs with more values than this, some 60 MB of text, are written as HDF5 if h5py is installed."""
 
-_Settings: Any = fields_of(ModalStudy, "title", "modes", "tests", "source", nonlinear=())
+_Settings: Any = derive_record(ModalStudy, "title", "modes", "tests", "source", nonlinear=())
 """The settings of the model, which stand in [modes] or beside it."""
 
 
@@ -47,7 +46,7 @@ class _Modes(_Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel(ChannelTable):
-    # all channels of a test come from one recorder
+    # All channels of a test come from one recorder.
     file: Annotated[None, NO_KEY] = None
     log: Annotated[None, NO_KEY] = None
     shift_s: Annotated[float, NO_KEY] = 0.0
@@ -65,7 +64,7 @@ class _Test:
     stop_s: float | None = None
 
     @property
-    def called(self) -> str:
+    def label(self) -> str:
         return self.name or Path(self.log).stem
 
 
@@ -84,9 +83,9 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     refuse(faults, source)
     names = {each.name for each in fields(_Settings)}
     inside, beside = (
-        {name: value for name, value in stated(table).items() if name in names} for table in (study.modes, study)
+        {name: value for name, value in select_stated(table).items() if name in names} for table in (study.modes, study)
     )
-    faults += [f"{name!r} stands in [modes] and beside it, give it once" for name in inside if name in beside]
+    faults += [f"{name!r} stands in [modes] and beside it: give it once" for name in inside if name in beside]
     modes: dict[str | None, LinearModes] = {}
     for name in dict.fromkeys([study.modes.file, *(each.modes for each in study.tests if each.modes is not None)]):
         with collect_faults(faults):
@@ -94,8 +93,8 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     settings: dict[str, Any] = {"nonlinear": (), "drive_point": None} | beside | inside
     linear = modes.get(study.modes.file)
     if linear is not None:
-        faults += _drive_point_faults(study, settings["drive_point"], linear)
-        # without this a sensor whose name is misspelt would be left out silently
+        faults += _check_drive_point(study, settings["drive_point"], linear)
+        # Without this check a sensor whose name is misspelt would be left out silently.
         known = [*linear.sensors, *dict.fromkeys(each.force for each in study.tests if each.force is not None)]
         faults += [
             f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
@@ -103,17 +102,17 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
             if name not in known
         ]
     refuse(faults, source)
-    assert linear is not None  # otherwise the study has been refused
+    assert linear is not None  # Otherwise the study has been refused.
     channels = {
-        name: recast(ChannelSettings, as_table(_Channel, name, entry)) for name, entry in study.channels.items()
+        name: recast(ChannelSettings, tabulate_channel(_Channel, name, entry)) for name, entry in study.channels.items()
     }
     tests = []
     for each in study.tests:
         say(each.log)
-        with collect_faults(faults, f"test {each.called!r}: "):
+        with collect_faults(faults, f"test {each.label!r}: "):
             file = each.modes or study.modes.file
-            test = _test(each, source.parent, modes[file], settings["drive_point"], study.log, channels)
-            test = replace(test, recording=read_beside(test.recording, source, source.parent / file))
+            test = _read_test(each, source.parent, modes[file], settings["drive_point"], study.log, channels)
+            test = replace(test, recording=add_files(test.recording, source, source.parent / file))
             tests.append(StudyTest(test, each.use or ("decay" if each.force is None else "fit"), each.mode))
     refuse(faults, source)
     title = source.stem if study.title is None else study.title
@@ -137,15 +136,15 @@ def write_files(study: ModalStudy, directory: Path) -> str:
         log = f"{test.name}{ending}"
         write_log(test.recording, directory / log)
         own = None if test.modes is study.modes else files[id(test.modes)]
-        entries.append(_Test(log=log, use=each.use, force=_force_channel(test), mode=each.mode, modes=own))
-    return text_of(_Study(title=study.title, modes=recast(_Modes, study, file="modes.npz"), tests=tuple(entries)))
+        entries.append(_Test(log=log, use=each.use, force=_find_force_channel(test), mode=each.mode, modes=own))
+    return format_toml(_Study(title=study.title, modes=recast(_Modes, study, file="modes.npz"), tests=tuple(entries)))
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------
 
 
-def _drive_point_faults(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
-    forced = [each.called for each in study.tests if each.force is not None]
+def _check_drive_point(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
+    forced = [each.label for each in study.tests if each.force is not None]
     if drive_point is None and not forced:
         return []
     if drive_point is None:
@@ -156,7 +155,7 @@ def _drive_point_faults(study: _Study, drive_point: str | None, modes: LinearMod
     return faults
 
 
-def _test(
+def _read_test(
     entry: _Test,
     directory: Path,
     modes: LinearModes,
@@ -166,7 +165,7 @@ def _test(
 ) -> ModalTest:
     log = open_log(directory / entry.log, how)
     force = entry.force
-    if force is None and entry.use is None and (seen := _force_seen(log)):
+    if force is None and entry.use is None and (seen := _spot_force(log)):
         raise InputError(
             f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
             "if nothing acts in the stretch that is used"
@@ -174,13 +173,13 @@ def _test(
     wanted = _choose_channels(log, modes, force, channels)
     recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
     _require_alive(recording, modes)
-    return modal_test(recording, modes, name=entry.called, force=force, drive_point=drive_point)
+    return modal_test(recording, modes, name=entry.label, force=force, drive_point=drive_point)
 
 
 def _choose_channels(
     log: Log, modes: LinearModes, force: str | None, channels: Mapping[str, ChannelSettings]
 ) -> dict[str, ChannelSettings]:
-    """The channels of a test: the force, and the sensors of the shapes that the log has."""
+    """Return the channels of a test: the force, and the sensors of the shapes that the log has."""
     names = [name for name in modes.sensors if name in channels or name in log.names]
     if not names:
         raise InputError(
@@ -193,15 +192,15 @@ def _choose_channels(
     return wanted
 
 
-def _force_seen(log: Log) -> str:
-    """The name of a channel in a unit of force; "" if there is none."""
+def _spot_force(log: Log) -> str:
+    """Return the name of a channel in a unit of force; "" if there is none."""
     for track in log.tracks:
         for channel in track.channels:
             try:
                 if channel.unit and to_si(channel.unit)[1] == "N":
                     return channel.name
             except InputError:
-                continue  # an unknown unit is refused when the channel is used
+                continue  # An unknown unit is refused when the channel is used.
     return ""
 
 
@@ -215,8 +214,8 @@ def _require_alive(recording: Recording, modes: LinearModes) -> None:
             )
 
 
-def _force_channel(test: ModalTest) -> str | None:
-    """The channel of a test that holds its force; None if there is no force."""
+def _find_force_channel(test: ModalTest) -> str | None:
+    """Return the channel of a test that holds its force; None if there is no force."""
     if test.force is None:
         return None
     recording = test.recording

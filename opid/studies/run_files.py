@@ -1,4 +1,4 @@
-"""The files of a run -> `Run`: its channels, the stretch to identify from, one clock."""
+"""The files of a run -> `Run`: its channels and their tables, the stretch to identify from, one clock."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
 
@@ -19,8 +20,7 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
-from opid.studies.channels import ChannelTable
-from opid.studies.schema import recast
+from opid.studies.schema import NO_KEY, recast
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import SAME_RATE, Run
 
@@ -29,7 +29,7 @@ DEFAULTS = RunSettings()
 
 @dataclass(frozen=True)
 class Source:
-    """The place of a channel.
+    """Where a channel is found.
 
     Args:
         file: the log.
@@ -72,7 +72,7 @@ class _Recorder:
     shift_s: float
 
 
-def run_from_files(
+def read_run(
     files: RunFiles,
     *,
     fs_hz: float | None = None,
@@ -94,33 +94,18 @@ def run_from_files(
             raise InputError(f"{word} is {value}: give a time in s, or leave it out")
     if files.start_s is not None and files.stop_s is not None and files.start_s >= files.stop_s:
         raise InputError(f"start_s is {files.start_s:g} and stop_s {files.stop_s:g}: give a stop after the start")
-    recorders, findings = _recorders(files, progress or (lambda step: None))
-    begin, end, reasons = files.start_s, files.stop_s, ""
-    for recorder in recorders:
-        serious = [finding for finding in recorder.health.findings if finding.severity != "note"]
-        if is_bench or files.start_s is not None or files.stop_s is not None:
-            # the channels are judged later, in the stretch that the user chose
-            findings += [finding for finding in serious if not finding.channel]
-            continue
-        segment = taxi_segment(recorder.health, tuple(recorder.channels))
-        starts = [begin, None if segment.start_s is None else segment.start_s + recorder.shift_s]
-        stops = [end, None if segment.stop_s is None else segment.stop_s + recorder.shift_s]
-        begin = max((each for each in starts if each is not None), default=None)
-        end = min((each for each in stops if each is not None), default=None)
-        faulty = any(left.why == "faulty" for left in segment.left_out)
-        findings += [finding for finding in serious if faulty or not finding.channel]
-        if segment.reason:
-            reasons += f" ({recorder.log.path.name}: {segment.reason})"
-            words = f"{recorder.log.path.name}: {segment.reason}"
-            findings.append(Finding("warning" if faulty else "note", "left_out", "", words))
-    if begin is not None and end is not None and begin >= end:
-        raise InputError(
-            f"the sound stretches of its logs share no time: from {begin:g} s on, up to {end:g} s{reasons}"
-        )
-    parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
+    recorders, findings = _open_recorders(files, progress or (lambda step: None))
+    if is_bench or files.start_s is not None or files.stop_s is not None:
+        # The channels are judged later, in the stretch that the user chose.
+        begin, end, reasons = files.start_s, files.stop_s, ""
+        findings += [each for recorder in recorders for each in _find_serious(recorder) if not each.channel]
+    else:
+        begin, end, reasons, more = _find_stretch(recorders)
+        findings += more
+    parts = [_read_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
     fs = fs if fs_hz or is_bench else _reduce_rate(fs, settings)
-    recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
+    recording, more = _put_on_one_clock(parts, tuple(files.sources), fs)
     if len({recorder.log.path for recorder in recorders}) > 1:
         words = (
             f"its channels come from {len(parts)} recorders: a wrong shift_s, or clocks that drift apart (20 ppm are "
@@ -134,29 +119,57 @@ def run_from_files(
     return Run(files.name, recording, files.mass_change_kg, (*findings, *more))
 
 
-def read_beside(recording: Recording, *files: Path) -> Recording:
+def _find_serious(recorder: _Recorder) -> list[Finding]:
+    return [finding for finding in recorder.health.findings if finding.severity != "note"]
+
+
+def _find_stretch(recorders: Sequence[_Recorder]) -> tuple[float | None, float | None, str, list[Finding]]:
+    """Return begin and end of the stretch that is sound in all files, why parts are left out, and the findings."""
+    begins: list[float] = []
+    ends: list[float] = []
+    reasons, findings = "", list[Finding]()
+    for recorder in recorders:
+        segment = taxi_segment(recorder.health, tuple(recorder.channels))
+        begins += [] if segment.start_s is None else [segment.start_s + recorder.shift_s]
+        ends += [] if segment.stop_s is None else [segment.stop_s + recorder.shift_s]
+        is_faulty = any(left.why == "faulty" for left in segment.left_out)
+        findings += [finding for finding in _find_serious(recorder) if is_faulty or not finding.channel]
+        if segment.reason:
+            words = f"{recorder.log.path.name}: {segment.reason}"
+            reasons += f" ({words})"
+            findings.append(Finding("warning" if is_faulty else "note", "left_out", "", words))
+    begin, end = max(begins, default=None), min(ends, default=None)
+    if begin is not None and end is not None and begin >= end:
+        raise InputError(
+            f"its logs have no sound stretch in common: one is sound only from {begin:g} s on, another only up to "
+            f"{end:g} s{reasons}; check shift_s, or give start_s and stop_s"
+        )
+    return begin, end, reasons, findings
+
+
+def add_files(recording: Recording, *files: Path) -> Recording:
     """Return a recording that also names other files that it depends on: the study, loading tables, modes."""
     return replace(recording, files=(*map(read_file, files), *recording.files))
 
 
-def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
+def bring_to_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
     """Return the runs at the lowest of their rates."""
     fs = min((run.recording.fs for run in runs), default=0.0)
     changed = []
     for run in runs:
-        recording, findings = _on_one_clock([run.recording], run.recording.names, fs, fs)
+        recording, findings = _put_on_one_clock([run.recording], run.recording.names, fs)
         changed.append(replace(run, recording=recording, findings=(*run.findings, *findings)))
     return tuple(changed)
 
 
-def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recorder], list[Finding]]:
+def _open_recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recorder], list[Finding]]:
     """Open and inspect each file once, and put the times of all on one axis."""
     groups: dict[tuple[Path, LogSettings, float], dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
         key = (source.file, source.settings, source.channel.shift_s)
         groups.setdefault(key, {})[name] = source.channel
     logs = {path: open_log(path, settings) for path, settings, _ in groups}
-    zero, findings = _zeros(logs, [shift_s for _, _, shift_s in groups])
+    zero, findings = _find_zeros(logs, [shift_s for _, _, shift_s in groups])
     recorders = []
     for (path, settings, shift_s), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
@@ -170,8 +183,8 @@ def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recor
     return recorders, findings
 
 
-def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:
-    """The time zero of each file, s after that of the first; 0 for all if not all files state it."""
+def _find_zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:
+    """Return the time zero of each file, s after that of the first; 0 for all if not all files state it."""
     if len(logs) == 1:
         return dict.fromkeys(logs, 0.0), []
     zeros = [log.zero for log in logs.values()]
@@ -188,8 +201,8 @@ def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Pa
     return dict.fromkeys(logs, 0.0), [Finding("note", "unknown_start", "", words)]
 
 
-def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:
-    """The stretch of one file with its times on the axis of the run."""
+def _read_part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:
+    """Return the stretch of one file with its times on the axis of the run."""
     shift_s = recorder.shift_s
     try:
         part = recording_of(
@@ -207,22 +220,20 @@ def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: 
     return replace(part, start_s=part.start_s + shift_s, history=(*part.history, words))
 
 
-def _on_one_clock(
-    parts: Sequence[Recording], order: Sequence[str], fs: float, fs_hz: float | None
-) -> tuple[Recording, list[Finding]]:
-    """The parts at one rate, and the findings that can no longer be seen once a part is resampled."""
+def _put_on_one_clock(parts: Sequence[Recording], order: Sequence[str], fs: float) -> tuple[Recording, list[Finding]]:
+    """Return the parts at one rate, and the findings that can no longer be seen once a part is resampled."""
     if len(parts) == 1 and abs(parts[0].fs / fs - 1) < SAME_RATE:
         return parts[0], []
     findings: list[Finding] = []
     for part in parts:
         findings += [f for f in inspect(part, thorough=False).findings if f.severity != "note" and f.channel]
-    mended = [_without_spikes(part) for part in parts]
+    mended = [_mend_spikes(part) for part in parts]
     recording = resampled(mended[0], fs) if len(parts) == 1 else on_common_clock(mended, order=order, fs_hz=fs)
     return recording, findings
 
 
-def _without_spikes(recording: Recording) -> Recording:
-    """The recording without single spikes, which the filter of the resampling would make longer."""
+def _mend_spikes(recording: Recording) -> Recording:
+    """Return the recording without single spikes, which the filter of the resampling would make longer."""
     columns, history = [], list(recording.history)
     for channel, samples in zip(recording.channels, recording.samples.T, strict=True):
         mended, spikes = remove_spikes(samples, fs=recording.fs)
@@ -235,10 +246,42 @@ def _reduce_rate(fs: float, settings: RunSettings) -> float:
     return fs if fs <= settings.reduced_above_hz else fs / int(fs // settings.reduced_to_hz)
 
 
-def sources_of(
+# ---- the tables [channels.NAME] of a study file -----------------------------------------------------
+
+CHANNEL = "the name of a channel, its number or a table"
+"""What an entry of [channels] may be."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelTable(ChannelSettings):
+    """A table [channels.NAME].
+
+    Args:
+        channel: as in `ChannelSettings`; the name of the table where left out.
+        log: how its file is to be read; as [log] says where left out.
+        given: the keys that stand in it.
+    """
+
+    ELSEWHERE: ClassVar[dict[str, str]] = {"name": "write `channel` for the name of the channel in the log"}
+    channel: str | int | None = None  # type: ignore[assignment]
+    log: LogSettings | None = None
+    given: Annotated[frozenset[str], NO_KEY] = frozenset()
+
+
+C = TypeVar("C", bound=ChannelTable)
+
+
+def tabulate_channel(kind: type[C], name: str, entry: str | int | C) -> C:
+    """Return an entry of [channels] as a table; the entry may be a name, a number or a table without either."""
+    if isinstance(entry, str | int):
+        return kind(channel=entry, given=frozenset({"channel"}))
+    return replace(entry, channel=name if entry.channel is None else entry.channel)
+
+
+def find_sources(
     channels: Mapping[str, ChannelTable], *, run: str, log: str | None, settings: LogSettings, directory: Path
 ) -> dict[str, Source]:
-    """Return the places of the channels of a run.
+    """Return where the channels of a run are found.
 
     Args:
         channels: by the names that they will have.

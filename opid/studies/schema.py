@@ -90,12 +90,14 @@ def read_tables(kind: Callable[..., T], document: Document) -> tuple[T, list[str
         document: what the file holds.
     """
     faults: list[str] = []
-    given = _arguments(kind, document, "the study", "", faults)
-    lacking = {name: None for name, (_, default) in _keys(kind).items() if default is MISSING and name not in given}
+    given = _read_arguments(kind, document, "the study", "", faults)
+    lacking = {
+        name: None for name, (_, default) in _list_keys(kind).items() if default is MISSING and name not in given
+    }
     return kind(**given, **lacking), faults
 
 
-def fields_of(record: Any, *others: str, **defaults: Any) -> Any:
+def derive_record(record: Any, *others: str, **defaults: Any) -> Any:
     """Return a record class with the fields of another one but for some, and with some other defaults."""
     hints, usual = get_type_hints(record), {each.name: each.default for each in fields(record)} | defaults
     given = [(name, hints[name], field_of(default=usual[name])) for name in usual if name not in others]
@@ -103,8 +105,8 @@ def fields_of(record: Any, *others: str, **defaults: Any) -> Any:
 
 
 @cache
-def _keys(kind: Any) -> dict[str, tuple[Any, Any]]:
-    """The keys of the table for a record, each with its type and its default; MISSING if it is required."""
+def _list_keys(kind: Any) -> dict[str, tuple[Any, Any]]:
+    """Return the keys of the table for a record, each with its type and its default; MISSING if it is required."""
     hints, found = get_type_hints(kind, include_extras=True), {}
     for field in fields(kind):
         if NO_KEY not in getattr(hints[field.name], "__metadata__", ()):
@@ -113,12 +115,12 @@ def _keys(kind: Any) -> dict[str, tuple[Any, Any]]:
     return found
 
 
-def _arguments(kind: Any, table: Document, where: str, path: str, faults: list[str]) -> dict[str, Any]:
-    """The sound entries of a table, as arguments of its record."""
-    keys, elsewhere, given = _keys(kind), getattr(kind, "ELSEWHERE", {}), {}
+def _read_arguments(kind: Any, table: Document, where: str, path: str, faults: list[str]) -> dict[str, Any]:
+    """Return the sound entries of a table, as arguments of its record."""
+    keys, elsewhere, given = _list_keys(kind), getattr(kind, "ELSEWHERE", {}), {}
     for name, value in table.items():
         if name in keys:
-            given[name] = _entry(keys[name][0], value, name, where, path, faults)
+            given[name] = _read_entry(keys[name][0], value, name, where, path, faults)
         elif name in elsewhere or ("" in elsewhere and not meant_by(name, keys)):
             faults.append(f"{where} has {name!r}, {elsewhere.get(name) or elsewhere['']}")
         else:
@@ -130,12 +132,12 @@ def _arguments(kind: Any, table: Document, where: str, path: str, faults: list[s
     return {name: value for name, value in given.items() if value is not _UNSOUND}
 
 
-def _record(kind: Any, table: object, where: str, path: str, faults: list[str]) -> Any:
+def _read_record(kind: Any, table: object, where: str, path: str, faults: list[str]) -> Any:
     if not isinstance(table, dict):
         faults.append(f"{where} is {_show(table)} where a table is needed")
         return _UNSOUND
     n_before = len(faults)
-    given = _arguments(kind, table, where, f"{path}.", faults)
+    given = _read_arguments(kind, table, where, f"{path}.", faults)
     if any(field.name == "given" for field in fields(kind)):
         given["given"] = frozenset(table)
     if len(faults) == n_before:
@@ -144,7 +146,7 @@ def _record(kind: Any, table: object, where: str, path: str, faults: list[str]) 
     return _UNSOUND
 
 
-def _entry(hint: Any, value: object, name: str, where: str, path: str, faults: list[str]) -> Any:
+def _read_entry(hint: Any, value: object, name: str, where: str, path: str, faults: list[str]) -> Any:
     try:
         return _convert(hint, value, path + name, faults)
     except _UnfitError as error:
@@ -153,8 +155,8 @@ def _entry(hint: Any, value: object, name: str, where: str, path: str, faults: l
 
 
 def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
-    """A value converted to its type: arrays to tuples, tables to records."""
-    kind = _bare(hint)
+    """Return a value converted to its type: arrays to tuples, tables to records."""
+    kind = _strip_words(hint)
     origin, within = get_origin(kind), get_args(kind)
     unfit = f"is {_show(value)}"
     if origin in _UNIONS:
@@ -162,9 +164,9 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
             try:
                 return _convert(member, value, path, faults)
             except _UnfitError as error:
-                if isinstance(error, _UnfitItemError):  # it says more than that the whole is unfit
+                if isinstance(error, _UnfitItemError):  # It says more than that the whole is unfit.
                     unfit = str(error)
-    is_whole = type(value) is int and -(2**63) <= value < 2**63  # the integers of TOML
+    is_whole = type(value) is int and -(2**63) <= value < 2**63  # These are the integers of TOML.
     if kind in (int, float):
         is_fit = is_whole or (kind is float and type(value) is float)
     else:
@@ -173,22 +175,24 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
         return value
     if isinstance(value, list) and origin is tuple and len(value) == (len(value) if ... in within else len(within)):
         hints = within[:1] * len(value) if ... in within else within
-        found = [_item(*each, path, faults) for each in zip(hints, value, range(1, len(value) + 1), strict=True)]
+        found = [_read_item(*each, path, faults) for each in zip(hints, value, range(1, len(value) + 1), strict=True)]
         return tuple(each for each in found if each is not _UNSOUND)
     if isinstance(value, dict) and is_dataclass(kind):
-        return _record(kind, value, f"[{path}]", path, faults)
+        return _read_record(kind, value, f"[{path}]", path, faults)
     if isinstance(value, dict) and origin is Mapping:
-        pairs = {name: _entry(within[1], each, name, f"[{path}]", f"{path}.", faults) for name, each in value.items()}
+        pairs = {
+            name: _read_entry(within[1], each, name, f"[{path}]", f"{path}.", faults) for name, each in value.items()
+        }
         if within[0] is int and not all(re.fullmatch(r"\d{1,9}", name) for name in pairs):
             raise _UnfitError(unfit)
         return {within[0](name): each for name, each in pairs.items() if each is not _UNSOUND}
     raise _UnfitError(unfit)
 
 
-def _item(hint: Any, value: Any, number: int, path: str, faults: list[str]) -> Any:
-    if is_dataclass(_bare(hint)):
+def _read_item(hint: Any, value: Any, number: int, path: str, faults: list[str]) -> Any:
+    if is_dataclass(_strip_words(hint)):
         name = value.get("name") if isinstance(value, dict) else None
-        return _record(
+        return _read_record(
             hint,
             value,
             f"[[{path}]] {repr(name) if name and isinstance(name, str) else f'number {number}'}",
@@ -201,7 +205,7 @@ def _item(hint: Any, value: Any, number: int, path: str, faults: list[str]) -> A
         raise _UnfitItemError(f"holds {_show(value)}") from None
 
 
-def _bare(hint: Any) -> Any:
+def _strip_words(hint: Any) -> Any:
     return get_args(hint)[0] if get_origin(hint) is Annotated else hint
 
 
@@ -211,7 +215,7 @@ def _show(value: object) -> str:
 
 
 def _say_what_is_needed(hint: Any, path: str) -> str:
-    """What a type needs, in words."""
+    """Return what a type needs, in words."""
     origin, within = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return str(hint.__metadata__[0])
@@ -262,18 +266,18 @@ def collect_faults(faults: list[str], words: str = "") -> Iterator[None]:
 # ---- records -> tables -----------------------------------------------------------------------------
 
 
-def stated(record: Any) -> dict[str, Any]:
+def select_stated(record: Any) -> dict[str, Any]:
     """Return the fields of a record that differ from their defaults.
 
     >>> from opid.signals.log import LogSettings
-    >>> stated(LogSettings(unit="g", skip_lines=2))
+    >>> select_stated(LogSettings(unit="g", skip_lines=2))
     {'unit': 'g', 'skip_lines': 2}
     """
     said = {}
-    for name, (_, default) in _keys(record.__class__).items():
+    for name, (_, default) in _list_keys(record.__class__).items():
         value = getattr(record, name)
         is_other = value != default
-        if value is not None and (stated(value) if is_dataclass(value) and default is not MISSING else is_other):
+        if value is not None and (select_stated(value) if is_dataclass(value) and default is not MISSING else is_other):
             said[name] = value
     return said
 
@@ -284,10 +288,10 @@ def recast(kind: Callable[..., T], record: Any, **others: Any) -> T:
     return kind(**{name: getattr(record, name) for name in shared} | others)
 
 
-def text_of(record: Any) -> str:
+def format_toml(record: Any) -> str:
     """Return a record as the text of a study file: defaults are left out, plain lists stand on one line."""
     plain, tables = {}, []
-    for name, value in _plain(record).items():
+    for name, value in _make_plain(record).items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
             tables += [f"\n[[{name}]]\n{tomli_w.dumps(each)}" for each in value]
         elif isinstance(value, dict):
@@ -295,18 +299,18 @@ def text_of(record: Any) -> str:
         else:
             plain[name] = value
     text = tomli_w.dumps(plain) + "".join(tables)
-    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, text)
+    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _join_lines, text)
 
 
-def _plain(value: Any) -> Any:
+def _make_plain(value: Any) -> Any:
     if is_dataclass(value):
-        return {name: _plain(each) for name, each in stated(value).items()}
+        return {name: _make_plain(each) for name, each in select_stated(value).items()}
     if isinstance(value, Mapping):
-        return {str(name): _plain(each) for name, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+        return {str(name): _make_plain(each) for name, each in value.items()}
+    return [_make_plain(each) for each in value] if isinstance(value, tuple) else value
 
 
-def _on_one_line(found: re.Match[str]) -> str:
+def _join_lines(found: re.Match[str]) -> str:
     return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
 
 

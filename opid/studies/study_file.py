@@ -173,7 +173,7 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     if kind is not None and f"{kind.__module__}.{kind.__qualname__}" != f"opid.{found.record}":
         command = f"opid {found.command} {shlex.quote(str(source))}"
         raise InputError(f"{source} is a study of {found.subject}: use `{command}`")
-    return _module_of(found).build_study(document, source, progress or (lambda step: None))
+    return _load_module(found).build_study(document, source, progress or (lambda step: None))
 
 
 def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
@@ -198,12 +198,12 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
         raise InputError(
             f"study is of type {type(study).__name__}: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
         )
-    text = _module_of(kind).write_files(study, target.parent)
+    text = _load_module(kind).write_files(study, target.parent)
     with write_whole(target) as file:
         file.write(text)
 
 
-def _module_of(kind: StudyKind) -> Any:
+def _load_module(kind: StudyKind) -> Any:
     return import_module(f"opid.studies.{kind.module}")
 
 
@@ -219,7 +219,7 @@ def kind_of(document: Document, source: Path) -> StudyKind:
     >>> kind_of({"tests": [], "modes": {}}, Path("study.toml")).command
     'modal'
     """
-    ranks = [_likeness(document, kind) for kind in KINDS]
+    ranks = [_count_tables(document, kind) for kind in KINDS]
     best = max(ranks)
     if best > (0, 0) and ranks.count(best) == 1:
         return KINDS[ranks.index(best)]
@@ -229,22 +229,22 @@ def kind_of(document: Document, source: Path) -> StudyKind:
     )
 
 
-def _there(document: Document, kind: StudyKind) -> set[str]:
-    """The tables of a kind that a file has; a misspelt name counts, too, unless another kind has it."""
+def _find_tables(document: Document, kind: StudyKind) -> set[str]:
+    """Return the tables of a kind that a file has; a misspelt name counts, too, unless another kind has it."""
     known = {name for each in KINDS for name in each.tables}
     unknown = {name: value for name, value in document.items() if name not in known}
     return {*kind.tables} & {*document, *find_misspelt(unknown, kind.tables)}
 
 
-def _likeness(document: Document, kind: StudyKind) -> tuple[int, int]:
-    """The numbers of tables in a file that only this kind has, and that this kind needs."""
-    there = _there(document, kind)
+def _count_tables(document: Document, kind: StudyKind) -> tuple[int, int]:
+    """Return the numbers of tables in a file that only this kind has, and that this kind needs."""
+    there = _find_tables(document, kind)
     of_others = {name for other in KINDS if other is not kind for name in other.tables}
     return len(there - of_others), len(there & {*kind.needs})
 
 
 def _say_what_lacks(document: Document) -> Iterator[str]:
     for kind in KINDS:
-        there = _there(document, kind)
+        there = _find_tables(document, kind)
         lacking = [f"lacks {name!r}, give {what}" for name, what in kind.needs.items() if name not in there]
         yield f"as a study of {kind.subject} it {', and '.join(lacking) or 'lacks nothing'}"

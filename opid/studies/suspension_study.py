@@ -18,21 +18,30 @@ from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.studies.channels import CHANNEL, ChannelTable, as_table
-from opid.studies.run_files import RunFiles, Source, at_one_rate, read_beside, run_from_files, sources_of
+from opid.studies.run_files import (
+    CHANNEL,
+    ChannelTable,
+    RunFiles,
+    Source,
+    add_files,
+    bring_to_one_rate,
+    find_sources,
+    read_run,
+    tabulate_channel,
+)
 from opid.studies.schema import (
     NO_KEY,
     Document,
     Say,
     collect_faults,
     find_misspelt,
+    format_toml,
     load,
     prefix_errors,
     read_tables,
     recast,
     require_plain,
-    stated,
-    text_of,
+    select_stated,
 )
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, LEAK_TOLERANCE, SIDES, Leak, SensorFacts, SensorPair, Side
@@ -49,7 +58,9 @@ from opid.suspensions.study import (
 
 # ---- the tables of a study file --------------------------------------------------------------------
 
-LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")  # of a loading table
+LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")
+"""The columns of a loading table."""
+
 FACTS = tuple(each.name for each in fields(SensorFacts))
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
@@ -172,7 +183,7 @@ class _Gear(_Study):
     sensors: Annotated[_GearSensors, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"] = _GearSensors()
     runs: Annotated[tuple[_Run, ...], SUSPENSIONS.needs["runs"]]
 
-    def as_body(self) -> _Body:
+    def to_body(self) -> _Body:
         """Return the gear as a body with one interface; its channels have the names of the recordings."""
         names = {key: entry if isinstance(entry, str) else key for key, entry in self.channels.items()}
         channels: dict[str, str | int | _Channel] = {}
@@ -180,7 +191,10 @@ class _Gear(_Study):
             if channels.setdefault(names[key], entry) != entry:
                 raise InputError(f"[channels]: {key!r} and another entry are both called {names[key]!r}: rename one")
         for side in SIDES:
-            beside, table = stated(getattr(self.sensors, side)), as_table(_Channel, side, self.channels[side])
+            beside, table = (
+                select_stated(getattr(self.sensors, side)),
+                tabulate_channel(_Channel, side, self.channels[side]),
+            )
             for fact in sorted(beside.keys() & table.given):
                 raise InputError(f"{fact!r} stands in [channels.{side}] and in [sensors.{side}]: give it once")
             channels[names[side]] = replace(table, **beside)
@@ -204,10 +218,10 @@ class _Gear(_Study):
         return recast(_Body, self, channels=channels, sensors=_Sensors(leak=leaks), interfaces=(gear,), runs=runs)
 
 
-def suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]]:
+def read_suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]]:
     """Return the content of a study file of suspensions and its faults; one with [[interfaces]] is that of a body.
 
-    >>> suspension_tables({"interfacs": [], "runs": []})[1]
+    >>> read_suspension_tables({"interfacs": [], "runs": []})[1]
     ["the study has an unknown key 'interfacs' (did you mean 'interfaces'?)"]
     """
     is_body = "interfaces" in {*document, *find_misspelt(document, [each.name for each in fields(_Body)])}
@@ -258,10 +272,10 @@ class LogReading:
 
 def build_study(document: Document, source: Path, say: Say) -> Study:
     """Read the logs and loading tables that a study file of suspensions names, and return the study."""
-    study = _sound_body(document, source)
+    study = _read_body(document, source)
     with prefix_errors(f"{source}: "):
-        interfaces, further = _with_facts(study)
-        all_files = [_run_files(study, run, source.parent) for run in study.runs]
+        interfaces, further = _attach_facts(study)
+        all_files = [_find_run_files(study, run, source.parent) for run in study.runs]
     runs: list[Run] = []
     faults: list[str] = []
     for each, files in zip(study.runs, all_files, strict=True):
@@ -274,15 +288,15 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
             else:
                 loading = tuple(PointMass(*row) for row in rows)
         with collect_faults(faults, f"run {files.name!r}: "):
-            run = run_from_files(files, fs_hz=study.fs_hz, progress=say)
-            runs.append(replace(run, loading=loading, recording=read_beside(run.recording, *beside)))
+            run = read_run(files, fs_hz=study.fs_hz, progress=say)
+            runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside)))
     refuse(faults, source)
     return recast(
         Study,
         study,
         title=source.stem if study.title is None else study.title,
         interfaces=interfaces,
-        runs=at_one_rate(_with_stretches_of_one_log(runs, all_files)),
+        runs=bring_to_one_rate(_warn_of_one_log(runs, all_files)),
         sensors=further,
         source=source,
     )
@@ -301,7 +315,7 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except OSError as error:
         raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
-    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
+    except ValueError as error:  # The text is no UTF-8, or the name holds a zero byte.
         raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
     delimiter = ";" if lines and ";" in lines[0] else ","
     head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
@@ -309,7 +323,7 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
     loading = []
     for number, row in enumerate([] if faults else rows, start=2):
         cells = [row[head.index(name)] if head.index(name) < len(row) else "" for name in LOADING_COLUMNS]
-        values = [_number(cell.replace(",", ".") if delimiter == ";" else cell) for cell in cells]
+        values = [_read_number(cell.replace(",", ".") if delimiter == ";" else cell) for cell in cells]
         faults += [
             f"has {cell!r} for {name} in row {number}, give a number"
             for name, cell, value in zip(LOADING_COLUMNS, cells, values, strict=True)
@@ -323,7 +337,7 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
     return tuple(loading)
 
 
-def _number(text: str) -> float | None:
+def _read_number(text: str) -> float | None:
     try:
         value = float(text)
     except ValueError:
@@ -331,27 +345,27 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _sound_body(document: Document, source: Path) -> _Body:
-    study, faults = suspension_tables(document)
+def _read_body(document: Document, source: Path) -> _Body:
+    study, faults = read_suspension_tables(document)
     refuse(faults, source)
     with prefix_errors(f"{source}: "):
-        return study.as_body() if isinstance(study, _Gear) else study
+        return study.to_body() if isinstance(study, _Gear) else study
 
 
-def _run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
+def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
     named = [*study.sensor_channels, *study.channels, *(leak.channel for leak in study.sensors.leak)]
-    channels = {name: as_table(_Channel, name, study.channels.get(name, name)) for name in named}
+    channels = {name: tabulate_channel(_Channel, name, study.channels.get(name, name)) for name in named}
     for name, own in run.channels.items():
         if isinstance(own, _Channel) and name in channels:
             channels[name] = replace(channels[name], **{each: getattr(own, each) for each in own.given})
         else:
-            channels[name] = as_table(_Channel, name, own)
-    sources = sources_of(channels, run=run.name, log=run.log, settings=study.log, directory=directory)
+            channels[name] = tabulate_channel(_Channel, name, own)
+    sources = find_sources(channels, run=run.name, log=run.log, settings=study.log, directory=directory)
     return RunFiles(run.name, sources, 0.0, run.start_s, run.stop_s)
 
 
-def _with_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
-    """The interfaces and the further sensors on the body, with the facts that are known of each sensor."""
+def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
+    """Return the interfaces and the further sensors on the body, with the facts that are known of each sensor."""
     for leak in study.sensors.leak:
         if leak.into not in study.sensor_channels:
             raise InputError(
@@ -359,24 +373,31 @@ def _with_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Body
                 f"{nearest(leak.into, study.sensor_channels)}"
             )
 
-    def facts(channel: str) -> SensorFacts:
-        return recast(SensorFacts, as_table(_Channel, channel, study.channels.get(channel, channel)))
+    def find_facts(channel: str) -> SensorFacts:
+        return recast(SensorFacts, tabulate_channel(_Channel, channel, study.channels.get(channel, channel)))
 
-    def leaks(**channels: str) -> tuple[Leak, ...]:
+    def find_leaks(**channels: str) -> tuple[Leak, ...]:
         into = [(leak, side) for leak in study.sensors.leak for side in SIDES if channels.get(side) == leak.into]
         return tuple(recast(Leak, leak, into=side) for leak, side in into)
 
     interfaces = (
-        (each, SensorPair(facts(each.unsprung), facts(each.sprung), leaks(unsprung=each.unsprung, sprung=each.sprung)))
+        (
+            each,
+            SensorPair(
+                find_facts(each.unsprung),
+                find_facts(each.sprung),
+                find_leaks(unsprung=each.unsprung, sprung=each.sprung),
+            ),
+        )
         for each in study.interfaces
     )
     return tuple(recast(MeasuredInterface, each, facts=pair) for each, pair in interfaces), tuple(
-        recast(BodySensor, each, facts=facts(each.channel), leaks=leaks(sprung=each.channel))
+        recast(BodySensor, each, facts=find_facts(each.channel), leaks=find_leaks(sprung=each.channel))
         for each in study.body_sensors
     )
 
 
-def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
+def _warn_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
     """Warn of runs from one log: they do not show how much flights differ."""
     found: list[Run] = []
     for index, (run, own) in enumerate(zip(runs, files, strict=True)):
@@ -386,12 +407,13 @@ def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -
             for other, theirs in zip(runs[:index], files, strict=False)
             if other.masses == run.masses and not logs.isdisjoint(each.file for each in theirs.sources.values())
         ]
-        words = (
-            f"it is from one log with run {' and '.join(map(repr, alike))} and counts as another flight, though it "
-            "says nothing about how much flights differ: the intervals are too narrow; give one run for each flight"
-        )
-        more = (Finding("warning", "same_log", "", words),) * bool(alike)
-        found.append(replace(run, findings=(*run.findings, *more)))
+        if alike:
+            words = (
+                f"it is from one log with run {' and '.join(map(repr, alike))} and counts as another flight, though it "
+                "says nothing about how much flights differ: the intervals are too narrow; give one run for each flight"
+            )
+            run = replace(run, findings=(*run.findings, Finding("warning", "same_log", "", words)))
+        found.append(run)
     return found
 
 
@@ -451,20 +473,20 @@ def study_from_logs(
             channel: Source(Path(path), ChannelSettings(channel), settings)
             for channel in dict.fromkeys((unsprung, sprung))
         }
-        run = run_from_files(RunFiles(name, sources, float(change)), progress=progress)
+        run = read_run(RunFiles(name, sources, float(change)), progress=progress)
         runs.append(replace(run, log=Path(path), log_settings=settings))
     return study_of_gear(
         title,
         sprung=sprung,
         unsprung=unsprung,
-        runs=at_one_rate(runs),
+        runs=bring_to_one_rate(runs),
         axis=axis,
         piston_area_m2=piston_area_m2,
         repeatability=repeatability,
     )
 
 
-def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> tuple[LogReading, ...]:
+def find_log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> tuple[LogReading, ...]:
     """Return how a study reads one log: like the first run that takes channels from it.
 
     Args:
@@ -482,30 +504,30 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     document = load(source)
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
         raise InputError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
-    study = _sound_body(document, source)
+    study = _read_body(document, source)
     with prefix_errors(f"{source}: "):
-        all_files = [_run_files(study, run, source.parent) for run in study.runs]
-    users = [(files.name, taken) for files in all_files if (taken := _taken(files, _real_path(log)))]
+        all_files = [_find_run_files(study, run, source.parent) for run in study.runs]
+    users = [(files.name, taken) for files in all_files if (taken := _find_taken(files, _resolve_path(log)))]
     if not users:
         return (LogReading(study.log),)
     runs = tuple(name for name, _ in users)
     return tuple(LogReading(how, channels, runs) for how, channels in users[0][1].items())
 
 
-def _taken(files: RunFiles, path: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
-    """The channels that a run takes from a file, grouped by the settings of the log."""
+def _find_taken(files: RunFiles, path: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
+    """Return the channels that a run takes from a file, grouped by the settings of the log."""
     taken: dict[LogSettings, dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
-        if _real_path(source.file) == path:
+        if _resolve_path(source.file) == path:
             taken.setdefault(source.settings, {})[name] = source.channel
     return taken
 
 
-def _real_path(path: str | os.PathLike[str]) -> str:
-    """The real path of a file, which need not exist."""
+def _resolve_path(path: str | os.PathLike[str]) -> str:
+    """Return the real path of a file, which need not exist."""
     try:
         return os.path.realpath(path)
-    except ValueError:  # a zero byte, which no name of a file holds
+    except ValueError:  # It holds a zero byte, which no name of a file does.
         return os.fspath(path)
 
 
@@ -518,11 +540,11 @@ def write_files(study: Study, directory: Path) -> str:
         require_plain("run", run.name)
     for run in study.runs:
         write_log(run.recording, directory / f"{run.name}.csv")
-    return text_of(_gear_of(study) if _is_told_by_channels(study) else _body_of(study))
+    return format_toml(_tabulate_gear(study) if _is_plain_gear(study) else _tabulate_body(study))
 
 
-def _is_told_by_channels(study: Study) -> bool:
-    """Whether a study file with [channels], which is that of one gear, can hold the whole study."""
+def _is_plain_gear(study: Study) -> bool:
+    """Return whether a study file with [channels], which is that of one gear, can hold the whole study."""
     first = study.interfaces[0]
     plain = MeasuredInterface(
         "gear", first.sprung, first.unsprung, facts=first.facts, axis=first.axis, piston_area_m2=first.piston_area_m2
@@ -530,7 +552,7 @@ def _is_told_by_channels(study: Study) -> bool:
     return study.is_one_gear and first == plain and study.structure == StructureSettings()
 
 
-def _gear_of(study: Study) -> _Gear:
+def _tabulate_gear(study: Study) -> _Gear:
     gear = study.interfaces[0]
     channels = {"unsprung": gear.unsprung, "sprung": gear.sprung}
     facts = gear.facts
@@ -540,28 +562,28 @@ def _gear_of(study: Study) -> _Gear:
         study,
         axis=gear.axis,
         piston_area_m2=gear.piston_area_m2,
-        channels=channels | _further_channels(study, channels.values()),
+        channels=channels | _list_further_channels(study, channels.values()),
         sensors=_GearSensors(unsprung=facts.unsprung, sprung=facts.sprung, leak=leaks),
-        runs=tuple(_Run(**_run_of(run), mass_change_kg=run.mass_change_kg) for run in study.runs),
+        runs=tuple(_Run(**_tabulate_run(run), mass_change_kg=run.mass_change_kg) for run in study.runs),
     )
 
 
-def _further_channels(study: Study, used: Collection[str]) -> dict[str, str]:
-    """The other channels of the runs, each by its own name, so that they are read back."""
+def _list_further_channels(study: Study, used: Collection[str]) -> dict[str, str]:
+    """Return the other channels of the runs, each by its own name, so that they are read back."""
     return {name: name for run in study.runs for name in run.recording.names if name not in used}
 
 
-def _run_of(run: Run) -> dict[str, Any]:
-    # with a start the whole log is read back; without one a stretch would be searched
+def _tabulate_run(run: Run) -> dict[str, Any]:
+    # With a start the whole log is read back; without one a stretch would be searched.
     return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s}
 
 
-def _body_of(study: Study) -> _Body:
+def _tabulate_body(study: Study) -> _Body:
     known = {interface.sprung: interface.facts.sprung for interface in study.interfaces}
     known |= {interface.unsprung: interface.facts.unsprung for interface in study.interfaces}
     known |= {sensor.channel: sensor.facts for sensor in study.sensors}
-    channels: dict[str, str | int | _Channel] = {**_further_channels(study, known)}
-    channels |= {name: recast(_Channel, facts, channel=name) for name, facts in known.items() if stated(facts)}
+    channels: dict[str, str | int | _Channel] = {**_list_further_channels(study, known)}
+    channels |= {name: recast(_Channel, facts, channel=name) for name, facts in known.items() if select_stated(facts)}
     leaks = tuple(
         _Leak(channel=channel, into=study.channels(side)[index], tolerance=tolerance)
         for channel, side, index, tolerance in study.leaks()
@@ -573,5 +595,5 @@ def _body_of(study: Study) -> _Body:
         interfaces=tuple(recast(_Interface, each) for each in study.interfaces),
         body_sensors=tuple(recast(_BodySensor, each) for each in study.sensors),
         sensors=_Sensors(leak=leaks),
-        runs=tuple(_BodyRun(**_run_of(run), loading=tuple(map(astuple, run.masses))) for run in study.runs),
+        runs=tuple(_BodyRun(**_tabulate_run(run), loading=tuple(map(astuple, run.masses))) for run in study.runs),
     )

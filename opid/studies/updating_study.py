@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.mechanics.laws.kinds import LAWS
 from opid.provenance import read_file
-from opid.studies.schema import Document, Say, collect_faults, fields_of, read_tables, text_of
+from opid.studies.schema import Document, Say, collect_faults, derive_record, format_toml, read_tables
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
@@ -36,10 +36,10 @@ _Dof = str | int
 _Ends = Annotated[tuple[_Dof, _Dof], "the two degrees of freedom that the joint lies between"]
 
 
-def _settings(*names: str) -> Any:
-    """The fields of the settings with these names; each is None if a study file does not have it."""
+def _derive_settings(*names: str) -> Any:
+    """Return the fields of the settings with these names; each is None if a study file does not have it."""
     others = [each.name for each in fields(UpdatingSettings) if each.name not in names]
-    return fields_of(UpdatingSettings, *others, **dict.fromkeys(names))
+    return derive_record(UpdatingSettings, *others, **dict.fromkeys(names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,12 +92,12 @@ class ClassTable:
     prior: Annotated[PriorRow | tuple[PriorRow, ...] | None, f"{PRIOR}, or one such list for each term"] = None
 
     def __post_init__(self) -> None:
-        _ = self.model  # so that its faults are reported when it is read
+        _ = self.model  # So the faults are reported when the table is read.
 
     @property
     def model(self) -> ModelClass:
         """The class that the table describes."""
-        kinds = tuple(kind_named(part) for part in self.law.split("+"))
+        kinds = tuple(find_spring(part) for part in self.law.split("+"))
         name = self.law if self.name is None else self.name
         scales = self.scale if isinstance(self.scale, tuple) else (self.scale,) * len(kinds)
         prior = astuple(Prior()) if self.prior is None else self.prior
@@ -105,17 +105,17 @@ class ClassTable:
         for what, given in (("scale", scales), ("prior", rows)):
             if len(given) != len(kinds):
                 raise InputError(f"class {name!r} has {len(kinds)} term(s) and {len(given)} {what}(s): give one a term")
-        values = tuple(_scale(scale, kind) for scale, kind in zip(scales, kinds, strict=True))
+        values = tuple(_read_scale(scale, kind) for scale, kind in zip(scales, kinds, strict=True))
         return ModelClass(name, kinds, values, tuple(Prior(*row) for row in rows))
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Sampling(_settings("sampler", "seed")):  # type: ignore[misc]
+class _Sampling(_derive_settings("sampler", "seed")):  # type: ignore[misc]
     samples: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Study(_settings("form", "harmonics")):  # type: ignore[misc]
+class _Study(_derive_settings("form", "harmonics")):  # type: ignore[misc]
     title: str | None = None
     structure: Annotated[_Structure, BACKBONES.needs["structure"]]
     log: _Log | None = None
@@ -140,31 +140,31 @@ class _Study(_settings("form", "harmonics")):  # type: ignore[misc]
 def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     """Read the matrices and the backbones that a study file names, and return the study."""
     study, faults = read_tables(_Study, document)
-    # the sound keys are read even so, and the faults of their files are reported with the others
-    parameters, wrong = _parameters(document.get("structure"))
+    # The sound keys are read even so, and the faults of their files are reported with the others.
+    parameters, wrong = _read_parameters(document.get("structure"))
     faults += wrong
     structure, files = None, [source]
     if study.structure:
         say("the matrices")
-        structure, wrong = _structure(study.structure, source.parent)
-        files += _files_of(study.structure, source.parent)
+        structure, wrong = _read_structure(study.structure, source.parent)
+        files += _list_files(study.structure, source.parent)
         faults += [f"[structure]: {fault}" for fault in wrong]
     backbones = []
     alike: dict[str, list[str]] = {}
     for entry in study.backbones or ():
         say(entry.file)
         try:
-            backbones.append(_backbone(entry, study.log, source.parent, structure))
+            backbones.append(_read_backbone(entry, study.log, source.parent, structure))
         except InputError as error:
             file = str(source.parent / entry.file)
             alike.setdefault(str(error).removeprefix(f"{file}: "), []).append(file)
-    faults += [_of_files(fault, files) for fault, files in alike.items()]
+    faults += [_prefix_files(fault, faulty) for fault, faulty in alike.items()]
     if structure is not None:
         faults += backbone_faults(structure, backbones)
     if faults:
         faults += study.settings.setting_faults
     refuse(faults, source)
-    assert structure is not None  # otherwise the study has been refused
+    assert structure is not None  # Otherwise the study has been refused.
     beside = tuple(map(read_file, files))
     return UpdatingStudy(
         title=source.stem if study.title is None else study.title,
@@ -180,7 +180,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
 
 def write_files(study: UpdatingStudy, directory: Path) -> str:
     """Write the structure and each backbone, and return the text of the study file."""
-    names = [_file_of(curve) for curve in study.backbones]
+    names = [_name_file(curve) for curve in study.backbones]
     for curve, name in zip(study.backbones, names, strict=True):
         if name == ".csv" or names.count(name) > 1:
             raise InputError(f"the backbone {curve.name!r} cannot name its file: give each a name of its own")
@@ -189,27 +189,27 @@ def write_files(study: UpdatingStudy, directory: Path) -> str:
     write_structure(directory / "structure.npz", study.structure)
     for curve, name in zip(study.backbones, names, strict=True):
         write_backbone(curve, directory / name)
-    return _text(study, study.structure, names)
+    return _format_study(study, study.structure, names)
 
 
 # ---- tables -> study -------------------------------------------------------------------------------
 
 
-def _of_files(fault: str, files: Sequence[str]) -> str:
-    """A fault with the files that have it, unless it names its file itself."""
+def _prefix_files(fault: str, files: Sequence[str]) -> str:
+    """Return a fault with the files that have it, unless it names its file itself."""
     if len(files) == 1:
         return f"[[backbones]] {fault}" if files[0] in fault else f"[[backbones]] {files[0]}: {fault}"
     return f"[[backbones]] {len(files)} files ({shortened([Path(file).name for file in files])}): {fault}"
 
 
-def _parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
-    """The prior of each factor to update, and the faults of these keys, even if other keys of their table are wrong."""
+def _read_parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
+    """Return the prior of each factor to update, and the faults of these keys, even if other keys are wrong."""
     given = table if isinstance(table, dict) else {}
     factors, _ = read_tables(_Structure, {name: given[name] for name in ("parameters", "priors") if name in given})
     found: dict[str, Prior] = dict.fromkeys(map(str, factors.parameters), FACTOR_PRIOR)
     faults: list[str] = []
     if not found and given.get("parameters"):
-        return found, faults  # the list itself is at fault
+        return found, faults  # The list itself is at fault, and `read_tables` has reported it.
     for name, row in factors.priors.items():
         if name not in found:
             hint = nearest(name, found) if found else "'parameters' names none"
@@ -219,12 +219,12 @@ def _parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
     return found, faults
 
 
-def _files_of(table: _Structure, directory: Path) -> list[Path]:
+def _list_files(table: _Structure, directory: Path) -> list[Path]:
     matrices = [table.matrices] if isinstance(table.matrices, str) else [*table.matrices.values()]
     return [directory / name for name in (*matrices, *([table.dofs] if isinstance(table.dofs, str) else []))]
 
 
-def _structure(table: _Structure, directory: Path) -> tuple[AffineStructure | None, list[str]]:
+def _read_structure(table: _Structure, directory: Path) -> tuple[AffineStructure | None, list[str]]:
     given, dofs = table.matrices, table.dofs
     return checked_structure(
         directory / given if isinstance(given, str) else {name: directory / file for name, file in given.items()},
@@ -235,7 +235,7 @@ def _structure(table: _Structure, directory: Path) -> tuple[AffineStructure | No
     )
 
 
-def _backbone(
+def _read_backbone(
     entry: _Backbone, log: _Log | None, directory: Path, structure: AffineStructure | None
 ) -> MeasuredBackbone:
     return read_backbone(
@@ -248,13 +248,13 @@ def _backbone(
     )
 
 
-def kind_named(text: str) -> str:
+def find_spring(text: str) -> str:
     """Return the kind of spring that a short or a full name means.
 
     Raises:
         InputError: there is none.
 
-    >>> kind_named(" cubic "), kind_named("gas column")
+    >>> find_spring(" cubic "), find_spring("gas column")
     ('cubic_stiffness', 'gas_column')
     """
     plain = "_".join(text.lower().split())
@@ -265,8 +265,8 @@ def kind_named(text: str) -> str:
     raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, springs)}")
 
 
-def _scale(given: float | str, kind: str) -> float:
-    """The scale of a term in SI units."""
+def _read_scale(given: float | str, kind: str) -> float:
+    """Return the scale of a term in SI units."""
     unit = LAWS[kind].parameters[0].unit
     if not isinstance(given, str):
         return float(given)
@@ -286,12 +286,12 @@ def _scale(given: float | str, kind: str) -> float:
 # ---- study -> tables -------------------------------------------------------------------------------
 
 
-def _file_of(curve: MeasuredBackbone) -> str:
-    """The name of the file of a backbone."""
+def _name_file(curve: MeasuredBackbone) -> str:
+    """Return the name of the file of a backbone."""
     return "_".join(re.findall(r"[\w.+-]+", curve.name)).lstrip(".") + ".csv"
 
 
-def table_of_class(model: ModelClass) -> ClassTable:
+def tabulate_class(model: ModelClass) -> ClassTable:
     """Return the table that describes a class."""
     scales, priors = model.scales, tuple(astuple(each) for each in model.priors)
     return ClassTable(
@@ -302,8 +302,8 @@ def table_of_class(model: ModelClass) -> ClassTable:
     )
 
 
-def _text(study: UpdatingStudy, structure: AffineStructure, files: Sequence[str]) -> str:
-    return text_of(
+def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Sequence[str]) -> str:
+    return format_toml(
         _Study(
             title=study.title,
             form=study.form,
@@ -325,7 +325,7 @@ def _text(study: UpdatingStudy, structure: AffineStructure, files: Sequence[str]
                 )
                 for curve, file in zip(study.backbones, files, strict=True)
             ),
-            classes=tuple(table_of_class(each) for each in study.classes),
+            classes=tuple(tabulate_class(each) for each in study.classes),
             sampling=_Sampling(sampler=study.sampler, samples=study.n_samples, seed=study.seed),
             noise=study.noise,
         )

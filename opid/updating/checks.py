@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -72,17 +71,6 @@ def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> I
                     refuse_unseen(modes, mode - 1, modes.sensors.index(sensor))
             except InputError as error:
                 yield str(error)
-
-
-def structure_faults(structure: AffineStructure) -> Iterator[str]:
-    """Yield whether the mass or the nominal stiffness is not positive."""
-    if (worst := _least_eigenvalue(structure.mass)) <= 0:
-        yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
-    # A free structure has eigenvalues of 0, which rounding may make negative.
-    stiffness = structure.stiffness_at({})
-    largest = float(np.abs(stiffness.diagonal()).max(initial=0.0))
-    if (worst := _least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
-        yield f"the stiffness matrix is not positive (eigenvalue {worst:.3g} N/m): look for a wrong sign"
 
 
 def nominal_modes(structure: AffineStructure, n_modes: int) -> JointedModes:
@@ -219,40 +207,3 @@ def _find_crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
 def _find_ratio(one: float, other: float) -> float:
     """Return the ratio of two frequencies, the larger over the smaller."""
     return max(one, other) / max(min(one, other), 1e-12)
-
-
-def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
-    """Return the least eigenvalue if it is negative, else 0 or a positive number: pivots show its sign (Sylvester)."""
-    from scipy import sparse
-    from scipy.sparse.linalg import eigsh
-
-    found = sparse.csc_matrix(matrix)
-    if found.shape[0] <= 2:
-        return float(np.linalg.eigvalsh(found.toarray())[0])
-    if _is_positive(found, shift):
-        return 1.0
-    # No eigenvalue lies below -largest; the first shift that is enough is at most ten times too large.
-    largest = float(np.abs(found).sum(axis=0).max())
-    shift = max(shift, 1e-12 * largest)
-    while shift < largest and not _is_positive(found, shift):
-        shift *= 10
-    try:
-        # All eigenvalues lie above -shift, so the nearest to it is the least.
-        return float(eigsh(found, k=1, sigma=-shift, return_eigenvectors=False, tol=1e-4)[0])
-    except (RuntimeError, ValueError):  # the shift is an eigenvalue, or the iteration does not converge
-        return -shift
-
-
-def _is_positive(matrix: Any, shift: float) -> bool:
-    """Return whether a sparse matrix plus `shift` times the identity has positive pivots only."""
-    from scipy import sparse
-    from scipy.sparse.linalg import splu
-
-    try:
-        factors = splu(
-            matrix + shift * sparse.identity(matrix.shape[0], format="csc"),
-            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
-    except RuntimeError:  # singular
-        return False
-    return bool((factors.U.diagonal() > 0).all() and (factors.perm_r == factors.perm_c).all())

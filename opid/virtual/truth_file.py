@@ -53,11 +53,11 @@ def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike
     target = make_directory(directory)
     write_study(study, target / "study.toml")
     with write_whole(target / "truth.json") as file:
-        file.write(json_text(truth_table(truth)))
+        file.write(json_text(tabulate_truth(truth)))
     return target / "study.toml"
 
 
-def truth_table(truth: Truth) -> dict[str, Any]:
+def tabulate_truth(truth: Truth) -> dict[str, Any]:
     """Return the content of truth.json: `schema`, the fields of the record, and `settings`."""
     kind = _KINDS[type(truth)]
     return plain({"schema": kind.schema, **kind.tables(truth), "settings": dict(truth.settings)})

@@ -73,7 +73,7 @@ class Appropriation:
         levels: one level for each voltage.
         range_hz: lowest and highest frequency that the loop could take, Hz.
         settings: settings of the loop.
-        noise_share: standard deviation of the noise of the readings over the rms of their clean signal.
+        noise_fraction: standard deviation of the noise of the readings over the rms of their clean signal.
     """
 
     mode: int
@@ -82,7 +82,7 @@ class Appropriation:
     levels: tuple[AppropriationLevel, ...]
     range_hz: tuple[float, float]
     settings: PhaseLock
-    noise_share: float
+    noise_fraction: float
 
     @property
     def voltage_v(self) -> FloatArray:
@@ -206,7 +206,7 @@ def appropriate_force(
     levels_v: ArrayLike,
     rng: np.random.Generator,
     drive_point: str | None = None,
-    noise_share: float = 0.01,
+    noise_fraction: float = 0.01,
     settings: PhaseLock | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Appropriation:
@@ -232,7 +232,7 @@ def appropriate_force(
         levels_v: (n,) amplitudes of the voltage, V (N without a shaker), see `levels_for`.
         rng: source of the noise.
         drive_point: the sensor at the drive point; where left out, the one that reads the same motion.
-        noise_share: standard deviation of the white noise over the rms of the clean signal of each channel.
+        noise_fraction: standard deviation of the white noise over the rms of the clean signal of each channel.
         settings: settings of the loop; the usual ones where left out.
         progress: a function that is called with the number of levels done and the number of all.
 
@@ -244,7 +244,7 @@ def appropriate_force(
     if voltages.ndim != 1 or not voltages.size or not ((voltages > 0.0) & np.isfinite(voltages)).all():
         raise InputError(f"levels_v is {levels_v!r}: give positive voltages, one a level")
     control = make_controller(
-        rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng
+        rig, modes, mode, drive_point=drive_point, settings=settings, noise_fraction=noise_fraction, rng=rng
     )
     loop, levels = control.start(), []
     for voltage in voltages:
@@ -253,7 +253,7 @@ def appropriate_force(
         if progress:
             progress(len(levels), voltages.size)
     point, range_hz = control.drive_point, control.range_hz
-    return Appropriation(mode, modes, point, tuple(levels), range_hz, control.settings, noise_share)
+    return Appropriation(mode, modes, point, tuple(levels), range_hz, control.settings, noise_fraction)
 
 
 def levels_for(
@@ -266,7 +266,7 @@ def levels_for(
     n_levels: int = 70,
     lowest_fraction: float = 0.02,
     drive_point: str | None = None,
-    noise_share: float = 0.01,
+    noise_fraction: float = 0.01,
     settings: PhaseLock | None = None,
 ) -> FloatArray:
     """Return voltages (n_levels,), V, at equal ratios, the last of which brings the drive point to an amplitude.
@@ -274,7 +274,7 @@ def levels_for(
     The structure is driven from a low voltage up until the amplitude is right to 1 %.
 
     Args:
-        rig: the structure with its sensors and its shaker; it and `modes`, `mode`, `drive_point`, `noise_share` and
+        rig: the structure with its sensors and its shaker; it and `modes`, `mode`, `drive_point`, `noise_fraction` and
             `settings` are those of `appropriate_force`.
         top_m_per_s2: amplitude of the fundamental at the drive point, m/s^2.
         rng: source of the noise.
@@ -291,7 +291,7 @@ def levels_for(
             "more levels, a positive amplitude and a fraction between 0 and 1"
         )
     control = make_controller(
-        rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng
+        rig, modes, mode, drive_point=drive_point, settings=settings, noise_fraction=noise_fraction, rng=rng
     )
     loop, index, point = control.start(), modes.index(mode), modes.sensors.index(control.drive_point)
     # This force is surely too low: it assumes linear damping, and nothing lost in the shaker.

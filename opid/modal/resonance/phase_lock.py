@@ -91,7 +91,7 @@ class Controller:
     columns: tuple[int, ...]  # columns of the readings, one for each sensor of the modes
     range_hz: tuple[float, float]  # lowest and highest frequency, Hz
     settings: PhaseLock  # settings of the loop
-    noise_share: float  # standard deviation of the noise over the rms of the clean signal of each channel
+    noise_fraction: float  # standard deviation of the noise over the rms of the clean signal of each channel
     rng: np.random.Generator  # source of the noise
 
     @property
@@ -142,7 +142,7 @@ class Controller:
         readings, state = self._drive_periods(loop, voltage_v, n_periods)
         clean = np.column_stack([readings.force, readings.acceleration[:, list(columns)]])[:-1]
         rms = np.sqrt(np.mean(clean**2, axis=0))
-        return clean + self.rng.standard_normal(clean.shape) * (self.noise_share * rms), state
+        return clean + self.rng.standard_normal(clean.shape) * (self.noise_fraction * rms), state
 
     def _drive_periods(self, loop: Loop, voltage_v: float, n_periods: int) -> tuple[Readings, State]:
         """Return clean readings of whole periods from phase zero; the last sample is the first of the next call."""
@@ -168,7 +168,7 @@ def make_controller(
     *,
     drive_point: str | None,
     settings: PhaseLock | None,
-    noise_share: float,
+    noise_fraction: float,
     rng: np.random.Generator,
 ) -> Controller:
     """Return a loop ready to hold one mode of a rig at phase resonance.
@@ -190,8 +190,8 @@ def make_controller(
             raise InputError(f"the rig has no sensor {name!r} of the modes: {nearest(name, rig.sensor_names)}")
     if modes.row(point)[index] == 0.0:
         raise InputError(f"the drive point {point!r} does not move in mode {mode}: choose a drive point that moves")
-    if not 0.0 <= noise_share < np.inf:
-        raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
+    if not 0.0 <= noise_fraction < np.inf:
+        raise InputError(f"noise_fraction is {noise_fraction}: give 0 or more, 0.01 for 1 %")
     below, above = modes.neighbours_hz(mode)
     range_hz = chosen.range_hz or (
         max((1 - MODAL.widest_range) * natural_hz, (below + natural_hz) / 2.0),
@@ -207,7 +207,7 @@ def make_controller(
     steps = -(-open_rig(rig, fs).steps_per_sample // 2)
     columns = tuple(rig.sensor_names.index(name) for name in modes.sensors)
     opened = open_rig(rig, fs, steps_per_sample=steps)
-    return Controller(opened, modes, mode, point, columns, range_hz, chosen, noise_share, rng)
+    return Controller(opened, modes, mode, point, columns, range_hz, chosen, noise_fraction, rng)
 
 
 def find_resonance_error(acceleration: complex, force: complex) -> float:

@@ -31,22 +31,22 @@ from opid.plots.charts.looks import (
     CLEAR,
     PX_PER_PT,
     Json,
-    abscissae_of,
-    bold_as,
-    color_of,
-    colorscale_of,
-    filled,
+    describe_colormap,
+    describe_line,
+    describe_marker,
+    encode_abscissae,
+    encode_matrix,
+    encode_numbers,
+    fill_masked,
+    find_label,
+    find_unit,
+    format_bold,
+    format_color,
+    format_html,
     has_line,
     has_marker,
-    html_of,
     is_clear,
-    joined,
-    label_of,
-    line_of,
-    marker_of,
-    numbers_of,
-    rows_of,
-    unit_of,
+    join_lines,
 )
 
 _STEPS = {"steps": "vh", "steps-pre": "vh", "steps-mid": "hvh", "steps-post": "hv"}
@@ -88,27 +88,27 @@ class Panel:
     @cached_property
     def units(self) -> tuple[str, str]:
         """Units of both axes, with a blank before each."""
-        return unit_of(self.label("x")), unit_of(self.label("y"))
+        return find_unit(self.find_label("x")), find_unit(self.find_label("y"))
 
     @cached_property
-    def keeps_colors(self) -> bool:
+    def has_colored_cells(self) -> bool:
         """Whether texts and lines lie on coloured cells, which are the same in a dark scheme."""
         return any(isinstance(each, QuadMesh | AxesImage) for each in self.ax.get_children())
 
-    def label(self, letter: str) -> str:
+    def find_label(self, letter: str) -> str:
         """Return the label of an axis; that of a panel with the same axis where only the lowest panel has one."""
         ax = self.ax
         shared = ax.get_shared_x_axes() if letter == "x" else ax.get_shared_y_axes()
         labels = (getattr(each, f"get_{letter}label")() for each in (ax, *shared.get_siblings(ax)))
         return next(filter(None, labels), "")
 
-    def refs(self, transform: Transform) -> Json:
+    def describe_references(self, transform: Transform) -> Json:
         """Return what the coordinates behind a transform refer to: the data, or the panel from 0 to 1."""
         in_x, in_y = transform.contains_branch_seperately(self.ax.transData)
         return {"xref": self.x if in_x else f"{self.x} domain", "yref": self.y if in_y else f"{self.y} domain"}
 
-    def coordinates(self, points: np.ndarray, transform: Transform) -> np.ndarray:
-        """Return points (n, 2) in the coordinates that `refs` names."""
+    def find_coordinates(self, points: np.ndarray, transform: Transform) -> np.ndarray:
+        """Return points (n, 2) in the coordinates that `describe_references` names."""
         in_x, in_y = transform.contains_branch_seperately(self.ax.transData)
         shown = transform.transform(points)
         data, panel = (each.inverted().transform(shown) for each in (self.ax.transData, self.ax.transAxes))
@@ -116,18 +116,20 @@ class Panel:
 
     def add_trace(self, artist: Artist, **trace: Any) -> None:
         """Add a trace with the label of its artist; without a label it is not pointed at."""
-        name, alpha = label_of(artist), artist.get_alpha()
+        name, alpha = find_label(artist), artist.get_alpha()
         where = {"xaxis": self.x, "yaxis": self.y, "opacity": 1.0 if alpha is None else float(alpha)}
-        where["keep"] = self.keeps_colors
-        words = f"%{{x:.5g}}{self.units[0]}, %{{y:.5g}}{self.units[1]}<extra>{html_of(name)}</extra>"
-        said = {"name": html_of(name), "meta": name, "hovertemplate": words} if name else {"hoverinfo": "skip"}
+        where["keep"] = self.has_colored_cells
+        if artist.get_url():
+            where["link"] = artist.get_url()
+        words = f"%{{x:.5g}}{self.units[0]}, %{{y:.5g}}{self.units[1]}<extra>{format_html(name)}</extra>"
+        said = {"name": format_html(name), "meta": name, "hovertemplate": words} if name else {"hoverinfo": "skip"}
         self.chart["data"].append(where | said | trace)
 
     def add_shape(self, artist: Artist, **shape: Any) -> None:
         """Add a shape, below the data or above them as in the figure."""
         alpha = artist.get_alpha()
         layer = "below" if artist.get_zorder() < 2 else "above"
-        look = {"layer": layer, "opacity": 1.0 if alpha is None else float(alpha), "name": label_of(artist)}
+        look = {"layer": layer, "opacity": 1.0 if alpha is None else float(alpha), "name": find_label(artist)}
         self.chart["layout"]["shapes"].append(look | shape)
 
 
@@ -150,25 +152,27 @@ def add_artist(panel: Panel, artist: Artist) -> None:
 
 
 def _add_line(panel: Panel, line: Line2D) -> None:
-    x, y = (filled(each) for each in line.get_data(orig=False))
+    x, y = (fill_masked(each) for each in line.get_data(orig=False))
     transform = line.get_transform()
     if not x.size or not (has_line(line) or has_marker(line)):
         return
     if not all(transform.contains_branch_seperately(panel.ax.transData)):
         # a line across the panel: of one axis it knows only the ends
-        ends = panel.coordinates(np.stack([x, y], axis=1)[[0, -1]], transform)
-        panel.add_shape(line, **_between(*ends), **panel.refs(transform), line=line_of(line))
+        ends = panel.find_coordinates(np.stack([x, y], axis=1)[[0, -1]], transform)
+        panel.add_shape(
+            line, **_describe_segment(*ends), **panel.describe_references(transform), line=describe_line(line)
+        )
         return
     mode = "+".join(["lines"] * has_line(line) + ["markers"] * has_marker(line))
     look: Json = {}
     if has_line(line):
-        look["line"] = line_of(line) | {"shape": _STEPS.get(str(line.get_drawstyle()), "linear")}
+        look["line"] = describe_line(line) | {"shape": _STEPS.get(str(line.get_drawstyle()), "linear")}
     if has_marker(line):
-        look["marker"] = marker_of(line)
-    panel.add_trace(line, type="scatter", mode=mode, **abscissae_of(x), y=numbers_of(y), **look)
+        look["marker"] = describe_marker(line)
+    panel.add_trace(line, type="scatter", mode=mode, **encode_abscissae(x), y=encode_numbers(y), **look)
 
 
-def _between(first: np.ndarray, last: np.ndarray) -> Json:
+def _describe_segment(first: np.ndarray, last: np.ndarray) -> Json:
     (x0, y0), (x1, y1) = first.tolist(), last.tolist()
     return {"type": "line", "x0": x0, "x1": x1, "y0": y0, "y1": y1}
 
@@ -180,25 +184,25 @@ def _add_segments(panel: Panel, artist: LineCollection) -> None:
     is_in_data = all(transform.contains_branch_seperately(panel.ax.transData))
     groups: dict[tuple[str, float], list[np.ndarray]] = {}
     for k, part in enumerate(parts):
-        look = color_of(shades[k % len(shades)]), round(float(widths[k % len(widths)]) * PX_PER_PT, 2)
+        look = format_color(shades[k % len(shades)]), round(float(widths[k % len(widths)]) * PX_PER_PT, 2)
         groups.setdefault(look, []).append(part)
     for (color, width), members in groups.items():
         line = {"color": color, "width": width}
         if is_in_data:
-            x, y = joined(members)
-            panel.add_trace(artist, type="scatter", mode="lines", x=numbers_of(x), y=numbers_of(y), line=line)
+            x, y = join_lines(members)
+            panel.add_trace(artist, type="scatter", mode="lines", x=encode_numbers(x), y=encode_numbers(y), line=line)
             continue
         for part in members:
-            ends = panel.coordinates(part[[0, -1]], transform)
-            panel.add_shape(artist, **_between(*ends), **panel.refs(transform), line=line)
+            ends = panel.find_coordinates(part[[0, -1]], transform)
+            panel.add_shape(artist, **_describe_segment(*ends), **panel.describe_references(transform), line=line)
 
 
 def _add_markers(panel: Panel, artist: PathCollection) -> None:
-    points, faces = filled(artist.get_offsets()), np.atleast_2d(artist.get_facecolor())
-    shades = [color_of(each) for each in faces]
+    points, faces = fill_masked(artist.get_offsets()), np.atleast_2d(artist.get_facecolor())
+    shades = [format_color(each) for each in faces]
     size = round(float(np.sqrt(artist.get_sizes()[0])) * PX_PER_PT, 2)
     marker = {"size": size, "line": {"width": 0}, "color": shades if len(shades) > 1 else shades[0]}
-    x, y = numbers_of(points[:, 0]), numbers_of(points[:, 1])
+    x, y = encode_numbers(points[:, 0]), encode_numbers(points[:, 1])
     panel.add_trace(artist, type="scatter", mode="markers", x=x, y=y, marker=marker)
 
 
@@ -218,12 +222,14 @@ def _add_patch(panel: Panel, patch: Patch) -> None:
         return
     box = outline.get_extents()
     ends = {"x0": box.x0, "x1": box.x1, "y0": box.y0, "y1": box.y1}
-    panel.add_shape(patch, type="rect", **ends, **panel.refs(own), fillcolor=color_of(face), line={"width": 0})
+    panel.add_shape(
+        patch, type="rect", **ends, **panel.describe_references(own), fillcolor=format_color(face), line={"width": 0}
+    )
 
 
 def _add_polygons(panel: Panel, artist: PolyCollection) -> None:
-    if np.any(filled(artist.get_offsets())):
-        raise UnknownArtistError(artist)  # the same small shape at many places, such as arrows
+    if np.any(fill_masked(artist.get_offsets())):
+        raise UnknownArtistError(artist)  # one small shape stands at many places, as arrows do
     faces, edges = np.atleast_2d(artist.get_facecolor()), np.atleast_2d(artist.get_edgecolor())
     width = float(np.max(artist.get_linewidth(), initial=0.0))
     polygons = [part for path in artist.get_paths() for part in path.to_polygons(closed_only=False)]
@@ -238,17 +244,17 @@ def _add_polygons(panel: Panel, artist: PolyCollection) -> None:
 def _add_filled(panel: Panel, artist: Artist, polygons: Sequence[Any], face: Any, edge: Any, width: float) -> None:
     if not len(polygons):
         return
-    x, y = joined([np.concatenate([np.asarray(each), np.asarray(each)[:1]]) for each in polygons])
+    x, y = join_lines([np.concatenate([np.asarray(each), np.asarray(each)[:1]]) for each in polygons])
     has_edge = width > 0 and not is_clear(edge)
     panel.add_trace(
         artist,
         type="scatter",
         mode="lines",
-        x=numbers_of(x),
-        y=numbers_of(y),
+        x=encode_numbers(x),
+        y=encode_numbers(y),
         fill="none" if is_clear(face) else "toself",
-        fillcolor=color_of(face),
-        line={"width": round(width * PX_PER_PT, 2) if has_edge else 0, "color": color_of(edge)},
+        fillcolor=format_color(face),
+        line={"width": round(width * PX_PER_PT, 2) if has_edge else 0, "color": format_color(edge)},
     )
 
 
@@ -260,9 +266,9 @@ def _add_contours(panel: Panel, artist: QuadContourSet) -> None:
         if artist.filled:
             _add_filled(panel, artist, parts, faces[k % len(faces)], CLEAR, 0.0)
         elif parts:
-            x, y = joined([np.asarray(part) for part in parts])
-            line = {"color": color_of(edges[k % len(edges)]), "width": width}
-            panel.add_trace(artist, type="scatter", mode="lines", x=numbers_of(x), y=numbers_of(y), line=line)
+            x, y = join_lines([np.asarray(part) for part in parts])
+            line = {"color": format_color(edges[k % len(edges)]), "width": width}
+            panel.add_trace(artist, type="scatter", mode="lines", x=encode_numbers(x), y=encode_numbers(y), line=line)
 
 
 # ---- cells -------------------------------------------------------------------------------------------
@@ -282,36 +288,36 @@ def _add_image(panel: Panel, image: AxesImage) -> None:
 
 
 def _add_cells(panel: Panel, artist: Any, x: np.ndarray, y: np.ndarray) -> None:
-    values = filled(artist.get_array()).reshape(y.size - 1, x.size - 1)
+    values = fill_masked(artist.get_array()).reshape(y.size - 1, x.size - 1)
     limits = np.array([artist.norm.vmin, artist.norm.vmax], dtype=float)
     trace: Json = {}
     if isinstance(artist.norm, LogNorm):
         # colours follow the logarithm; the reader is shown the value itself
-        trace = {"customdata": rows_of(values)}
+        trace = {"customdata": encode_matrix(values)}
         values, limits = np.log10(np.where(values > 0, values, np.nan)), np.log10(limits)
     shown = f"%{{x:.4g}}{panel.units[0]}, %{{y:.4g}}{panel.units[1]}: %{{{'customdata' if trace else 'z'}:.4g}}"
     panel.add_trace(
         artist,
         type="heatmap",
-        x=numbers_of(x),
-        y=numbers_of(y),
-        z=rows_of(values),
+        x=encode_numbers(x),
+        y=encode_numbers(y),
+        z=encode_matrix(values),
         zmin=float(limits[0]),
         zmax=float(limits[1]),
-        colorscale=colorscale_of(artist.get_cmap()),
+        colorscale=describe_colormap(artist.get_cmap()),
         hovertemplate=f"{shown}<extra></extra>",
         hoverinfo="all",
         **trace,
-        **_colorbar_of(panel, artist, limits),
+        **_describe_colorbar(panel, artist, limits),
     )
 
 
-def _colorbar_of(panel: Panel, artist: Any, limits: np.ndarray) -> Json:
+def _describe_colorbar(panel: Panel, artist: Any, limits: np.ndarray) -> Json:
     bar = artist.colorbar
     if bar is None:
         return {"showscale": False}
     (left, right), (low, high) = panel.domain
-    title = {"text": html_of(bar.ax.get_ylabel() or bar.ax.get_xlabel()), "font": {"size": 13}}
+    title = {"text": format_html(bar.ax.get_ylabel() or bar.ax.get_xlabel()), "font": {"size": 13}}
     look: Json = {"thickness": 12, "outlinewidth": 0}
     if bar.orientation == "horizontal":
         title["side"] = "bottom"
@@ -341,10 +347,10 @@ def _add_text(panel: Panel, text: Any) -> None:
         return
     place, transform, shift = text.get_position(), text.get_transform(), (0.0, 0.0)
     if isinstance(text, Annotation):
-        place, transform = text.xy, _transform_of(panel, text.xycoords)
+        place, transform = text.xy, _find_transform(panel, text.xycoords)
         shift = text.xyann if text.anncoords == "offset points" else shift
     numbers = [[float(ax.convert_xunits(place[0])), float(ax.convert_yunits(place[1]))]]
-    (at,), refs = panel.coordinates(np.array(numbers), transform), panel.refs(transform)
+    (at,), refs = panel.find_coordinates(np.array(numbers), transform), panel.describe_references(transform)
     if not np.isfinite(at).all():
         return
     # annotations on a logarithmic axis stand at the logarithm of their value
@@ -357,24 +363,24 @@ def _add_text(panel: Panel, text: Any) -> None:
             "x": float(at[0]),
             "y": float(at[1]),
             **refs,
-            "text": bold_as(html_of(text.get_text()), text),
+            "text": format_bold(format_html(text.get_text()), text),
             "showarrow": False,
-            "keep": panel.keeps_colors,
+            "keep": panel.has_colored_cells,
             "xshift": shift[0] * PX_PER_PT,
             "yshift": shift[1] * PX_PER_PT,
             "xanchor": text.get_ha(),
             "yanchor": {"top": "top", "bottom": "bottom", "baseline": "bottom"}.get(text.get_va(), "middle"),
             "align": text.get_ha(),
             "textangle": -float(text.get_rotation()),
-            "font": {"color": color_of(text.get_color()), "size": round(float(text.get_fontsize()) * PX_PER_PT, 1)},
-            "bgcolor": "rgba(0,0,0,0)" if box is None else color_of(box.get_facecolor()),
+            "font": {"color": format_color(text.get_color()), "size": round(float(text.get_fontsize()) * PX_PER_PT, 1)},
+            "bgcolor": "rgba(0,0,0,0)" if box is None else format_color(box.get_facecolor()),
         }
     )
 
 
-def _transform_of(panel: Panel, coords: Any) -> Transform:
+def _find_transform(panel: Panel, coords: Any) -> Transform:
     if isinstance(coords, tuple):
-        return blended_transform_factory(*(_transform_of(panel, each) for each in coords))
+        return blended_transform_factory(*(_find_transform(panel, each) for each in coords))
     known = {"data": panel.ax.transData, "axes fraction": panel.ax.transAxes}
     return known[coords] if isinstance(coords, str) else coords
 

@@ -13,22 +13,22 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from opid.plots.charts.artists import Panel, add_artist
-from opid.plots.charts.looks import Json, bold_as, color_of, html_of, legend_look
+from opid.plots.charts.looks import Json, describe_handle, format_bold, format_color, format_html
 from opid.plots.charts.surfaces import add_surfaces
 
 Domain = tuple[list[float], list[float]]
 """From where to where a panel reaches, as fractions of the width and of the height."""
 
-# pixels for the titles and labels of the panels: between two rows, above the first and below the last one
+# titles and labels need these pixels between two rows of panels, above the first one and below the last one
 _BETWEEN_ROWS, _ABOVE, _BELOW = 74, 34, 56
-# fraction of the width between two columns
+# two columns are this fraction of the width apart
 _BETWEEN_COLUMNS = 0.12
 _LEAST_HEIGHT, _SURFACE_HEIGHT = 150, 460
 # red, green and blue of a grey differ by less than this
 _GREY = 0.1
 
 
-def chart_of(figure: Figure) -> Json:
+def build_chart(figure: Figure) -> Json:
     """Return a figure as a chart: {"data", "layout"} for Plotly.js, and {"legend"} for the page.
 
     Args:
@@ -60,13 +60,13 @@ def _arrange_panels(figure: Figure, panels: Sequence[Axes]) -> tuple[list[Domain
     domains = []
     for spec in specs:
         grid = spec.get_gridspec()
-        x = _span(grid.get_width_ratios(), n_columns, _BETWEEN_COLUMNS, spec.colspan)
-        down = _span(grid.get_height_ratios(), n_rows, between, spec.rowspan)
+        x = _find_span(grid.get_width_ratios(), n_columns, _BETWEEN_COLUMNS, spec.colspan)
+        down = _find_span(grid.get_height_ratios(), n_rows, between, spec.rowspan)
         domains.append((x, [1 - down[1], 1 - down[0]]))
     return domains, round(height)
 
 
-def _span(ratios: Any, n: int, gap: float, taken: range) -> list[float]:
+def _find_span(ratios: Any, n: int, gap: float, taken: range) -> list[float]:
     gap = min(gap, 0.6 / max(1, n - 1))
     sizes = np.asarray(ratios, dtype=float) / np.sum(ratios) * (1 - gap * (n - 1))
     edges = np.concatenate([[0.0], np.cumsum(sizes + gap)])
@@ -95,8 +95,8 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         "anchor": panel.y if letter == "x" else panel.x,
         "type": "log" if is_log else "linear",
         "range": (np.log10(ends) if is_log else ends).tolist(),
-        "title": {"text": html_of(axis.get_label_text())},
-        "label": html_of(panel.label(letter)),
+        "title": {"text": format_html(axis.get_label_text())},
+        "label": format_html(panel.find_label(letter)),
         "showgrid": bool(ticks.get("gridOn", True)),
     }
     shared = ax.get_shared_x_axes() if letter == "x" else ax.get_shared_y_axes()
@@ -125,12 +125,12 @@ def _color_labels(axis: Any, texts: Sequence[str]) -> list[str]:
     """The numbers or names at an axis; those in a colour keep it, for it says which one is chosen."""
     labels = axis.get_ticklabels()
     if len(labels) != len(texts):
-        return [html_of(text) for text in texts]
+        return [format_html(text) for text in texts]
     found = []
     for text, label in zip(texts, labels, strict=True):
-        words, color = bold_as(html_of(text), label), label.get_color()
+        words, color = format_bold(format_html(text), label), label.get_color()
         has_color = np.ptp(to_rgba(color)[:3]) > _GREY
-        found.append(f'<span style="color:{color_of(color)}">{words}</span>' if has_color else words)
+        found.append(f'<span style="color:{format_color(color)}">{words}</span>' if has_color else words)
     return found
 
 
@@ -148,7 +148,7 @@ def _add_title(panel: Panel) -> None:
     notes.append(
         {
             "x": 0, "y": 1, "xref": across, "yref": up, "xanchor": "left", "yanchor": "bottom", "align": "left",
-            "yshift": 22 if is_below else 4, "showarrow": False, "text": f"<b>{html_of(title)}</b>",
+            "yshift": 22 if is_below else 4, "showarrow": False, "text": f"<b>{format_html(title)}</b>",
         }
     )  # fmt: skip
 
@@ -158,7 +158,7 @@ def _add_legend(chart: Json, ax: Axes) -> None:
     legend = ax.get_legend()
     known = {entry["text"]: entry["looks"] for entry in chart["legend"]}
     for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True) if legend else ():
-        words, look = text.get_text(), legend_look(handle)
+        words, look = text.get_text(), describe_handle(handle)
         if words not in known:
             known[words] = []
             chart["legend"].append({"text": words, "looks": known[words]})

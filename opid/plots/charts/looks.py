@@ -37,10 +37,10 @@ _THIN = ("cross-thin", "x-thin", "line-ns", "line-ew")
 _NOTHING = ("None", "", " ")
 
 
-def color_of(color: Any) -> str:
+def format_color(color: Any) -> str:
     """Return a colour of matplotlib as "#rrggbb", or with its opacity.
 
-    >>> color_of("white"), color_of((0, 0, 1, 0.5))
+    >>> format_color("white"), format_color((0, 0, 1, 0.5))
     ('#ffffff', 'rgba(0,0,255,0.5)')
     """
     red, green, blue, alpha = colors.to_rgba(color)
@@ -54,32 +54,32 @@ def is_clear(color: Any) -> bool:
     return colors.to_rgba(color)[3] == 0
 
 
-def html_of(text: str) -> str:
+def format_html(text: str) -> str:
     """Return a text as the few tags that Plotly.js knows.
 
-    >>> html_of("a < b\\n2")
+    >>> format_html("a < b\\n2")
     'a &lt; b<br>2'
     """
     text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return text.replace("\n", "<br>").replace("$", "")
 
 
-def bold_as(text: str, artist: Text) -> str:
+def format_bold(text: str, artist: Text) -> str:
     """Return a text in bold where its artist is bold."""
     return f"<b>{text}</b>" if str(artist.get_fontweight()) in ("bold", "700") else text
 
 
-def unit_of(label: str) -> str:
+def find_unit(label: str) -> str:
     """Return the unit in brackets of a label with a blank before it; empty if there is none.
 
-    >>> unit_of("travel z [mm]"), unit_of("coherence")
+    >>> find_unit("travel z [mm]"), find_unit("coherence")
     (' mm', '')
     """
     found = re.search(r"\[([^\]]+)\]", label)
-    return f" {html_of(found[1])}" if found else ""
+    return f" {format_html(found[1])}" if found else ""
 
 
-def label_of(artist: Artist) -> str:
+def find_label(artist: Artist) -> str:
     """Return the label of an artist; empty if it has none of its own."""
     text = str(artist.get_label() or "")
     return "" if text.startswith("_") else text
@@ -95,91 +95,100 @@ def has_marker(artist: Line2D) -> bool:
     return str(artist.get_marker()) not in _NOTHING and artist.get_markersize() > 0
 
 
-def line_of(artist: Line2D) -> Json:
+def describe_line(artist: Line2D) -> Json:
     """Return colour, width and dashes of a line."""
     dash = _DASHES.get(str(artist.get_linestyle()), "dash")
-    return {"color": color_of(artist.get_color()), "width": round(artist.get_linewidth() * PX_PER_PT, 2), "dash": dash}
+    return {
+        "color": format_color(artist.get_color()),
+        "width": round(artist.get_linewidth() * PX_PER_PT, 2),
+        "dash": dash,
+    }
 
 
-def marker_of(artist: Line2D) -> Json:
+def describe_marker(artist: Line2D) -> Json:
     """Return symbol, size and colours of the markers of a line."""
     marker, size = str(artist.get_marker()), artist.get_markersize() * PX_PER_PT
     face, edge = artist.get_markerfacecolor(), artist.get_markeredgecolor()
     symbol = _MARKERS.get(marker, "circle")
     is_thin, is_open = symbol in _THIN, is_clear(face)
-    has_edge = is_thin or is_open or color_of(face) != color_of(edge)
+    has_edge = is_thin or is_open or format_color(face) != format_color(edge)
     return {
         "symbol": f"{symbol}-open" if is_open and not is_thin else symbol,
         "size": round(size / 2 if marker in (".", ",") else size, 1),
-        "color": color_of(edge if is_thin or is_open else face),
+        "color": format_color(edge if is_thin or is_open else face),
         "line": {
             "width": round(artist.get_markeredgewidth() * PX_PER_PT, 1) if has_edge else 0,
-            "color": color_of(edge),
+            "color": format_color(edge),
         },
     }
 
 
-def legend_look(handle: Artist | None) -> Json:
+def describe_handle(handle: Artist | None) -> Json:
     """Return how the handle of a legend looks: its colour, and a line or a symbol."""
     if isinstance(handle, Line2D):
-        look: Json = {"color": color_of(handle.get_color())}
+        look: Json = {"color": format_color(handle.get_color())}
         if has_line(handle):
-            look["dash"] = line_of(handle)["dash"]
+            look["dash"] = describe_line(handle)["dash"]
         if has_marker(handle):
-            look |= {"symbol": marker_of(handle)["symbol"], "color": color_of(handle.get_markeredgecolor())}
+            look |= {"symbol": describe_marker(handle)["symbol"], "color": format_color(handle.get_markeredgecolor())}
         return look
     if isinstance(handle, Patch):
-        return {"color": color_of(handle.get_facecolor()), "symbol": "patch"}
+        return {"color": format_color(handle.get_facecolor()), "symbol": "patch"}
     assert isinstance(handle, Collection)
     if isinstance(handle, PathCollection):
-        return {"color": color_of(np.atleast_2d(handle.get_facecolor())[0]), "symbol": "circle"}
-    return {"color": color_of(np.atleast_2d(handle.get_edgecolor())[0]), "dash": "solid"}
+        return {"color": format_color(np.atleast_2d(handle.get_facecolor())[0]), "symbol": "circle"}
+    return {"color": format_color(np.atleast_2d(handle.get_edgecolor())[0]), "dash": "solid"}
 
 
-def colorscale_of(cmap: Any) -> list[list[Any]]:
+def describe_colormap(cmap: Any) -> list[list[Any]]:
     """Return a colour map at 17 places from 0 to 1."""
-    return [[float(at), color_of(cmap(float(at)))] for at in np.linspace(0, 1, 17)]
+    return [[float(at), format_color(cmap(float(at)))] for at in np.linspace(0, 1, 17)]
 
 
-def numbers_of(values: ArrayLike) -> Any:
+def encode_numbers(values: ArrayLike) -> Any:
     """Return (n,) numbers as the page decodes them: few as a list, more as bytes.
 
     Sixteen bits distinguish 65,000 steps between the least and the largest value, as many as most recorders do.
     """
-    array = filled(values)
+    array = fill_masked(values)
     if array.size <= _SHORT:
         return [float(f"{each:.7g}") if np.isfinite(each) else None for each in array.tolist()]
     if array.size <= _LONG or not np.isfinite(array).all():
-        return {"dtype": "f4", "bdata": _encoded(array.astype("<f4"))}
+        return {"dtype": "f4", "bdata": _encode_bytes(array.astype("<f4"))}
     low, step = float(array.min()), float(np.ptp(array)) / 65535 or 1.0
-    return {"dtype": "u2", "low": low, "step": step, "bdata": _encoded(np.round((array - low) / step).astype("<u2"))}
+    return {
+        "dtype": "u2",
+        "low": low,
+        "step": step,
+        "bdata": _encode_bytes(np.round((array - low) / step).astype("<u2")),
+    }
 
 
-def abscissae_of(x: np.ndarray) -> Json:
+def encode_abscissae(x: np.ndarray) -> Json:
     """Return the abscissae of a line: their first value and their step where they are evenly spaced, else all."""
     steps = np.diff(x)
     if x.size > _SHORT and np.isfinite(x).all() and np.ptp(steps) <= 1e-6 * abs(steps[0]):
         return {"x0": float(x[0]), "dx": float((x[-1] - x[0]) / (x.size - 1))}
-    return {"x": numbers_of(x)}
+    return {"x": encode_numbers(x)}
 
 
-def rows_of(values: np.ndarray) -> Json:
+def encode_matrix(values: np.ndarray) -> Json:
     """Return a matrix (m, n) as bytes with its shape."""
     shape = f"{values.shape[0]}, {values.shape[1]}"
-    return {"dtype": "f4", "bdata": _encoded(np.ascontiguousarray(values, dtype="<f4")), "shape": shape}
+    return {"dtype": "f4", "bdata": _encode_bytes(np.ascontiguousarray(values, dtype="<f4")), "shape": shape}
 
 
-def filled(values: ArrayLike) -> np.ndarray:
+def fill_masked(values: ArrayLike) -> np.ndarray:
     """Return values as floats, NaN where they are masked."""
     return np.asarray(np.ma.filled(np.ma.asarray(values, dtype=float), np.nan))
 
 
-def joined(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def join_lines(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the coordinates of several polylines one after the other, with a gap of NaN between them."""
     gap = np.full((1, 2), np.nan)
     points = np.concatenate([part for each in parts for part in (np.asarray(each, dtype=float), gap)])[:-1]
     return points[:, 0], points[:, 1]
 
 
-def _encoded(array: np.ndarray) -> str:
+def _encode_bytes(array: np.ndarray) -> str:
     return base64.b64encode(array.tobytes()).decode()

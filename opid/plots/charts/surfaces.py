@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from opid.plots.charts.artists import UnknownArtistError
-from opid.plots.charts.looks import Json, color_of, html_of, numbers_of
+from opid.plots.charts.looks import Json, encode_numbers, format_color, format_html
 
 _LOOK = {"aspectmode": "manual", "aspectratio": {"x": 1.1, "y": 1.1, "z": 0.8}}
 _CAMERA = {"eye": {"x": 1.35, "y": -1.45, "z": 0.7}}
@@ -21,26 +21,28 @@ def add_surfaces(chart: Json, ax: Axes) -> None:
     Raises:
         UnknownArtistError: it holds something else.
     """
-    labels = {f"{letter}axis": {"title": {"text": html_of(getattr(ax, f"get_{letter}label")())}} for letter in "xyz"}
+    labels = {
+        f"{letter}axis": {"title": {"text": format_html(getattr(ax, f"get_{letter}label")())}} for letter in "xyz"
+    }
     chart["layout"]["scene"] = labels | _LOOK | {"camera": _CAMERA}
     for artist in ax.collections:
         if not isinstance(artist, Poly3DCollection):
             raise UnknownArtistError(artist)
-        chart["data"].append(_mesh_of(artist))
+        chart["data"].append(_build_mesh(artist))
 
 
-def _mesh_of(artist: Poly3DCollection) -> Json:
-    polygons = _polygons_of(artist)
+def _build_mesh(artist: Poly3DCollection) -> Json:
+    polygons = _list_polygons(artist)
     points = np.concatenate(polygons)
     firsts = np.cumsum([0, *map(len, polygons)])[:-1].tolist()
     # each polygon is a fan of triangles about its first corner
     fans = [(k, k + j, k + j + 1) for k, each in zip(firsts, polygons, strict=True) for j in range(1, len(each) - 1)]
     faces = np.atleast_2d(artist.get_facecolor())
-    shades = [color_of(faces[k % len(faces)]) for k, each in enumerate(polygons) for _ in range(len(each) - 2)]
+    shades = [format_color(faces[k % len(faces)]) for k, each in enumerate(polygons) for _ in range(len(each) - 2)]
     corners = zip("ijk", zip(*fans, strict=True), strict=True)
     return {
         "type": "mesh3d",
-        **{letter: numbers_of(points[:, k]) for k, letter in enumerate("xyz")},
+        **{letter: encode_numbers(points[:, k]) for k, letter in enumerate("xyz")},
         **{letter: list(column) for letter, column in corners},
         "facecolor": shades,
         "flatshading": True,
@@ -48,7 +50,7 @@ def _mesh_of(artist: Poly3DCollection) -> Json:
     }
 
 
-def _polygons_of(artist: Any) -> list[np.ndarray]:
+def _list_polygons(artist: Any) -> list[np.ndarray]:
     """The corners of each polygon; matplotlib keeps them as one array with a mask for those that have fewer."""
     faces, is_invalid = np.asarray(artist._faces), artist._invalid_vertices
     if np.ndim(is_invalid) == 0:

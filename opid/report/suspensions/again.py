@@ -18,9 +18,9 @@ OPTIONS_OF_LOGS = {"unit": "--unit", "time_unit": "--time-unit"}
 """Settings of logs that options say."""
 
 
-def command_of(result: AnyIdentification) -> list[str] | None:
+def write_command(result: AnyIdentification) -> list[str] | None:
     """Return the words of the command that gives a result; None for a study or settings that were made in Python."""
-    study, choices = result.study, [words for words, _ in _choices(result)]
+    study, choices = result.study, [words for words, _ in _list_choices(result)]
     if not all(choices):
         return None
     options = [word for words in choices for word in words]
@@ -29,8 +29,8 @@ def command_of(result: AnyIdentification) -> list[str] | None:
     logs = _find_logs(study)
     if not logs:
         return None
-    changes = [word for change in _list_mass_changes(study) for word in ("--mass-change", _number(change))]
-    told = [words for words, _ in _choices_about_logs(study)]
+    changes = [word for change in _list_mass_changes(study) for word in ("--mass-change", _format_number(change))]
+    told = [words for words, _ in _list_log_choices(study)]
     if not all(told):
         return None
     about_logs = [word for words in told for word in words]
@@ -38,7 +38,7 @@ def command_of(result: AnyIdentification) -> list[str] | None:
     return ["opid", "identify", *logs, *channels, *changes, *about_logs, *options]
 
 
-def python_of(result: AnyIdentification) -> str:
+def write_python(result: AnyIdentification) -> str:
     """Return the lines of Python that give a result; a study that was made in Python is called `study` in them."""
     study = result.study
     if study.source is not None:
@@ -49,51 +49,51 @@ def python_of(result: AnyIdentification) -> str:
             f"sprung={_quote(study.sprung)}",
             f"unsprung={_quote(study.unsprung)}",
             f"mass_changes_kg={_list_mass_changes(study)!r}",
-            *(argument for _, argument in _choices_about_logs(study)),
+            *(argument for _, argument in _list_log_choices(study)),
         ]
         made = "\n".join(["opid.study_from_logs(", *(f"        {each}," for each in arguments), "    )"])
     else:
         made = "study"
-    names = set() if isinstance(result, PaperIdentification) else _changed_settings(result.settings)[1]
+    names = set() if isinstance(result, PaperIdentification) else _write_changed_settings(result.settings)[1]
     imports = [f"from opid.suspensions import {', '.join(sorted(names))}"] if names else []
-    arguments = [made, *(argument for _, argument in _choices(result))]
+    arguments = [made, *(argument for _, argument in _list_choices(result))]
     lines = ["import opid", *imports, "", "result = opid.identify(", *(f"    {each}," for each in arguments), ")"]
     return "\n".join(lines)
 
 
-def _choices(result: AnyIdentification) -> Iterator[Choice]:
+def _list_choices(result: AnyIdentification) -> Iterator[Choice]:
     """The band, and every setting that differs from the default."""
     if isinstance(result, PaperIdentification):
         known, band_hz = result.settings, result.settings.band_hz
         yield ("--method", result.method), f"method={_quote(result.method)}"
-        yield _band(band_hz)
-        yield ("--high-pass", _number(known.high_pass_hz)), f"high_pass_hz={known.high_pass_hz!r}"
-        yield from _choices_of_law(known.law, known.ground)
+        yield _format_band(band_hz)
+        yield ("--high-pass", _format_number(known.high_pass_hz)), f"high_pass_hz={known.high_pass_hz!r}"
+        yield from _list_law_choices(known.law, known.ground)
         return
     asked = result.options
-    yield _band(result.settings.runs.band_hz)
+    yield _format_band(result.settings.runs.band_hz)
     if asked.method_of_law != "pursuit":
         yield ("--method-of-law", asked.method_of_law.replace(" ", "-")), f"method_of_law={_quote(asked.method_of_law)}"
     if asked.seed:
         yield (), f"seed={asked.seed!r}"
-    changed, _ = _changed_settings(result.settings)
+    changed, _ = _write_changed_settings(result.settings)
     if changed:
         yield (), f"settings=Settings({changed})"
-    yield from _choices_of_law(asked.law, asked.ground)
+    yield from _list_law_choices(asked.law, asked.ground)
 
 
-def _band(band_hz: tuple[float, float]) -> Choice:
-    return ("--band", *map(_number, band_hz)), f"band_hz={band_hz!r}"
+def _format_band(band_hz: tuple[float, float]) -> Choice:
+    return ("--band", *map(_format_number, band_hz)), f"band_hz={band_hz!r}"
 
 
-def _choices_of_law(law: str | None, ground: bool) -> Iterator[Choice]:
+def _list_law_choices(law: str | None, has_ground: bool) -> Iterator[Choice]:
     if law is not None:
         yield ("--law", law), f"law={_quote(law)}"
-    if not ground:
+    if not has_ground:
         yield ("--no-ground",), "ground=False"
 
 
-def _choices_about_logs(study: Study) -> Iterator[Choice]:
+def _list_log_choices(study: Study) -> Iterator[Choice]:
     """What the user stated about the gear of some logs, where it differs from the default."""
     gear = study.interfaces[0]
     if gear.axis != "up":
@@ -103,7 +103,7 @@ def _choices_about_logs(study: Study) -> Iterator[Choice]:
         ("--repeatability", "repeatability", study.repeatability),
     ):
         if value is not None:
-            yield (option, _number(value)), f"{name}={_quote(value)}"
+            yield (option, _format_number(value)), f"{name}={_quote(value)}"
     how = study.runs[0].log_settings
     if how != AS_WRITTEN:
         known = [(each.name, getattr(how, each.name)) for each in fields(how)]
@@ -130,12 +130,12 @@ def _quote(value: str | float) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     """The shortest text of a number that is read back as the same number."""
     return f"{value:g}" if float(f"{value:g}") == value else repr(value)
 
 
-def _changed_settings(settings: Settings) -> tuple[str, set[str]]:
+def _write_changed_settings(settings: Settings) -> tuple[str, set[str]]:
     """The settings that differ from the default, but for the band, as arguments; and the records that they need."""
     standard = Settings()
     settings = replace(settings, runs=replace(settings.runs, band_hz=standard.runs.band_hz))

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from opid.report.document import Document, Figure, Paragraph, Row, sentence, warnings
-from opid.report.estimates import estimate_row, estimate_table, gas_rows, law_in_words, law_rows
+from opid.report.document import Document, Figure, Paragraph, Row, build_warnings, write_options, write_sentence
+from opid.report.estimates import (
+    INTERVAL,
+    build_estimate_row,
+    list_gas_rows,
+    list_law_rows,
+    say_law,
+    tabulate_estimates,
+)
 from opid.suspensions.bench.law import UNITS, BenchLaw
 
 LABELS = {
@@ -16,40 +23,40 @@ LABELS = {
 }
 
 
-def document_of(result: BenchLaw) -> Document:
+def build_document(result: BenchLaw) -> Document:
     """Return the report of the law of a test bench: the numbers, their quality, and the warnings."""
     memory = result.memory
     # a warning speaks of a memory that is seen, or that cannot be tested
     is_warned = memory.seen or not memory.testable
     return Document(
         result.title or "Test bench",
-        _equation(result),
+        _format_equation(result),
         f"The law is {result.law.name}: with the linear part it explains {100 * result.r2_left_out:.4g} % of the "
         "variance of the force on stretches of time that were left out.",
         result.not_determined,
         (
-            estimate_table(
-                _rows(result),
-                legend="The interval holds the value with 95 % if the model holds.",
+            tabulate_estimates(
+                _list_rows(result),
+                legend=INTERVAL,
             ),
-            warnings(result.warnings),
-            Paragraph(_quality(result)),
-            *(() if is_warned else (Paragraph(sentence(memory.statement)),)),
+            build_warnings(result.warnings),
+            Paragraph(_say_quality(result)),
+            *(() if is_warned else (Paragraph(write_sentence(memory.statement)),)),
         ),
-        lambda: _figures(result),
-        command_of(result),
+        lambda: _list_figures(result),
+        write_command(result),
         source="record",
     )
 
 
-def _equation(result: BenchLaw) -> str:
+def _format_equation(result: BenchLaw) -> str:
     if result.bench.is_quasi_static:
         return "F = F0 + K z + f(z)"
     mass = "" if result.bench.acceleration is None else "m z'' + "
     return f"F = F0 + {mass}K z + C z' + f(z, z')"
 
 
-def _figures(result: BenchLaw) -> Iterable[Figure]:
+def _list_figures(result: BenchLaw) -> Iterable[Figure]:
     from opid import plots
 
     yield Figure(
@@ -85,37 +92,37 @@ def _figures(result: BenchLaw) -> Iterable[Figure]:
     )
 
 
-def _rows(result: BenchLaw) -> Iterator[Row]:
+def _list_rows(result: BenchLaw) -> Iterator[Row]:
     for name, estimate in result.parameters.items():
         if estimate.value is not None:
-            yield estimate_row(LABELS[name], UNITS[name], estimate)
+            yield build_estimate_row(LABELS[name], UNITS[name], estimate)
     if len(result.law.terms) < 2:
-        yield (f"Law: {law_in_words(result.law)}",)
-    yield from law_rows(result.law, result.law_estimates)
-    yield from gas_rows(result.gas, "Gas where the travel is zero")
+        yield (f"Law: {say_law(result.law)}",)
+    yield from list_law_rows(result.law, result.law_estimates)
+    yield from list_gas_rows(result.gas, "Gas where the travel is zero")
     yield ("Energy a cycle",)
-    yield estimate_row("whole force", "J", result.cycle.area_j)
+    yield build_estimate_row("whole force", "J", result.cycle.area_j)
     if result.loop is not None:
-        yield estimate_row("loop area", "J", result.loop.area_j)
+        yield build_estimate_row("loop area", "J", result.loop.area_j)
 
 
-def _quality(result: BenchLaw) -> str:
+def _say_quality(result: BenchLaw) -> str:
     bench = result.bench
     rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
     return (
         f"The law explains {100 * result.r2:.5g} % of the variance of the force, {100 * result.r2_left_out:.5g} % on "
         f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
         f"samples{rate} ({result.n_independent:.0f} independent ones in the residual); velocity: "
-        f"{bench.velocity_from}.{_mass_words(result)}{_loop_words(result)}{_simulation_words(result)}"
+        f"{bench.velocity_from}.{_say_mass(result)}{_say_loop(result)}{_say_simulation(result)}"
     )
 
 
-def _mass_words(result: BenchLaw) -> str:
+def _say_mass(result: BenchLaw) -> str:
     mass_kg, name = result.bench.mass_kg, result.bench.channels["force"]
     return "" if mass_kg is None else f" The force is that of {mass_kg:.6g} kg with the acceleration {name!r}."
 
 
-def _loop_words(result: BenchLaw) -> str:
+def _say_loop(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
     of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
     if cycle.area_j.value is None:
@@ -130,7 +137,7 @@ def _loop_words(result: BenchLaw) -> str:
     return f"{words}. The loop area is what the part that remembers takes of it."
 
 
-def _simulation_words(result: BenchLaw) -> str:
+def _say_simulation(result: BenchLaw) -> str:
     simulation = result.simulation
     if simulation is None:
         return ""
@@ -140,13 +147,13 @@ def _simulation_words(result: BenchLaw) -> str:
     )
 
 
-def command_of(result: BenchLaw) -> list[str]:
+def write_command(result: BenchLaw) -> list[str]:
     """Return the words of the command that gives a result, but for units that its log does not state."""
     bench = result.bench
     if bench.source is not None:
         return ["opid", "law", str(bench.source)]
     words = ["opid", "law", str(bench.log or result.title or "BENCH.csv")]
-    words += [word for role, name in bench.channels.items() if name is not None for word in (f"--{role}", name)]
+    words += write_options({role: name for role, name in bench.channels.items() if name is not None})
     words += ["--moving-mass"] if bench.acceleration is not None else []
     words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]
     words += [] if bench.piston_area_m2 is None else ["--piston-area", f"{bench.piston_area_m2:.12g}"]

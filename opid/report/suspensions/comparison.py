@@ -12,45 +12,47 @@ from opid.report.document import (
     Paragraph,
     Remarks,
     Table,
-    columns,
-    counted,
-    sentence,
-    warnings,
+    build_columns,
+    build_warnings,
+    format_count,
+    write_sentence,
 )
 from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
 
 
-def document_of(result: Comparison) -> Document:
+def build_document(result: Comparison) -> Document:
     """Return the report of a comparison: the changes, the last flight against those before, and the warnings."""
-    changes = tuple(sentence(change.statement) for change in result.changes)
-    heads = columns(
+    changes = tuple(write_sentence(change.statement) for change in result.changes)
+    heads = build_columns(
         "", "unit", "expected", "latest", "std. dev.", "departure", "limit", "", left=(0, 1, 7), optional=(6,)
     )
     return Document(
         "Health over time",
-        _span(result),
-        sentence(f"{counted(len(changes), 'change')} flagged" if changes else "no change exceeds its uncertainty"),
+        _say_span(result),
+        write_sentence(
+            f"{format_count(len(changes), 'change')} flagged" if changes else "no change exceeds its uncertainty"
+        ),
         None,
         (
             Remarks("Change", changes, is_warning=True),
-            Table(heads, tuple(_rows(result))),
-            Paragraph(_basis(result)),
-            warnings(result.warnings),
+            Table(heads, tuple(_list_rows(result))),
+            Paragraph(_say_basis(result)),
+            build_warnings(result.warnings),
         ),
-        lambda: _details(result),
+        lambda: _list_details(result),
         ["opid", "compare", *(str(flight.path) for flight in result.flights)],
         source="results",
         data_file="comparison.json",
     )
 
 
-def _details(result: Comparison) -> Iterator[Block]:
+def _list_details(result: Comparison) -> Iterator[Block]:
     from opid.plots.comparison import compared_quantity
 
     labels = list(dict.fromkeys(series.quantity.label for series in result.series))
 
-    def figure(number: int, label: str) -> Figure:
+    def build_figure(number: int, label: str) -> Figure:
         return Figure(
             f"compared_{number}_{label.split(' (')[0].replace(' ', '_')}",
             label[:1].upper() + label[1:],
@@ -62,18 +64,18 @@ def _details(result: Comparison) -> Iterator[Block]:
         )
 
     for number, label in enumerate(labels, start=1):
-        yield figure(number, label)
+        yield build_figure(number, label)
     flights = ((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights)
-    yield Table(columns("flight", "date", "method"), tuple(flights), "Flights")
+    yield Table(build_columns("flight", "date", "method"), tuple(flights), "Flights")
 
 
-def _span(result: Comparison) -> str:
+def _say_span(result: Comparison) -> str:
     first, last = result.flights[0], result.flights[-1]
     when = f"{first.date} to {last.date}" if result.dated else f"{first.name} to {last.name}"
     return f"{len(result.flights)} flights, {when}"
 
 
-def _basis(result: Comparison) -> str:
+def _say_basis(result: Comparison) -> str:
     return (
         f"Each flight is compared with the weighted mean of the earlier ones that were not flagged, by itself and with "
         f"the one before it: {result.n_tests} comparisons. Departures are in standard deviations. If nothing changed, "
@@ -82,15 +84,15 @@ def _basis(result: Comparison) -> str:
     )
 
 
-def _rows(result: Comparison) -> Iterator[tuple[str, ...]]:
+def _list_rows(result: Comparison) -> Iterator[tuple[str, ...]]:
     """The last judged flight of each series against those before, gear by gear."""
     gears = list(dict.fromkeys(series.quantity.gear for series in result.series))
     for gear in sorted(gears, key=lambda gear: not gear):
         yield (gear or "whole body",)
-        yield from (_row(series) for series in result.series if series.quantity.gear == gear)
+        yield from (_build_row(series) for series in result.series if series.quantity.gear == gear)
 
 
-def _row(series: Series) -> tuple[str, ...]:
+def _build_row(series: Series) -> tuple[str, ...]:
     quantity = series.quantity
     # a line has only 80 characters, so that the kind of friction stands elsewhere
     label = quantity.label.split(" (")[0]
@@ -106,11 +108,11 @@ def _row(series: Series) -> tuple[str, ...]:
         rounded(std, std),
         f"{last.departure:+.1f}",
         f"{series.threshold:.1f}",
-        _flag(series, last),
+        _say_flag(series, last),
     )
 
 
-def _flag(series: Series, last: Point) -> str:
+def _say_flag(series: Series, last: Point) -> str:
     if last.flagged:
         return "flagged"
     return "flagged before" if any(point.flagged for point in series.points) else ""

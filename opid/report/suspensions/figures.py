@@ -6,25 +6,25 @@ from collections.abc import Iterator
 
 from opid import plots
 from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
-from opid.plots.force import rested_springs
+from opid.plots.force import find_rested_springs
 from opid.report.document import Figure
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 
 
-def figures_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Iterator[Figure]:
+def list_figures(result: AnyIdentification, truth: TaxiTruth | None = None) -> Iterator[Figure]:
     """Yield the figures, in the order of the page, for which the result has data.
 
     A refused fit is not drawn, and the steps of the paper are drawn only if they can be taken on all runs.
     """
     if result.study.is_one_gear:
-        yield from _of_gear(result, truth if isinstance(truth, GearTruth) else None)
+        yield from _list_gear_figures(result, truth if isinstance(truth, GearTruth) else None)
     elif isinstance(result, Identification):
-        yield from _of_body(result, truth if isinstance(truth, BodyTruth) else None)
+        yield from _list_body_figures(result, truth if isinstance(truth, BodyTruth) else None)
 
 
-def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Figure]:
+def _list_gear_figures(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Figure]:
     chain = chain_of(result)
     yield Figure(
         "accelerations",
@@ -34,7 +34,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
         lambda: plots.accelerations(result),
     )
     if chain is not None:
-        # the run without a mass change, or the first one
+        # the reference is the run without a mass change, or else the first one
         reference = next((run for run in chain.runs if run.mass_change_kg == 0), chain.runs[0])
         yield Figure(
             "integration",
@@ -97,7 +97,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             "the law is an extrapolation. A law that remembers is drawn as in a slow motion in one direction.",
             lambda: plots.law_curves(result, truth=truth),
         )
-    yield from _of_rest(result, truth)
+    yield from _list_rest_figures(result, truth)
     if chain is not None:
         yield Figure(
             "transmissibility",
@@ -116,7 +116,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
             "line the model explains all that the sensors can show; a hump names the band in which it does not.",
             lambda: plots.equation_residual(result),
         )
-    yield from _of_left_out(result)
+    yield from _list_left_out_figures(result)
     if chain is not None and not result.is_refused:
         yield Figure(
             "estimates",
@@ -128,7 +128,7 @@ def _of_gear(result: AnyIdentification, truth: GearTruth | None) -> Iterator[Fig
         )
 
 
-def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure]:
+def _list_body_figures(result: Identification, truth: BodyTruth | None) -> Iterator[Figure]:
     yield Figure(
         "plan_view",
         "Where everything is",
@@ -160,7 +160,7 @@ def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure
         "part. Outside the shaded range, the rms of the motion, few samples speak.",
         lambda: plots.suspension_forces(result, truth=truth),
     )
-    yield from _of_rest(result, truth)
+    yield from _list_rest_figures(result, truth)
     yield Figure(
         "predicted_accelerations",
         "Measured and predicted",
@@ -174,10 +174,10 @@ def _of_body(result: Identification, truth: BodyTruth | None) -> Iterator[Figure
         "noise alone; a hump in one sensor names a place and a band that the structure does not know.",
         lambda: plots.body_residuals(result),
     )
-    yield from _of_left_out(result)
+    yield from _list_left_out_figures(result)
 
 
-def _of_left_out(result: AnyIdentification) -> Iterator[Figure]:
+def _list_left_out_figures(result: AnyIdentification) -> Iterator[Figure]:
     """The runs as the others predict them, where more than noise is left."""
     if isinstance(result, Identification) and result.left_out and not result.is_refused:
         yield Figure(
@@ -191,9 +191,9 @@ def _of_left_out(result: AnyIdentification) -> Iterator[Figure]:
         )
 
 
-def _of_rest(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Figure]:
+def _list_rest_figures(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Figure]:
     """Where each run rests, if a law depends on travel."""
-    if isinstance(result, Identification) and not result.is_refused and rested_springs(result):
+    if isinstance(result, Identification) and not result.is_refused and find_rested_springs(result):
         yield Figure(
             "static_curves",
             "Where each run rests",

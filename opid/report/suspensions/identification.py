@@ -11,6 +11,7 @@ from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import loop_area, sine_like
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import depends_on_travel
+from opid.plots.style import find_true_scale
 from opid.report.document import (
     Block,
     Document,
@@ -18,16 +19,23 @@ from opid.report.document import (
     Remarks,
     Row,
     Table,
-    columns,
-    counted,
-    ended,
-    sentence,
-    warnings,
+    build_columns,
+    build_warnings,
+    end_sentence,
+    format_count,
+    write_sentence,
 )
-from opid.report.estimates import estimate_row, estimate_table, gas_rows, law_in_words, law_rows
-from opid.report.suspensions.again import command_of, python_of
-from opid.report.suspensions.figures import figures_of
-from opid.report.suspensions.sketch import sketch_of
+from opid.report.estimates import (
+    INTERVAL,
+    build_estimate_row,
+    list_gas_rows,
+    list_law_rows,
+    say_law,
+    tabulate_estimates,
+)
+from opid.report.suspensions.again import write_command, write_python
+from opid.report.suspensions.figures import list_figures
+from opid.report.suspensions.sketch import build_sketch
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.answer.intervals import limits_of_mass
 from opid.suspensions.fitting.noise import over_noise
@@ -67,44 +75,44 @@ MOST_NAMED = 6
 """This many kinds of law at most are named one by one."""
 
 
-def document_of(result: AnyIdentification, truth: TaxiTruth | None = None) -> Document:
+def build_document(result: AnyIdentification, truth: TaxiTruth | None = None) -> Document:
     """Return the report of an identification: the numbers, their basis, and the warnings."""
     day = f", runs of {result.date}" if result.date else ""
     return Document(
         result.title or "Identification",
-        f"{_kind(result)}, from accelerations alone{day}",
-        _answer(result),
+        f"{_say_kind(result)}, from accelerations alone{day}",
+        _say_answer(result),
         result.not_determined,
-        tuple(_blocks(result, truth)),
-        lambda: _details(result, truth),
-        command_of(result),
-        python_of(result),
+        tuple(_list_blocks(result, truth)),
+        lambda: _list_details(result, truth),
+        write_command(result),
+        write_python(result),
         reference=REFERENCE if result.study.is_one_gear else "",
     )
 
 
-def _kind(result: AnyIdentification) -> str:
+def _say_kind(result: AnyIdentification) -> str:
     if isinstance(result, PaperIdentification) or result.study.is_one_gear:
         return f"method {result.method}"
-    return _in_words(result.structure)
+    return _say_structure(result.structure)
 
 
-def _in_words(structure: str) -> str:
+def _say_structure(structure: str) -> str:
     names = {"single": "each suspension alone", "pair": "mean of each pair"}
     return names.get(structure, structure.replace("_", " "))
 
 
-def _answer(result: AnyIdentification) -> str:
+def _say_answer(result: AnyIdentification) -> str:
     mass, said = result.parameters.sprung_mass_kg, []
     if mass.interval95 is not None:
         low, high = (rounded(end, mass.std) for end in mass.interval95)
         said.append(f"the sprung mass is {rounded(mass.value, mass.std)} kg (95 % interval {low} .. {high} kg)")
     if not result.is_refused:
-        said += _laws_in_words(result)
-    return sentence("; ".join(said))
+        said += _say_laws(result)
+    return write_sentence("; ".join(said))
 
 
-def _laws_in_words(result: AnyIdentification) -> Iterator[str]:
+def _say_laws(result: AnyIdentification) -> Iterator[str]:
     if result.study.is_one_gear or not isinstance(result, Identification):
         yield f"the law is {result.law.name}"
         return
@@ -115,93 +123,93 @@ def _laws_in_words(result: AnyIdentification) -> Iterator[str]:
         yield f"the law of {'each suspension' if len(names) == 1 else ' and '.join(whose)} is {law}"
 
 
-def _blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
+def _list_blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
     simulated = " The runs were simulated: truth, error, and whether the interval held the truth, are known."
     about_body = (
         " Values are those of the reference loading; inertias about the centre of gravity, x forward, y to the left."
     )
-    if (sketch := sketch_of(result)) is not None:
+    if (sketch := build_sketch(result)) is not None:
         yield sketch
-    yield estimate_table(
-        _rows(result, truth),
+    yield tabulate_estimates(
+        _list_rows(result, truth),
         truth,
-        legend="The interval holds the value with 95 % if the model holds."
+        legend=INTERVAL
         + simulated * (truth is not None)
         + about_body * (not result.study.is_one_gear)
         + " The force of a suspension is K z + C z′ + f(z, z′), z the travel of the body less that below.",
     )
-    yield warnings(result.warnings)
-    yield Paragraph(_limits(result))
+    yield build_warnings(result.warnings)
+    yield Paragraph(_say_limits(result))
     if isinstance(result, Identification):
         if result.candidates and not result.study.is_one_gear:
-            yield _structures(result)
-            yield Paragraph(_recommendation(result))
-        yield from _sensors(result)
+            yield _tabulate_structures(result)
+            yield Paragraph(_say_recommendation(result))
+        yield from _tabulate_sensors(result)
     yield Remarks("Law", result.alternative_laws)
 
 
-def _details(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
-    yield _runs(result)
-    yield from figures_of(result, truth)
+def _list_details(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
+    yield _tabulate_runs(result)
+    yield from list_figures(result, truth)
 
 
 # ---- the table of numbers --------------------------------------------------------------------------
 
 
-def _rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
+def _list_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     """Parameters, suspensions, and the ratios that need no known mass, which may be all that a body is known by."""
-    yield from _parameter_rows(result, truth)
+    yield from _list_parameter_rows(result, truth)
     if result.study.is_one_gear:
         if not result.is_refused:
-            yield from _law_of_gear(result, truth)
-        yield from _ratio_rows(result, truth)
-        yield from _equivalent_rows(result)
+            yield from _list_gear_rows(result, truth)
+        yield from _list_ratio_rows(result, truth)
+        yield from _list_equivalent_rows(result)
     elif isinstance(result, Identification):
-        yield from _ratio_rows(result, truth)
+        yield from _list_ratio_rows(result, truth)
         if result.place_corrections:
             yield ("Coordinates: what is to be added to those stated",)
         for name, estimate in result.place_corrections.items():
-            yield estimate_row(_coordinate(name), "m", estimate)
-        yield from _suspension_rows(result, truth)
+            yield build_estimate_row(_format_coordinate(name), "m", estimate)
+        yield from _list_suspension_rows(result, truth)
 
 
-def _parameter_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
+def _list_parameter_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     true = truth.parameters if truth else None
     ratios = dict(result.ratios.items())
     # gears alone have no inertia, and the numbers that one loading gives are among the ratios
     is_told = isinstance(result.parameters, GearParameters) or _is_rigid(result)
     for name, estimate in result.parameters.items():
         if estimate.value is not None or name == "sprung_mass_kg" or (is_told and name not in ratios):
-            yield estimate_row(_label(name, result), UNITS[name], estimate, getattr(true, name, None))
+            yield build_estimate_row(_format_label(name, result), UNITS[name], estimate, getattr(true, name, None))
 
 
 def _is_rigid(result: AnyIdentification) -> bool:
     return isinstance(result, Identification) and result.structure == "rigid_body"
 
 
-def _label(name: str, result: AnyIdentification) -> str:
+def _format_label(name: str, result: AnyIdentification) -> str:
     if name == "sprung_mass_kg":
         return "sprung mass M2" if result.study.is_one_gear else "sprung mass M"
     return LABELS[name]
 
 
-def _ratio_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
+def _list_ratio_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
     given = dict(result.parameters.items())
     shown = {name: each for name, each in result.ratios.items() if name not in given or given[name].value is None}
     if not (result.study.is_one_gear or any(estimate.value is not None for estimate in shown.values())):
         return
     is_model = isinstance(result, Identification)
-    true = _true_ratios(truth, at_rest=is_model) if truth else {}
+    true = _compute_true_ratios(truth, is_at_rest=is_model) if truth else {}
     yield ("Ratios to the mass of the reference run" if result.study.is_one_gear else "What needs no known mass",)
     for name, estimate in shown.items():
         if name == "natural_frequency_hz" and estimate.value is not None and isinstance(result, Identification):
             belongs_to = FREQUENCY_OF[result.frequency_of]
             yield from [(belongs_to,)] * bool(belongs_to)
-        yield estimate_row(LABELS[name], UNITS[name], estimate, true.get(name))
+        yield build_estimate_row(LABELS[name], UNITS[name], estimate, true.get(name))
 
 
-def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
-    """The true ratios of a gear or a body; its frequency is that of the tangent stiffness if `at_rest`."""
+def _compute_true_ratios(truth: TaxiTruth, *, is_at_rest: bool) -> dict[str, float]:
+    """The true ratios of a gear or a body; its frequency is that of the tangent stiffness if `is_at_rest`."""
     mass = truth.parameters.sprung_mass_kg
     if isinstance(truth, BodyTruth):
         body = truth.parameters
@@ -209,7 +217,7 @@ def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
         return asdict(body) | {name: math.sqrt(square) for name, square in radii.items()}
     gear = truth.parameters
     stiffness, damping = gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m
-    ground, slope = gear.ground_stiffness_n_per_m, truth.law.gradient(0.0, 0.0)[0] if at_rest else 0.0
+    ground, slope = gear.ground_stiffness_n_per_m, truth.law.gradient(0.0, 0.0)[0] if is_at_rest else 0.0
     omega = math.sqrt((stiffness + ground + float(slope)) / mass)
     return {
         "stiffness_per_mass": stiffness / mass,
@@ -220,17 +228,17 @@ def _true_ratios(truth: TaxiTruth, *, at_rest: bool) -> dict[str, float]:
     }
 
 
-def _equivalent_rows(result: AnyIdentification) -> Iterator[Row]:
+def _list_equivalent_rows(result: AnyIdentification) -> Iterator[Row]:
     """The straight suspension of each run, if the numbers of the law are not valid, or if the law remembers."""
     if not isinstance(result, Identification) or not (result.limited_by == "model" or result.law.has_memory):
         return
     for each in result.equivalents:
         yield (f"Straight suspension that comes nearest to it over the motion of run {each.run!r}",)
         for name in ("natural_frequency_hz", "damping_ratio"):
-            yield estimate_row(LABELS[name], UNITS[name], getattr(each, name))
+            yield build_estimate_row(LABELS[name], UNITS[name], getattr(each, name))
 
 
-def _coordinate(name: str) -> str:
+def _format_coordinate(name: str) -> str:
     """A coordinate in words: "sensor_x_m[left]" becomes "left, sensor x"."""
     what, _, whose = name.rstrip("]").partition("[")
     return f"{whose}, {what.removesuffix('_m').replace('_', ' ')}" if whose else name
@@ -239,32 +247,34 @@ def _coordinate(name: str) -> str:
 # ---- suspensions -----------------------------------------------------------------------------------
 
 
-def _law_of_gear(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
-    true = truth if isinstance(truth, GearTruth) else None
-    yield from _law(result, "", result.law, result.law_estimates, true, _true_scale(result, truth))
+def _list_gear_rows(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Row]:
+    true, scale = truth if isinstance(truth, GearTruth) else None, find_true_scale(truth, per_mass=result.per_mass)
+    yield from _list_law_rows(result, "", result.law, result.law_estimates, true, scale)
     if isinstance(result, Identification):
-        yield from _rest_rows(result, result.interfaces[0], true)
-        yield from _loop_rows(result, result.interfaces[0], true, _true_scale(result, truth))
+        yield from _list_rest_rows(result, result.interfaces[0], true)
+        yield from _list_loop_rows(result, result.interfaces[0], true, scale)
 
 
-def _suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterator[Row]:
+def _list_suspension_rows(result: Identification, truth: TaxiTruth | None) -> Iterator[Row]:
     shown: set[str] = set()
-    scale = _true_scale(result, truth)
+    scale = find_true_scale(truth, per_mass=result.per_mass)
     for interface in result.interfaces:
         like = next((name for name in interface.shared_with if name in shown), None)
         if like is not None and truth is None:
             yield (f"Suspension {interface.name}: as {like}, shared",)
-            yield _residual_row(interface)
+            yield _build_residual_row(interface)
         else:
             true = truth.interfaces.get(interface.name) if isinstance(truth, BodyTruth) else None
-            springs = _spring_rows(result, interface, true, scale)
-            yield from _law(result, interface.name, interface.law, interface.law_estimates, true, scale, springs)
-            yield from _rest_rows(result, interface, true)
-            yield from _loop_rows(result, interface, true, scale)
+            springs = _list_spring_rows(result, interface, true, scale)
+            yield from _list_law_rows(
+                result, interface.name, interface.law, interface.law_estimates, true, scale, springs
+            )
+            yield from _list_rest_rows(result, interface, true)
+            yield from _list_loop_rows(result, interface, true, scale)
         shown.add(interface.name)
 
 
-def _spring_rows(
+def _list_spring_rows(
     result: Identification, interface: InterfaceEstimate, true: SuspensionTruth | None, scale: float
 ) -> Iterator[Row]:
     springs = (
@@ -272,14 +282,14 @@ def _spring_rows(
         ("damping C", "damping_n_s_per_m", interface.damping),
         ("ground K3", "ground_stiffness_n_per_m", interface.ground_stiffness),
     )
-    yield _residual_row(interface)
+    yield _build_residual_row(interface)
     for label, name, estimate in springs if interface.ground_stiffness.value else springs[:2]:
         known = getattr(true, name, None)
         value = None if known is None else known * scale
-        yield estimate_row(f"{label}{'/M' * result.per_mass}", result.units["damping" in name], estimate, value)
+        yield build_estimate_row(f"{label}{'/M' * result.per_mass}", result.units["damping" in name], estimate, value)
 
 
-def _law(
+def _list_law_rows(
     result: AnyIdentification,
     suspension: str,
     law: Law,
@@ -291,22 +301,17 @@ def _law(
     """The name of a law, the springs beside it, and its parameters; the only suspension of a gear has no name."""
     other = f"; truth: {true.law.name}" if true and true.law.name != law.name else ""
     symbol = "f" if not result.per_mass else "f/M" if suspension else "f/M2"
-    yield (f"{f'Suspension {suspension}' if suspension else 'Law'}: {law_in_words(law, symbol)}{other}",)
+    yield (f"{f'Suspension {suspension}' if suspension else 'Law'}: {say_law(law, symbol)}{other}",)
     yield from springs
     parameters = true.law.parameters if true else None
-    yield from law_rows(law, estimates, of=suspension, per_mass=result.per_mass, true=parameters, true_scale=scale)
+    yield from list_law_rows(law, estimates, of=suspension, per_mass=result.per_mass, true=parameters, true_scale=scale)
 
 
-def _true_scale(result: AnyIdentification, truth: TaxiTruth | None) -> float:
-    """The factor of the true forces, which must be per kg of the sprung mass where those of the result are."""
-    return 1.0 / truth.parameters.sprung_mass_kg if truth and result.per_mass else 1.0
-
-
-def _residual_row(interface: InterfaceEstimate) -> Row:
+def _build_residual_row(interface: InterfaceEstimate) -> Row:
     return ("residual/noise", over_noise(interface.residual_over_noise), "-", "-", "1", "-", "-", "-")
 
 
-def _rest_rows(
+def _list_rest_rows(
     result: Identification, interface: InterfaceEstimate, true: GearTruth | SuspensionTruth | None
 ) -> Iterator[Row]:
     """The rest of a suspension in each run, and its stiffness there, if its law depends on travel."""
@@ -323,12 +328,12 @@ def _rest_rows(
         rows.append((f"{each.run}: damping", damping, each.damping))
     yield ("At rest, run by run: static travel from the reference run, tangent stiffness, equivalent damping",)
     if is_elsewhere:
-        yield estimate_row("rest on the law", "m", interface.rest_m, None if true is None else true_rest_m)
-    yield from (estimate_row(*row) for row in rows)
-    yield from gas_rows(interface.gas, "Gas at rest in the reference run")
+        yield build_estimate_row("rest on the law", "m", interface.rest_m, None if true is None else true_rest_m)
+    yield from (build_estimate_row(*row) for row in rows)
+    yield from list_gas_rows(interface.gas, "Gas at rest in the reference run")
 
 
-def _loop_rows(
+def _list_loop_rows(
     result: Identification, interface: InterfaceEstimate, true: GearTruth | SuspensionTruth | None, scale: float
 ) -> Iterator[Row]:
     """The energy that what a suspension remembers takes per cycle, in a motion as large and as fast as each run."""
@@ -346,14 +351,14 @@ def _loop_rows(
             f"What remembers, in a sine of {1e3 * size_m:.3g} mm at {frequency_hz:.3g} Hz like run {each.run!r}"
             f"{': these runs do not determine it' * (each.loop.area_j.value is None)}",
         )
-        yield estimate_row("energy per cycle", "J/kg" if result.per_mass else "J", each.loop.area_j, known)
+        yield build_estimate_row("energy per cycle", "J/kg" if result.per_mass else "J", each.loop.area_j, known)
 
 
 # ---- structures, sensors and runs ------------------------------------------------------------------
 
 
-def _structures(result: Identification) -> Table:
-    def row(candidate: Candidate) -> Row:
+def _tabulate_structures(result: Identification) -> Table:
+    def build_row(candidate: Candidate) -> Row:
         mass = candidate.sprung_mass_kg
         return (
             candidate.label,
@@ -361,19 +366,21 @@ def _structures(result: Identification) -> Table:
             over_noise(candidate.left_out_over_noise),
             with_std(mass.value, mass.std),
             candidate.law.replace("+", " + ") or "-",
-            _verdict(candidate),
+            _say_verdict(candidate),
         )
 
     return Table(
-        columns("structure", "fit", "left out", "mass ± std [kg]", "law", "verdict", left=(0, 4, 5), elastic=(4,)),
-        tuple(map(row, result.candidates)),
+        build_columns(
+            "structure", "fit", "left out", "mass ± std [kg]", "law", "verdict", left=(0, 4, 5), elastic=(4,)
+        ),
+        tuple(map(build_row, result.candidates)),
         "Structures: residual over noise of the fit, and of runs left out of it",
         legend="The mass is what rests on a suspension alone or on one of a pair, and all that is sprung for a rigid "
         "body. The noise is known beforehand, from the study or from the records.",
     )
 
 
-def _verdict(candidate: Candidate) -> str:
+def _say_verdict(candidate: Candidate) -> str:
     if candidate.recommended:
         return "recommended"
     if not math.isfinite(candidate.residual_over_noise):
@@ -381,16 +388,16 @@ def _verdict(candidate: Candidate) -> str:
     return "explains" if candidate.explains else "rejected"
 
 
-def _recommendation(result: Identification) -> str:
+def _say_recommendation(result: Identification) -> str:
     best = result.recommended
     if best is None:
         explained = any(candidate.explains for candidate in result.candidates)
         reason = "their mass would be negative" if explained else "none leaves noise alone"
-        return f"Recommended: none of them, for {reason}. The numbers are those of: {_in_words(result.structure)}."
-    return f"Recommended: {_in_words(best.kind)}. Why: {ended(result.reason)}"
+        return f"Recommended: none of them, for {reason}. The numbers are those of: {_say_structure(result.structure)}."
+    return f"Recommended: {_say_structure(best.kind)}. Why: {end_sentence(result.reason)}"
 
 
-def _sensors(result: Identification) -> Iterator[Table]:
+def _tabulate_sensors(result: Identification) -> Iterator[Table]:
     """The faults of sensors that the fits found, beside what was known before."""
     rows = tuple(
         (
@@ -404,29 +411,29 @@ def _sensors(result: Identification) -> Iterator[Table]:
         for fault in fit.model.faults
     )
     if rows:
-        yield Table(columns("of the sensors", "found", "std. dev.", "known before", "std. dev."), rows)
+        yield Table(build_columns("of the sensors", "found", "std. dev.", "known before", "std. dev."), rows)
 
 
-def _runs(result: AnyIdentification) -> Table:
+def _tabulate_runs(result: AnyIdentification) -> Table:
     """The runs, and what the steps of the paper found of each."""
     chain = chain_of(result) if result.study.is_one_gear else None
     steps = chain.runs if chain is not None else ()
 
-    def cells(index: int) -> Row:
+    def format_step(index: int) -> Row:
         surface = steps[index].surface
         travel, velocity = 1e3 * float(surface.travel.std()), float(surface.velocity.std())
         return f"{travel:.3g}", f"{velocity:.3g}", f"{steps[index].T.spectra.n_averages:.1f}"
 
     heads = ("travel rms [mm]", "velocity rms [m/s]", "averages")
     return Table(
-        columns("run", "mass change [kg]", "length [s]", "rate [Hz]", *(heads if steps else ())),
+        build_columns("run", "mass change [kg]", "length [s]", "rate [Hz]", *(heads if steps else ())),
         tuple(
             (
                 run.name,
                 f"{run.mass_change_kg:+g}" if run.mass_change_kg else "0",
                 f"{run.recording.duration_s:.4g}",
                 f"{run.recording.fs:g}",
-                *(cells(index) if steps else ()),
+                *(format_step(index) if steps else ()),
             )
             for index, run in enumerate(result.study.runs)
         ),
@@ -437,24 +444,25 @@ def _runs(result: AnyIdentification) -> Table:
 # ---- what the answer rests on ----------------------------------------------------------------------
 
 
-def _limits(result: AnyIdentification) -> str:
+def _say_limits(result: AnyIdentification) -> str:
     if isinstance(result, PaperIdentification):
-        return _limits_of_chain(result)
-    return _limits_of_gear(result) if result.study.is_one_gear else _limits_of_body(result)
+        return _say_limits_of_chain(result)
+    return _say_limits_of_gear(result) if result.study.is_one_gear else _say_limits_of_body(result)
 
 
-def _limits_of_gear(result: Identification) -> str:
+def _say_limits_of_gear(result: Identification) -> str:
     evidence, lines = result.evidence[0], result.runs[0].frequency_hz
-    white = evidence.whiteness.white
+    is_white = evidence.whiteness.white
     predicted = (
-        f"{_from_runs(len(result.runs), (lines[0], lines[-1]))}the model predicts the airframe acceleration to "
-        f"{_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, and the sensors' noise is at most "
-        f"{_mm_per_s2(evidence.noise)}; the prediction errors are {'white, as noise is' if white else 'not white'}."
+        f"{_say_runs(len(result.runs), (lines[0], lines[-1]))}the model predicts the airframe acceleration to "
+        f"{_format_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, and the sensors' noise is at most "
+        f"{_format_mm_per_s2(evidence.noise)}; the prediction errors are "
+        f"{'white, as noise is' if is_white else 'not white'}."
     )
     if not any(estimate.interval95 for _, estimate in (*result.parameters.items(), *result.ratios.items())):
         return predicted
     checked = evidence.bootstrap_over_white.get("inverse_mass")
-    check = f" (resampling blocks of time gives {checked:.2f} times that of the mass)" if checked and white else ""
+    check = f" (resampling blocks of time gives {checked:.2f} times that of the mass)" if checked and is_white else ""
     unlike = " and for suspensions that differ from run to run" * (evidence.repeatability.estimated is not None)
     left_out = (
         f"The other runs predict {result.runs[each.run].name!r} to {100 * each.unexplained:.2g} % of its rms "
@@ -462,28 +470,29 @@ def _limits_of_gear(result: Identification) -> str:
         for each in result.left_out
     )
     sentences = (
-        f"{predicted} The intervals allow for {'such noise' if white else 'errors so coloured'}{check}{unlike}.",
+        f"{predicted} The intervals allow for {'such noise' if is_white else 'errors so coloured'}{check}{unlike}.",
         *left_out,
-        *map(sentence, evidence.limits),
+        *map(write_sentence, evidence.limits),
     )
-    return " ".join(sentences) + _chosen_among(result.options.law, result.options.kinds)
+    return " ".join(sentences) + _say_kinds(result.options.law, result.options.kinds)
 
 
-def _limits_of_chain(result: PaperIdentification) -> str:
+def _say_limits_of_chain(result: PaperIdentification) -> str:
     averages = min(run.T.spectra.n_averages for run in result.chain.runs)
     the_same = (
         " Stiffness, damping and friction are taken to be the same in all runs; the driven model lets them differ."
     )
     return (
-        f"{_from_runs(len(result.chain.runs), result.chain.band_hz)}the fitted equation leaves "
-        f"{_mm_per_s2(result.joint.noise_m_per_s2)} rms unexplained, the noise floor of the airframe sensor is at most "
-        f"{_mm_per_s2(result.chain.noise_floor_m_per_s2)}. Each transmissibility rests on {averages:.1f} independent "
-        f"averages (the parameters do not come from it).{the_same * (len(result.chain.runs) > 1)}"
-        f"{_chosen_among(result.settings.law, result.tried_kinds)}"
+        f"{_say_runs(len(result.chain.runs), result.chain.band_hz)}the fitted equation leaves "
+        f"{_format_mm_per_s2(result.joint.noise_m_per_s2)} rms unexplained, the noise floor of the airframe sensor is "
+        f"at most {_format_mm_per_s2(result.chain.noise_floor_m_per_s2)}. Each transmissibility rests on "
+        f"{averages:.1f} independent averages (the parameters do not come from it)."
+        f"{the_same * (len(result.chain.runs) > 1)}"
+        f"{_say_kinds(result.settings.law, result.tried_kinds)}"
     )
 
 
-def _limits_of_body(result: Identification) -> str:
+def _say_limits_of_body(result: Identification) -> str:
     n_gears = len(result.interfaces)
     n_sensors = max((len(run.measured) for run in result.runs), default=n_gears)
     n_loadings = len({run.loading for run in result.runs})
@@ -494,19 +503,20 @@ def _limits_of_body(result: Identification) -> str:
     alike = (limits_of_mass(each.repeatability, each.fit, mass, is_pushed=is_pushed) for each in result.evidence[:1])
     return " ".join(
         (
-            f"From {counted(len(result.runs), 'run')} at {scale}: {counted(n_sensors, 'sensor')} on the body predicted "
-            f"from the motion below {counted(n_gears, 'suspension')}, {over_noise(result.residual_over_noise)} times "
-            f"the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is left.",
-            *(sentence(limit) for limits in alike for limit in limits),
+            f"From {format_count(len(result.runs), 'run')} at {scale}: {format_count(n_sensors, 'sensor')} on the body "
+            f"predicted from the motion below {format_count(n_gears, 'suspension')}, "
+            f"{over_noise(result.residual_over_noise)} times the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is "
+            "left.",
+            *(write_sentence(limit) for limits in alike for limit in limits),
         )
     )
 
 
-def _from_runs(n_runs: int, band_hz: tuple[float, float]) -> str:
-    return f"From {counted(n_runs, 'run')}, {band_hz[0]:.3g} to {band_hz[1]:.3g} Hz: "
+def _say_runs(n_runs: int, band_hz: tuple[float, float]) -> str:
+    return f"From {format_count(n_runs, 'run')}, {band_hz[0]:.3g} to {band_hz[1]:.3g} Hz: "
 
 
-def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
+def _say_kinds(law: str | None, kinds: tuple[str, ...]) -> str:
     if law is not None:
         return ""
     named = ", ".join(sorted(kinds)) if len(kinds) <= MOST_NAMED else f"the {len(kinds)} kinds of the library"
@@ -516,5 +526,5 @@ def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
     )
 
 
-def _mm_per_s2(value: float) -> str:
+def _format_mm_per_s2(value: float) -> str:
     return f"{float(f'{1e3 * value:.2g}'):g} mm/s^2"

@@ -113,7 +113,9 @@ function stack(layout) {
 
 class Chart {
   constructor(box, chart) {
-    this.box = box, this.chart = chart, this.off = new Set();
+    this.box = box, this.chart = chart;
+    // curves that a reader chooses in a table are off at first
+    this.off = new Set(box.dataset.chosen === undefined ? [] : chart.data.map((trace) => trace.meta));
     for (const trace of chart.data) for (const key of ["x", "y", "z", "customdata"]) if (trace[key]) trace[key] = decode(trace[key]);
     for (const trace of chart.data)
       if (trace.dx !== undefined) {
@@ -149,6 +151,7 @@ class Chart {
     if (first) {
       this.start = JSON.parse(JSON.stringify(this.axes()));
       this.plot.on("plotly_relayout", () => this.refine());
+      this.plot.on("plotly_click", ({ points: [{ data }] }) => data.link && open(data.link, "_blank", "noopener"));
     }
     this.box.dataset.drawn = "yes";
   }
@@ -182,16 +185,23 @@ class Chart {
     if (this.chart.layout.scene) return Plotly.relayout(this.plot, { "scene.camera": this.chart.layout.scene.camera });
     return Plotly.relayout(this.plot, structuredClone(this.start));
   }
+  choose(curve, on) {
+    on ? this.off.delete(curve) : this.off.add(curve);
+    for (const each of this.box.querySelectorAll(".legend button"))
+      if (each.textContent === curve) each.hidden = !on, each.setAttribute("aria-pressed", String(on));
+    return this.draw();
+  }
   legend() {
     const list = document.createElement("div");
     list.className = "legend";
     for (const entry of this.chart.legend) {
       const button = document.createElement("button");
       button.type = "button";
-      button.setAttribute("aria-pressed", "true");
       button.append(...entry.looks.map(swatch), entry.text);
       const same = this.chart.data.some((trace) => trace.meta === entry.text) || (this.chart.layout.shapes || []).some((shape) => shape.name === entry.text);
       button.disabled = !same;
+      button.hidden = this.off.has(entry.text);
+      button.setAttribute("aria-pressed", String(!this.off.has(entry.text)));
       button.addEventListener("click", () => {
         this.off.has(entry.text) ? this.off.delete(entry.text) : this.off.add(entry.text);
         for (const each of list.children) if (each.textContent === entry.text) each.setAttribute("aria-pressed", String(!this.off.has(entry.text)));
@@ -261,14 +271,19 @@ function save(name, text) {
   script.textContent = await unpack("plotly");
   document.head.append(script);
   const charts = new Map();
-  const open = (box) => {
+  const show = (box) => {
     if (!charts.has(box)) charts.set(box, new Chart(box, JSON.parse(box.querySelector("script").textContent)));
     return charts.get(box).draw();
   };
   const watcher = new IntersectionObserver((entries) => {
-    for (const { target, isIntersecting } of entries) if (isIntersecting) watcher.unobserve(target), open(target);
+    for (const { target, isIntersecting } of entries) if (isIntersecting) watcher.unobserve(target), show(target);
   }, { rootMargin: "400px" });
   boxes.forEach((box) => watcher.observe(box));
   dark.addEventListener("change", () => charts.forEach((chart) => chart.draw()));
-  addEventListener("beforeprint", () => boxes.forEach(open));
+  document.addEventListener("choose", async ({ detail }) => {
+    const box = boxes.find((each) => each.dataset.chart === detail.chart);
+    await show(box);
+    charts.get(box).choose(detail.curve, detail.on);
+  });
+  addEventListener("beforeprint", () => boxes.forEach(show));
 })();

@@ -73,7 +73,7 @@ class _Clock:
     columns: tuple[int, ...]  # columns of their values
     channels: tuple[int, ...]  # their numbers among the channels of the file, from 0
     later_s: float = 0.0  # time by which the clock began later than the first clock
-    shares_rows: bool = False  # whether its rows also hold channels of another period
+    has_shared_rows: bool = False  # whether its rows also hold channels of another period
 
 
 @reader(".lvm", name="LabVIEW LVM", magic=(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"), text=True)
@@ -177,7 +177,7 @@ def _find_clocks(file: _File, segment: _Segment) -> list[_Clock]:
         x = 0 if file.x_columns == "one" else None
         own_x = [x, *[None] * (len(of_period) - 1)]
         return [
-            _Clock(column, tuple(each + 1 for each in own), tuple(own), shares_rows=len(of_period) > 1)
+            _Clock(column, tuple(each + 1 for each in own), tuple(own), has_shared_rows=len(of_period) > 1)
             for column, own in zip(own_x, of_period.values(), strict=True)
         ]
     alike: dict[tuple[str, ...], list[int]] = {}
@@ -280,7 +280,7 @@ def _read_blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: 
         row = 0 if new else row
         x = _make_stamps(file, piece, clock, row, len(values)) if clock.x is None else values[:, -1]
         row += len(values)
-        if clock.shares_rows:  # the channels with more samples continue
+        if clock.has_shared_rows:  # the channels with more samples continue
             values, ended = _cut_at_end(file, number, values, ended=ended and not new)
             x = x[: len(values)]
         held = ~np.isnan(x)

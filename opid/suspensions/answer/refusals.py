@@ -35,7 +35,7 @@ def why_refused(choice: Choice) -> str | None:
     """Return why there are no numbers at all; None if there are."""
     study, parts, ratio, verdicts = choice.study, choice.parts, choice.ratio, choice.verdicts
     if study.is_one_gear:
-        return _why_gear_refused(study, parts[0])
+        return _why_gear_refused(parts[0])
     if ratio <= verdicts.refused or choice.explains:
         return None
     return (
@@ -44,7 +44,7 @@ def why_refused(choice: Choice) -> str | None:
     )
 
 
-def _why_gear_refused(study: Study, part: FittedStructure) -> str | None:
+def _why_gear_refused(part: FittedStructure) -> str | None:
     fit, verdicts, ratio = part.fit, part.settings.verdicts, part.residual_over_noise
     frequencies = natural_frequencies(fit) if ratio > verdicts.doubtful else [0.0]
     differ = max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)

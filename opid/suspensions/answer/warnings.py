@@ -13,7 +13,7 @@ from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.repeatability import PARTS, part_of
 from opid.signals.health.across_channels import find_unit_ratio
 from opid.signals.health.inspection import findings_in_words
-from opid.suspensions.answer.gas import warn_of_area
+from opid.suspensions.answer.numbers import warn_of_area
 from opid.suspensions.answer.refusals import ConfoundedTerm, worst_sensor
 from opid.suspensions.candidates import Choice, FittedStructure
 from opid.suspensions.fitting.noise import over_noise

@@ -13,7 +13,7 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.mechanics.memory import Loop, gradient_along, sine_like, taken_per_cycle
-from opid.suspensions.answer.gas import amounts_of_gas, as_gas_column, index_of_gas
+from opid.suspensions.answer.numbers import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings

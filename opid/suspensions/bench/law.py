@@ -22,7 +22,7 @@ from opid.mechanics.memory import Loop
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.suspensions.answer.gas import warn_of_area
+from opid.suspensions.answer.numbers import warn_of_area
 from opid.suspensions.bench.intervals import (
     cycle_of,
     estimate_parameters,

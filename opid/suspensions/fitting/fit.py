@@ -414,34 +414,25 @@ def turnover_rate(fit: Fit) -> float:
     return float(np.abs(np.linalg.eigvals(model.mobility(fit.theta, 0).accelerance * slopes)).max())
 
 
-def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
-    """Return the residual over the noise when each run is predicted by a fit of the others; None without such fits.
-
-    Args:
-        fit: the fit of all runs.
-        least_promise: as in `fit_model`.
-    """
-    fits = predict_left_out(fit, least_promise=least_promise)
+def left_out_ratio(fit: Fit) -> float | None:
+    """Return the residual over the noise when each run is predicted by a fit of the others; None without such fits."""
+    fits = predict_left_out(fit)
     if fits is None:
         return None
     cost = sum(float(np.sum(each.errors.stacked[: each.n_data] ** 2)) for each in fits)
     return float(np.sqrt(cost / sum(each.n_data for each in fits)))
 
 
-def predict_left_out(fit: Fit, *, least_promise: float | None = None) -> list[Fit] | None:
+def predict_left_out(fit: Fit) -> list[Fit] | None:
     """Return the prediction of each run by a fit of the others; None if there are no others, or if a fit fails.
 
     The initial state of the run that is left out is fitted, and so are its departures from the other runs, with what is
     known of them. If the other runs have only one loading, the mass stays that of the fit of all runs.
-
-    Args:
-        fit: the fit of all runs.
-        least_promise: as in `fit_model`.
     """
     model = fit.model
     if len(model.runs) < 2:
         return None
-    promise = least_promise or model.settings.fit.promise_in_search
+    promise = model.settings.fit.promise_in_search
     found: list[Fit] = []
     own = fit.theta[model.n_shared :].reshape(len(model.runs), model.n_own)
     try:

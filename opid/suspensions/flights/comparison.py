@@ -42,8 +42,8 @@ class Change:
         quantity: the quantity that changed.
         first: index of the first of them in `Comparison.flights`.
         last: index of the last.
-        share: relative change of their mean against the flights before, with its interval; without a value if these are
-            not clearly different from zero.
+        fraction: relative change of their mean against the flights before, with its interval; without a value if these
+            are not clearly different from zero.
         departure: departure of the flight that departs most, in standard deviations.
         confirmed: whether the flight after the first departs as well; None if there is none yet.
         statement: the change in a sentence.
@@ -52,7 +52,7 @@ class Change:
     quantity: Quantity
     first: int
     last: int
-    share: Estimate
+    fraction: Estimate
     departure: float
     confirmed: bool | None
     statement: str
@@ -123,7 +123,7 @@ class Comparison(Result):
                 ],
                 "changes": [
                     _describe_quantity(change)
-                    | {"first": change.first, "last": change.last, "share": asdict(change.share)}
+                    | {"first": change.first, "last": change.last, "share": asdict(change.fraction)}
                     | {"departure": change.departure, "confirmed": change.confirmed, "statement": change.statement}
                     for change in self.changes
                 ],
@@ -284,21 +284,22 @@ def _change(series: Series, group: Sequence[Point], flights: Flights, settings: 
     change = float(values @ (1 / variance) / (1 / variance).sum()) - expected
     std = math.sqrt(1 / (1 / variance).sum() + before)
     clear = abs(expected) > settings.clear_std * math.sqrt(before) and expected != 0
-    share = Estimate.normal(change / abs(expected), std / abs(expected)) if clear else Estimate()
+    fraction = Estimate.normal(change / abs(expected), std / abs(expected)) if clear else Estimate()
     departure = max((point.departure or 0.0 for point in group), key=abs)
-    statement = _statement(series, group, flights, share, change, departure)
-    return Change(series.quantity, first.flight, group[-1].flight, share, departure, first.confirmed, statement)
+    statement = _statement(series, group, flights, fraction, change, departure)
+    return Change(series.quantity, first.flight, group[-1].flight, fraction, departure, first.confirmed, statement)
 
 
 def _statement(
-    series: Series, group: Sequence[Point], flights: Flights, share: Estimate, change: float, departure: float
+    series: Series, group: Sequence[Point], flights: Flights, fraction: Estimate, change: float, departure: float
 ) -> str:
     quantity, first = series.quantity, group[0]
     what = quantity.label + (f" of {quantity.gear!r}" if quantity.gear else "")
-    if share.interval95 is None or share.value is None:
+    if fraction.interval95 is None or fraction.value is None:
         by = f"{change:+.3g} {quantity.unit}"
     else:
-        by = f"{100 * share.value:+.1f} % ({100 * share.interval95[0]:+.1f} to {100 * share.interval95[1]:+.1f} %)"
+        low, high = fraction.interval95
+        by = f"{100 * fraction.value:+.1f} % ({100 * low:+.1f} to {100 * high:+.1f} %)"
     since = when(flights.flights[first.flight])
     until = f" to {when(flights.flights[group[-1].flight])}" if len(group) > 1 else ""
     how = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,3 +111,49 @@ def name_faults(dofs: Sequence[str], sensors: Sequence[str], joints: Mapping[str
     for joint, (one, other) in joints.items():
         if one == other:
             yield f"joint {joint!r} lies between {one!r} and itself: name two degrees of freedom"
+
+
+def structure_faults(structure: AffineStructure) -> Iterator[str]:
+    """Yield whether the mass or the nominal stiffness is not positive."""
+    if (worst := _least_eigenvalue(structure.mass)) <= 0:
+        yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
+    # A free structure has eigenvalues of 0, which rounding may make negative.
+    stiffness = structure.stiffness_at({})
+    largest = float(np.abs(stiffness.diagonal()).max(initial=0.0))
+    if (worst := _least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
+        yield f"the stiffness matrix is not positive (eigenvalue {worst:.3g} N/m): look for a wrong sign"
+
+
+def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
+    """Return the least eigenvalue if it is negative, else 0 or a positive number: pivots show its sign (Sylvester)."""
+    from scipy.sparse.linalg import eigsh
+
+    found = sparse.csc_matrix(matrix)
+    if found.shape[0] <= 2:
+        return float(np.linalg.eigvalsh(found.toarray())[0])
+    if _is_positive(found, shift):
+        return 1.0
+    # No eigenvalue lies below -largest; the first shift that is enough is at most ten times too large.
+    largest = float(np.abs(found).sum(axis=0).max())
+    shift = max(shift, 1e-12 * largest)
+    while shift < largest and not _is_positive(found, shift):
+        shift *= 10
+    try:
+        # All eigenvalues lie above -shift, so the nearest to it is the least.
+        return float(eigsh(found, k=1, sigma=-shift, return_eigenvectors=False, tol=1e-4)[0])
+    except (RuntimeError, ValueError):  # the shift is an eigenvalue, or the iteration does not converge
+        return -shift
+
+
+def _is_positive(matrix: Any, shift: float) -> bool:
+    """Return whether a sparse matrix plus `shift` times the identity has positive pivots only."""
+    from scipy.sparse.linalg import splu
+
+    try:
+        factors = splu(
+            matrix + shift * sparse.identity(matrix.shape[0], format="csc"),
+            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+    except RuntimeError:  # singular
+        return False
+    return bool((factors.U.diagonal() > 0).all() and (factors.perm_r == factors.perm_c).all())

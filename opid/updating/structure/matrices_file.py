@@ -13,8 +13,7 @@ from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
 from opid.signals.files import write_whole
-from opid.updating.checks import structure_faults
-from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults
+from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
 Source = str | os.PathLike[str]
 

@@ -25,8 +25,8 @@ from opid.virtual.backbone_tests.shaker_feedback import (
     ClosedLoop,
     ReadingNoise,
     Record,
-    closed_loop,
-    phase_noise,
+    close_loop,
+    compute_phase_noise,
     record_periods,
 )
 
@@ -176,13 +176,13 @@ def measured_curve(
     chosen, system = settings or ContinuationSettings(), specimen.system
     watched = system.sensor(sensor), system.sensor(controlled_sensor)
 
-    def loop(stiffness_fraction: float) -> ClosedLoop:
+    def close_at(stiffness_fraction: float) -> ClosedLoop:
         damping, filtered = chosen.feedback_damping, chosen.modal_filter
-        return closed_loop(
+        return close_loop(
             specimen, mode, damping_ratio=damping, stiffness_fraction=stiffness_fraction, modal_filter=filtered
         )
 
-    bench = _Bench(loop(0.0), chosen, noise or ReadingNoise(), rng, watched)
+    bench = _Bench(close_at(0.0), chosen, noise or ReadingNoise(), rng, watched)
     current, failures = _prepare_start(bench, specimen, mode, force_n * wanted[0]), 0
     levels: list[ContinuationLevel] = []
     for a in wanted:
@@ -195,7 +195,7 @@ def measured_curve(
         levels.append(level)
         if level.converged and len(current.done) == _N_BEFORE_STIFFENING:
             hardens = current.done[-1][1] > current.done[0][1]
-            bench, current = _renew_loop(bench, current, loop((1 if hardens else -1) * chosen.feedback_stiffness))
+            bench, current = _renew_loop(bench, current, close_at((1 if hardens else -1) * chosen.feedback_stiffness))
         failures = 0 if level.converged else failures + 1
         if failures == _MOST_FAILURES:
             break
@@ -301,7 +301,7 @@ def _judge_record(
 ) -> tuple[_BenchState, float]:
     """Set slope and periods for the next record by the last two points; return the frequency's relative error, too."""
     settings, slope, (frequency, value) = bench.settings, current.slope_hz, points[-1]
-    spread = phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
+    spread = compute_phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
     if len(points) > 1 and abs(value - points[-2][1]) > max(_CLOSE_PHASES, _WITHIN_NOISE * spread):
         found = (frequency - points[-2][0]) / (value - points[-2][1])
         # Two points give a wrong slope while harmonics still change, so it is kept near that of the last level.

@@ -94,10 +94,10 @@ def virtual_backbones(
             "drive the structure where the mode moves more, or with less damping",
             tuple(curves),
         )
-    return tuple(as_backbone(curve) for curve in whole)
+    return tuple(convert_curve(curve) for curve in whole)
 
 
-def as_backbone(curve: MeasuredCurve) -> MeasuredBackbone:
+def convert_curve(curve: MeasuredCurve) -> MeasuredBackbone:
     """Return the levels of a curve that converged, as data for updating; InputError where they are too few."""
     kept = np.flatnonzero(curve.converged)
     if kept.size:

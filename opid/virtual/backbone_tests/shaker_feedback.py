@@ -86,13 +86,13 @@ class Record:
     n_periods: int
 
 
-def closed_loop(
+def close_loop(
     specimen: Specimen, mode: int, *, damping_ratio: float, stiffness_fraction: float = 0.0, modal_filter: bool = True
 ) -> ClosedLoop:
     """Return a structure on its shaker under a feedback that holds one mode.
 
     The gain on the velocity adds the damping ratio to the mode, and that on the displacement raises its frequency by
-    the fraction; the feedback reads the mode through `modal_reading`, or the drive point alone. InputError: the linear
+    the fraction; the feedback reads the mode through `design_reading`, or the drive point alone. InputError: the linear
     structure is unstable under it.
     """
     system, point, column = specimen.system, specimen.drive_row, specimen.system.index(mode)
@@ -100,7 +100,7 @@ def closed_loop(
     pairs = zip(system.joints, system.at_joints, specimen.joint_laws, strict=True)
     joints = tuple(Joint(name, row, law=law) for name, row, law in pairs)
     structure = Structure(np.eye(n), np.diag(specimen.modal_damping), np.diag(system.eigenvalue), joints)
-    reading = modal_reading(specimen, mode) if modal_filter else point
+    reading = design_reading(specimen, mode) if modal_filter else point
     gains = _choose_gains(specimen, column, reading, damping_ratio, stiffness_fraction, modal_filter)
     acting, sensors, force = point, system.at_sensors, None
     if specimen.shaker is not None:
@@ -121,7 +121,7 @@ def closed_loop(
     return ClosedLoop(ready, sensors, reading, gains, force, float(np.abs(poles).max()))
 
 
-def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
+def design_reading(specimen: Specimen, mode: int) -> FloatArray:
     """Return the reading of a filter over all sensors for a unit of each modal coordinate, (n_modes,) kg^-1/2.
 
     The filter reads the drive point's motion in the mode, moves with the drive point in every other mode (otherwise the
@@ -172,11 +172,11 @@ def record_periods(
         drive[:-1] += noise.control_n * np.repeat(rng.standard_normal(n * n_periods), 2 * steps)
     motion, after = advance(loop.ready, state, drive[:, None], fs=fs, steps_per_sample=steps)
 
-    def mean(series: FloatArray) -> FloatArray:
+    def average(series: FloatArray) -> FloatArray:
         return series[:-1].reshape(n_periods, n, -1).mean(axis=0)
 
-    x, v, a = mean(motion.displacement), mean(motion.velocity), mean(motion.acceleration)
-    control = mean(drive[:: 2 * steps, None])[:, 0] - p * (x @ loop.reading) - d * (v @ loop.reading)
+    x, v, a = average(motion.displacement), average(motion.velocity), average(motion.acceleration)
+    control = average(drive[:: 2 * steps, None])[:, 0] - p * (x @ loop.reading) - d * (v @ loop.reading)
     force = control if loop.force is None else x @ loop.force[0] + v @ loop.force[1]
     # The mean over the periods has less noise than each sample.
     shrunk = 1.0 / np.sqrt(n_periods)
@@ -188,7 +188,7 @@ def record_periods(
     return Record(found[1:, 0], displacement.T, found[:, 1], n_periods), after
 
 
-def phase_noise(
+def compute_phase_noise(
     record: Record, column: int, noise: ReadingNoise, frequency_hz: float, samples_per_period: int
 ) -> float:
     """Return the standard deviation of the phase between force and the sensor of a column in a record, radians.
@@ -196,7 +196,7 @@ def phase_noise(
     The noise of the control counts like that of the force, as the response lags behind it.
 
     >>> record = Record(np.array([1.0]), np.array([[1e-3]]), np.zeros(2), 50)
-    >>> round(phase_noise(record, 0, ReadingNoise(force_n=0.1), 15.0, 64), 5)
+    >>> round(compute_phase_noise(record, 0, ReadingNoise(force_n=0.1), 15.0, 64), 5)
     0.0025
     """
     of_motion = noise.acceleration_m_per_s2 / ((2.0 * np.pi * frequency_hz) ** 2 * abs(record.sensors[column, 0]))

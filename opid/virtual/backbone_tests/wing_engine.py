@@ -153,14 +153,14 @@ def wing_engine_structure(dimensions: WingEngine | None = None) -> AffineStructu
     mass.add_row(plate_kg * (given.length_m**2 + given.width_m**2) / 12, {indices.yaw: 1.0})
     for x in (0.0, given.length_m):
         for y in (0.0, given.width_m):
-            for row in indices.motion(x, y):
+            for row in indices.express_motion(x, y):
                 suspension.add_row(given.suspension_n_per_m, row)
     for pylon in range(len(PYLONS)):
         _add_pylon(given, indices, pylon, mass, suspension, steel)
-    follow = indices.follow()
-    matrices = (_symmetrise(follow.T @ part.matrix() @ follow) for part in (mass, suspension, aluminium, steel))
+    follow = indices.tie_blocks()
+    matrices = (_symmetrise(follow.T @ part.assemble() @ follow) for part in (mass, suspension, aluminium, steel))
     whole, fixed, plate, leaves = matrices
-    return AffineStructure(whole, fixed, {E_ALUMINIUM: plate, E_STEEL: leaves}, indices.names(), SENSORS, JOINTS)
+    return AffineStructure(whole, fixed, {E_ALUMINIUM: plate, E_STEEL: leaves}, indices.name_dofs(), SENSORS, JOINTS)
 
 
 def _place_mesh_lines(given: WingEngine) -> tuple[FloatArray, FloatArray]:
@@ -212,46 +212,46 @@ class _Indices:
         self.span, self.chord, self.yaw = range(self.n_plate, self.n_plate + 3)
         self.n_full = self.n_plate + 3 + len(PYLONS) * (1 + 2 * 2 * LEAF_ELEMENTS)
 
-    def node(self, x: float, y: float) -> int:
+    def find_node(self, x: float, y: float) -> int:
         """Return the index of w of the node nearest to (x, y); its slopes follow."""
         column, line = np.argmin(np.abs(self.along - x)), np.argmin(np.abs(self.across - y))
         return int(len(PLATE_DOFS) * (column * self.across.size + line))
 
-    def pylon(self, pylon: int) -> tuple[float, int, int]:
+    def find_pylon(self, pylon: int) -> tuple[float, int, int]:
         """x of a pylon, index of w at its node, index of the motion of its block."""
         x = self.given.length_m / 2 + (2 * pylon - 1) * self.given.pylon_from_middle_m
-        return x, self.node(x, self.given.width_m / 2), self.n_plate + 3 + pylon * (1 + 4 * LEAF_ELEMENTS)
+        return x, self.find_node(x, self.given.width_m / 2), self.n_plate + 3 + pylon * (1 + 4 * LEAF_ELEMENTS)
 
-    def motion(self, x: float, y: float) -> tuple[Row, Row, Row]:
+    def express_motion(self, x: float, y: float) -> tuple[Row, Row, Row]:
         """Motion along x, y and z of a node of the plate, in its middle plane."""
         from_x, from_y = x - self.given.length_m / 2, y - self.given.width_m / 2
-        return {self.span: 1.0, self.yaw: -from_y}, {self.chord: 1.0, self.yaw: from_x}, {self.node(x, y): 1.0}
+        return {self.span: 1.0, self.yaw: -from_y}, {self.chord: 1.0, self.yaw: from_x}, {self.find_node(x, y): 1.0}
 
-    def below(self, pylon: int, off: float, depth: float) -> tuple[Row, Row]:
+    def express_below(self, pylon: int, off: float, depth: float) -> tuple[Row, Row]:
         """Motion along y and z of a point that is rigid with the node of a pylon, `depth` below and `off` along y."""
-        x, w, _ = self.pylon(pylon)
+        x, w, _ = self.find_pylon(pylon)
         return {self.chord: 1.0, self.yaw: x - self.given.length_m / 2, w + 2: depth}, {w: 1.0, w + 2: off}
 
-    def leaf(self, pylon: int, back: int) -> list[Row]:
+    def express_leaf(self, pylon: int, back: int) -> list[Row]:
         """Deflection and slope of the nodes of a leaf spring, from the clamp to the tip."""
-        _, w, block = self.pylon(pylon)
+        _, w, block = self.find_pylon(pylon)
         off = (2 * back - 1) * self.given.leaf_spacing_m / 2
         first = block + 1 + 2 * LEAF_ELEMENTS * back
         free = [{first + index: 1.0} for index in range(2 * LEAF_ELEMENTS)]
         return [{block: 1.0, self.yaw: -off}, {w + 1: 1.0}, *free]
 
-    def follow(self) -> sparse.csr_matrix:
+    def tie_blocks(self) -> sparse.csr_matrix:
         """(n_full, n_dof) with w_x = (x_block - x_plate) / depth at the node of each pylon."""
-        columns = np.delete(np.arange(self.n_full), [self.pylon(k)[1] + 1 for k in range(len(PYLONS))])
+        columns = np.delete(np.arange(self.n_full), [self.find_pylon(k)[1] + 1 for k in range(len(PYLONS))])
         follow = sparse.identity(self.n_full, format="lil")[:, columns]
         column_of = {int(full): k for k, full in enumerate(columns)}
         for pylon in range(len(PYLONS)):
-            _, w, block = self.pylon(pylon)
+            _, w, block = self.find_pylon(pylon)
             follow[w + 1, column_of[block]] = 1 / self.given.lever_m
             follow[w + 1, column_of[self.span]] = -1 / self.given.lever_m
         return follow.tocsr()
 
-    def names(self) -> tuple[str, ...]:
+    def name_dofs(self) -> tuple[str, ...]:
         """Return the names of the remaining degrees of freedom; the sensors carry their numbers."""
         nodes = [f"plate {i} {j}" for i in range(self.along.size) for j in range(self.across.size)]
         names = [f"{node} {kind}" for node in nodes for kind in PLATE_DOFS] + ["span", "chord", "yaw"]
@@ -262,8 +262,8 @@ class _Indices:
                 names += [*inner, tip, f"leaf {tip} {LEAF_ELEMENTS} slope"]
         ends = [(edge, along) for edge in (0.0, 1.0) for along in PLATE_SENSOR_FRACTIONS]
         for sensor, (y, x) in zip(PLATE_SENSORS, ends, strict=True):
-            names[self.node(x * self.given.length_m, y * self.given.width_m)] = sensor
-        gone = {self.pylon(k)[1] + 1 for k in range(len(PYLONS))}
+            names[self.find_node(x * self.given.length_m, y * self.given.width_m)] = sensor
+        gone = {self.find_pylon(k)[1] + 1 for k in range(len(PYLONS))}
         return tuple(name for index, name in enumerate(names) if index not in gone)
 
 
@@ -293,22 +293,22 @@ class _Sum:
         motions = np.array([[row.get(index, 0.0) for index in indices] for row in rows])
         self.add_matrix(motions.T @ element @ motions, indices)
 
-    def matrix(self) -> sparse.csr_matrix:
+    def assemble(self) -> sparse.csr_matrix:
         entries, rows, columns = (np.concatenate(part) for part in (self.entries, self.rows, self.columns))
         return sparse.coo_matrix((entries, (rows, columns)), shape=(self.size, self.size)).tocsr()
 
 
 def _add_pylon(given: WingEngine, indices: _Indices, pylon: int, mass: _Sum, link: _Sum, steel: _Sum) -> None:
     """Add the block, the two leaf springs, their tip masses and the link between them."""
-    _, w, block = indices.pylon(pylon)
+    _, w, block = indices.find_pylon(pylon)
     depth = given.lever_m
-    for row in ({indices.span: 0.5, block: 0.5}, *indices.below(pylon, 0.0, depth / 2)):
+    for row in ({indices.span: 0.5, block: 0.5}, *indices.express_below(pylon, 0.0, depth / 2)):
         mass.add_row(given.block_kg, row)
     for slope in (w + 1, w + 2):
         mass.add_row(given.block_kg * depth**2 / 12, {slope: 1.0})
     tips = []
     for back in (0, 1):
-        rows = indices.leaf(pylon, back)
+        rows = indices.express_leaf(pylon, back)
         off = (2 * back - 1) * given.leaf_spacing_m / 2
         stiffer = 1 + given.leaf_asymmetry * (1 - 2 * back)
         span = given.leaf_length_m / LEAF_ELEMENTS
@@ -319,10 +319,10 @@ def _add_pylon(given: WingEngine, indices: _Indices, pylon: int, mass: _Sum, lin
             ends = rows[2 * element : 2 * element + 4]
             steel.add_element(beam_stiffness(bending, span), ends)
             mass.add_element(beam_mass(piece, span), ends)
-            for row in indices.below(pylon, off, depth + (element + 0.5) * span):
+            for row in indices.express_below(pylon, off, depth + (element + 0.5) * span):
                 mass.add_row(piece, row)
         tip = rows[-2] | dict.fromkeys(rows[-1], given.tip_below_m)
-        for row in (tip, *indices.below(pylon, off, depth + given.leaf_length_m + given.tip_below_m)):
+        for row in (tip, *indices.express_below(pylon, off, depth + given.leaf_length_m + given.tip_below_m)):
             mass.add_row(given.tip_kg, row)
         mass.add_row(given.tip_inertia_kg_m2, rows[-1])
         tips.append(next(iter(rows[-2])))

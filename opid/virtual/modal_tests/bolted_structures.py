@@ -116,17 +116,17 @@ def component_assembly(*, shaker: Shaker | None = None) -> CaseStudy:
     inertia = _CASE_KG / 12.0 * (squares.sum() - squares)
     mass = np.diag(np.concatenate([np.full(3, _CASE_KG), inertia, np.repeat(_COMPONENT_KG, 3)]))
 
-    def on_case(position: FloatArray) -> FloatArray:
+    def find_case_motion(position: FloatArray) -> FloatArray:
         return np.hstack([_find_rigid_motion(position), np.zeros((3, n_dof - 6))])
 
     components = np.eye(n_dof)[6:].reshape(len(positions), 3, n_dof)
     joints = tuple(
-        _make_mount(component, axis, components[component, axis] - on_case(position)[axis])
+        _make_mount(component, axis, components[component, axis] - find_case_motion(position)[axis])
         for component, position in enumerate(positions)
         for axis in range(3)
     )
-    corners = [on_case(half * corner) for corner in _CORNERS]
-    drive = np.array(_DRIVE_DIRECTION) / np.linalg.norm(_DRIVE_DIRECTION) @ on_case(half * _DRIVE_CORNER)
+    corners = [find_case_motion(half * corner) for corner in _CORNERS]
+    drive = np.array(_DRIVE_DIRECTION) / np.linalg.norm(_DRIVE_DIRECTION) @ find_case_motion(half * _DRIVE_CORNER)
     bodies = [f"component{k + 1}" for k in range(len(positions))] + [f"case{k + 1}" for k in range(len(corners))]
     zero = np.zeros((n_dof, n_dof))
     names = [*(f"case_{axis}" for axis in (*_AXES, "rx", "ry", "rz")), *_name_axes(bodies[: len(positions)])]

@@ -147,7 +147,7 @@ def virtual_study(
     series: VirtualSeries,
     *,
     rng: np.random.Generator,
-    noise_share: float = 0.01,
+    noise_fraction: float = 0.01,
     given: LinearModes | None = None,
     progress: Say | None = None,
 ) -> ModalStudy:
@@ -156,7 +156,7 @@ def virtual_study(
     Args:
         series: the plan of the series.
         rng: source of the noise.
-        noise_share: standard deviation of the noise over the rms of each channel.
+        noise_fraction: standard deviation of the noise over the rms of each channel.
         given: linear modes that the study states; the true ones where left out.
         progress: a function that is called with the name of each test before it runs.
 
@@ -174,19 +174,21 @@ def virtual_study(
 
     for number, level in enumerate(IMPACTS, start=1):
         say(f"impact {number}")
-        record(f"impact_{number}", _run_impact(series, level, rng, noise_share), "level")
+        record(f"impact_{number}", _run_impact(series, level, rng, noise_fraction), "level")
     for mode in series.case.nonlinear_modes:
         say(f"level of mode {mode}")
         beat, reached[mode] = _design_highest_beat(series, mode)
         for number, level in enumerate(sorted(series.levels), start=1):
             say(f"sine beat {number} of mode {mode}")
             voltage = sine_beat_voltage(replace(beat, amplitude=level * beat.amplitude), series.fs)
-            run = rig_run(series.case.rig, voltage, fs=series.fs, rng=rng, noise_share=noise_share)
+            run = rig_run(series.case.rig, voltage, fs=series.fs, rng=rng, noise_fraction=noise_fraction)
             use: Use = "truth" if series.truth == "beat" and level == 1.0 else "fit"
             record(f"beat_{mode}_level_{number}", run, use, mode)
     if series.truth == "sweep":
         say("shaped sweep")
-        run = rig_run(series.case.rig, _design_sweep(series, reached), fs=series.fs, rng=rng, noise_share=noise_share)
+        run = rig_run(
+            series.case.rig, _design_sweep(series, reached), fs=series.fs, rng=rng, noise_fraction=noise_fraction
+        )
         record("sweep", run, "truth")
     return ModalStudy(series.title, modes, series.case.nonlinear_modes, tuple(tests), series.case.drive_point)
 
@@ -221,10 +223,10 @@ def _design_highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, fl
     else:
         beat = beat_over_drive_point_peak(modes, mode, drive_point, lead_s=0.05).beat
 
-    def peak(amplitude: float) -> float:
+    def find_peak(amplitude: float) -> float:
         return _find_peaks(series, sine_beat_voltage(replace(beat, amplitude=amplitude), series.fs), [mode])[0]
 
-    amplitude, reached = _adjust_amplitude(series, peak)
+    amplitude, reached = _adjust_amplitude(series, find_peak)
     return replace(beat, amplitude=amplitude), reached
 
 
@@ -249,37 +251,37 @@ def _design_sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatA
     )  # fmt: skip
     shape = np.concatenate([shape / np.abs(shape).max(), tail])
 
-    def peak(amplitude: float) -> float:
+    def find_peak(amplitude: float) -> float:
         found = _find_peaks(series, amplitude * shape, list(reached))
         return max(each / most for each, most in zip(found, reached.values(), strict=True))
 
-    return _adjust_amplitude(series, peak)[0] * shape
+    return _adjust_amplitude(series, find_peak)[0] * shape
 
 
 def _find_peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) -> list[float]:
     """Return peak modal accelerations of a run without noise, over those that the highest level shall reach."""
-    run = rig_run(series.case.rig, voltage, fs=series.fs, rng=np.random.default_rng(0), noise_share=0.0)
+    run = rig_run(series.case.rig, voltage, fs=series.fs, rng=np.random.default_rng(0), noise_fraction=0.0)
     readings = run.clean.samples[:, [run.clean.index(sensor) for sensor in series.case.modes.sensors]]
     motion = readings @ modal_filter(series.case.modes).T
     return [float(np.abs(motion[:, mode - 1]).max()) / _find_top(series, mode) for mode in wanted]
 
 
-def _adjust_amplitude(series: VirtualSeries, peak: Callable[[float], float]) -> tuple[float, float]:
+def _adjust_amplitude(series: VirtualSeries, find_peak: Callable[[float], float]) -> tuple[float, float]:
     """Return the amplitude whose peak is 1, or the limit of the amplifier if that is smaller, and its peak."""
     shaker = series.case.rig.shaker
     limit = np.inf if shaker is None else shaker.full_voltage_v
-    amplitude, found = SMALL, max(peak(SMALL), 1e-300)
+    amplitude, found = SMALL, max(find_peak(SMALL), 1e-300)
     for _ in range(MOST_TRIES):
         if abs(found - 1) < NEAR_ENOUGH or (amplitude == limit and found < 1):
             break
         # Each step is limited, as a joint may stiffen.
         longest = 5.0 if amplitude > SMALL else np.inf
         amplitude = min(amplitude * float(np.clip(1 / found, 0.2, longest)), limit)
-        found = peak(amplitude)
+        found = find_peak(amplitude)
     return amplitude, found
 
 
-def _run_impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise_share: float) -> RigRun:
+def _run_impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise_fraction: float) -> RigRun:
     modes, fs = series.case.modes, 2 * series.fs
     push = np.abs(force_projection(modes, series.case.drive_point))
     omega = np.sqrt(modes.stiffness())
@@ -294,7 +296,7 @@ def _run_impact(series: VirtualSeries, level: float, rng: np.random.Generator, n
         fs=fs,
         duration_s=slowest + 0.05,
         rng=rng,
-        noise_share=noise_share,
+        noise_fraction=noise_fraction,
     )
 
 

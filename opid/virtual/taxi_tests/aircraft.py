@@ -82,7 +82,7 @@ def with_bending(
     frequency_hz: float = 8.0,
     damping_ratio: float = 0.02,
     length_m: float | None = None,
-    beam_mass_share: float = 0.6,
+    beam_mass_fraction: float = 0.6,
 ) -> Airframe:
     """Return the airframe with the first bending mode of a free uniform beam whose middle is the centre of gravity.
 
@@ -94,7 +94,7 @@ def with_bending(
         damping_ratio: damping ratio of the mode.
         length_m: length of the beam; where left out, 2.5 times the distance from the centre of gravity to the farthest
             gear.
-        beam_mass_share: mass of the beam over that of the airframe.
+        beam_mass_fraction: mass of the beam over that of the airframe.
 
     Raises:
         InputError: a value that is not positive, a beam that does not reach every gear.
@@ -104,9 +104,9 @@ def with_bending(
     """
     reach_m = max(abs(gear.x_m - airframe.x_cg_m) for gear in airframe.gears)
     length = 2.5 * max(reach_m, 1.0) if length_m is None else length_m
-    if not (0.0 < length < np.inf and 0.0 < beam_mass_share < np.inf):
+    if not (0.0 < length < np.inf and 0.0 < beam_mass_fraction < np.inf):
         raise InputError(
-            f"the beam is {length} m long and has {beam_mass_share} times the mass of the airframe: give positive "
+            f"the beam is {length} m long and has {beam_mass_fraction} times the mass of the airframe: give positive "
             "numbers"
         )
     position = np.linspace(0.0, 1.0, 101)
@@ -115,7 +115,7 @@ def with_bending(
     bending = BendingMode(
         frequency_hz=frequency_hz,
         damping_ratio=damping_ratio,
-        modal_mass_kg=0.25 * beam_mass_share * airframe.mass_kg,
+        modal_mass_kg=0.25 * beam_mass_fraction * airframe.mass_kg,
         stations_m=tuple((airframe.x_cg_m + (position - 0.5) * length).tolist()),
         shape=tuple((0.5 * shape).tolist()),
     )

@@ -36,7 +36,7 @@ def taxi_truth(test: TaxiTest, *, settings: Mapping[str, Any] | None = None) -> 
         },
         {
             name: tuple((each.mass_kg, each.x_m, each.y_m) for each in loading)
-            for name, loading in zip(run_names(test), test.loadings, strict=True)
+            for name, loading in zip(name_runs(test), test.loadings, strict=True)
         },
         given,
     )
@@ -80,7 +80,7 @@ def taxi_study(
         interfaces=tuple(interfaces),
         runs=tuple(
             Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
-            for name, run, loading in zip(run_names(test), test.runs, test.loadings, strict=True)
+            for name, run, loading in zip(name_runs(test), test.runs, test.loadings, strict=True)
         ),
         structure=StructureSettings() if is_one_gear else structure,
         sensors=tuple(BodySensor(name, *positions[name]) for name in channels[2 * n_gears :]),
@@ -88,7 +88,7 @@ def taxi_study(
     )
 
 
-def run_names(test: TaxiTest) -> list[str]:
+def name_runs(test: TaxiTest) -> list[str]:
     """Return the names of the runs: the reference, and those with loadings."""
     first, further = ("heavy", "light") if test.runs[0].airframe.is_one_gear else ("reference", "loaded")
     if len(test.runs) == 2:

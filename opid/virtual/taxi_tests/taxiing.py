@@ -359,14 +359,14 @@ def _simulate_roll(
         lateral_m=lateral_m, length_m=max(distance_m + wheel_base_m, 1.0), rng=rng, **track_settings
     )
 
-    def road(time_s: FloatArray) -> FloatArray:
+    def press_tyres(time_s: FloatArray) -> FloatArray:
         time = time_s - lead_in_s
         return tyre_forces(airframe, tracks, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))
 
     steps, structure = max(1, int(np.ceil(lowest_step_rate_hz / fs))), airframe_structure(airframe)
     respond = partial(time_response, structure, fs=steps * fs, duration_s=lead_in_s + speed.duration_s + _TAIL_S)
     wheels = np.eye(structure.n_dof)[:, -len(gears) :]
-    motion = respond(road, loads=wheels)
+    motion = respond(press_tyres, loads=wheels)
     if push is None:
         return motion
     # The force M a gives the free airframe the acceleration a, which is a fraction of that by the road.
@@ -378,7 +378,7 @@ def _simulate_roll(
     ]
     pushed = interpolate.make_interp_spline(motion.time_s[::steps], np.stack(each, axis=1))
     loads = np.hstack([wheels, structure.mass[:, rigid]])
-    return respond(lambda time_s: np.hstack([road(time_s), pushed(time_s)]), loads=loads)
+    return respond(lambda time_s: np.hstack([press_tyres(time_s), pushed(time_s)]), loads=loads)
 
 
 def _draw_band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:

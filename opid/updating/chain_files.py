@@ -38,10 +38,10 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
     require_arviz()
     target = make_directory(directory)
     written = []
-    for name, posterior, parameters in _posteriors(result):
+    for name, posterior, parameters in _list_posteriors(result):
         path = target / f"chains_{name}.nc"
         try:
-            to_inference_data(_chain(posterior), parameters).to_netcdf(path)
+            to_inference_data(_find_chain(posterior), parameters).to_netcdf(path)
         except (ImportError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
@@ -49,14 +49,14 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
     return tuple(written)
 
 
-def _posteriors(result: Updating) -> Iterator[tuple[str, ClassPosterior | LinearPosterior, tuple[str, ...]]]:
+def _list_posteriors(result: Updating) -> Iterator[tuple[str, ClassPosterior | LinearPosterior, tuple[str, ...]]]:
     if result.linear is not None:
         yield "linear", result.linear, result.linear.names
     for number, each in enumerate(result.classes, start=1):
         yield f"class_{number}", each, tuple(each.estimates)
 
 
-def _chain(posterior: ClassPosterior | LinearPosterior) -> Chain:
+def _find_chain(posterior: ClassPosterior | LinearPosterior) -> Chain:
     """The chains of a posterior; if it did not keep them, its samples as one chain of unknown density."""
     if posterior.chain is not None:
         return posterior.chain
