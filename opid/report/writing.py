@@ -53,6 +53,7 @@ KINDS = (
     KindOfResult("suspensions.own_structure.StructureIdentification", "suspensions.structure"),
     KindOfResult("suspensions.bench.law.BenchLaw", "suspensions.bench"),
     KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
+    KindOfResult("suspensions.flights.campaign.Campaign", "suspensions.campaign"),
     KindOfResult("signals.health.result.Health", "health"),
     KindOfResult("signals.health.result.Inspection", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "decay"),

@@ -15,7 +15,7 @@ from typing import Any
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.laws.law import LAWS
+from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.provenance import ReadFile, read_file
 from opid.suspensions.result import SCHEMA
 
@@ -59,6 +59,23 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
+class StrutLaw:
+    """The force of a suspension as one result gives it.
+
+    Args:
+        stiffness: of its linear spring, N/m (per kg of mass where the flight is).
+        damping: of its linear damper, N s/m.
+        law: beside both; None if a kind in it is not known here.
+        travelled_m: the least and the largest travel of the runs.
+    """
+
+    stiffness: float
+    damping: float
+    law: Law | None
+    travelled_m: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Flight:
     """One result.
 
@@ -73,6 +90,7 @@ class Flight:
         per_mass: whether its values are per unit of mass.
         recommended: whether its structure is recommended; always True for a single gear.
         doubt: why its values are missing, per unit of mass, or doubtful; empty if its result gives no reason.
+        strut_laws: {gear: its force}; of those whose runs tell how far they travelled.
         file: its file with the hash of its content.
     """
 
@@ -86,6 +104,7 @@ class Flight:
     per_mass: bool = False
     recommended: bool = True
     doubt: str = ""
+    strut_laws: Mapping[str, StrutLaw] = field(default_factory=dict)
     file: ReadFile | None = None
 
 
@@ -172,6 +191,14 @@ class _Table:
                 self.faults.append(f"{self.where}{key}[{number}] is {row!r} where a table is needed")
         return found
 
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of finite numbers; empty if it is not there."""
+        found = self._get(key, list, "a list of numbers", [], False)
+        if all(isinstance(each, (int, float)) and math.isfinite(each) for each in found):
+            return [float(each) for each in found]
+        self.faults.append(f"{self.where}{key} is {found!r} where finite numbers are needed")
+        return []
+
     def texts(self, key: str) -> list[str]:
         """Return a list of texts; empty if it is not there."""
         return [str(each) for each in self._get(key, list, "a list of names", [], False)]
@@ -229,7 +256,33 @@ def _flight(path: Path, name: str, document: _Table) -> Flight:
     else:
         doubt = "" if is_recommended else f"no structure was recommended for it{left}"
     per_mass = any(are_per_mass)
-    return Flight(name, path, day, method, kind, laws, values, per_mass, is_recommended, doubt, read_file(path))
+    forces = dict(_read_strut_laws(document, laws, is_one_gear=structure is None))
+    return Flight(name, path, day, method, kind, laws, values, per_mass, is_recommended, doubt, forces, read_file(path))
+
+
+def _read_strut_laws(
+    document: _Table, gears: Iterable[str], *, is_one_gear: bool
+) -> Iterator[tuple[str, StrutLaw]]:
+    """Yield the force of each suspension whose linear part is known, and whose runs tell how far it travelled."""
+    alike = {part: gear for gear in gears for part in gear.split(", ")}
+    for interface in document.tables("interfaces", is_needed=False):
+        gear = ONE_GEAR if is_one_gear else alike.get(interface.text("name"), "")
+        stiffness, damping = (interface.estimate(name).value for name in ("stiffness", "damping"))
+        ends = [end for each in interface.tables("at_rest", is_needed=False) for end in each.numbers("travelled_m")]
+        if gear and ends and stiffness is not None and damping is not None:
+            yield gear, StrutLaw(stiffness, damping, _read_law(interface.table("law")), (min(ends), max(ends)))
+
+
+def _read_law(kinds: _Table) -> Law | None:
+    """Return the law of a table {kind: {parameter: estimate}}; None if a kind or a value is not known."""
+    terms = []
+    for name in kinds.content:
+        kind, parameters = LAWS.get(name), kinds.table(name)
+        values = [] if kind is None else [parameters.estimate(each.name).value for each in kind.parameters]
+        if kind is None or None in values:
+            return None
+        terms.append(Term(name, tuple(float(value) for value in values if value is not None)))
+    return Law(tuple(terms))
 
 
 def _read_structure(document: _Table, structure: _Table) -> tuple[str, bool, str]:

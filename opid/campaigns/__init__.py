@@ -1,0 +1,1 @@
+"""Campaigns: many flights identified at once, each one a task of Dask."""

@@ -1,0 +1,280 @@
+"""A campaign file, or a folder of studies -> the flights that are to be identified, each with its own study."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from opid.errors import InputError, nearest, refuse
+from opid.signals.files import nearest_beside
+from opid.studies.schema import Document, load, read_tables, require_plain
+from opid.studies.study_file import SUSPENSIONS, kind_of
+from opid.suspensions.settings import METHODS_OF_LAW
+
+Cell = str | int | float | date
+
+NAME, TAIL, DATE, STUDY = "flight", "tail", "date", "study"
+"""Columns of the table of flights that have a meaning of their own."""
+
+_PLACEHOLDER = re.compile(r"\{(\w+)\}")
+_OF_STUDIES = {"run"}
+"""Placeholders that a study file has anyway: the name of a run in the file of a channel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions:
+    """How each flight is identified: the arguments of `opid.identify` that a campaign may state.
+
+    Args:
+        law: the law to be fitted; searched for each flight if left out.
+        band_hz: lines that are compared, Hz; the usual ones if left out.
+        ground: whether springs to the ground may be added.
+        method_of_law: how a law is searched.
+    """
+
+    law: str | None = None
+    band_hz: tuple[float, float] | None = None
+    ground: bool = True
+    method_of_law: Literal[METHODS_OF_LAW] = METHODS_OF_LAW[0]  # type: ignore[valid-type]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedFlight:
+    """A flight that is to be identified.
+
+    Args:
+        name: of the flight, unlike that of any other flight of its tail.
+        tail: tail number of the aircraft; empty where none is stated.
+        document: content of its study file, with nothing left to fill in.
+        source: path of that study file, or of the template; logs are beside it.
+        date: of the flight, or None.
+        covariates: {name: value} of what may act on the suspensions, like a temperature.
+    """
+
+    name: str
+    tail: str
+    document: Document
+    source: Path
+    date: date | None = None
+    covariates: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> str:
+        """Path of its results, beside those of the other flights."""
+        return f"{self.tail}/{self.name}" if self.tail else self.name
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """What a campaign is to do.
+
+    Args:
+        title: of the campaign.
+        flights: in the order of the table.
+        options: how each is identified.
+    """
+
+    title: str
+    flights: tuple[PlannedFlight, ...]
+    options: IdentifyOptions = IdentifyOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CampaignTables:
+    title: str | None = None
+    study: str | None = None
+    flights: Annotated[
+        str | tuple[Mapping[str, str | int | float | date], ...],
+        "the name of a CSV file with a row for each flight, or one table [[flights]] for each",
+    ]
+    identify: IdentifyOptions = IdentifyOptions()
+
+
+def read_campaign(path: str | os.PathLike[str]) -> CampaignPlan:
+    """Read what a campaign is to do; no log is read.
+
+    A campaign file (TOML) has `flights`, the name of a CSV file with a row for each flight, or a table `[[flights]]`
+    for each; `study`, a study file of suspensions that is the template for all of them; and optionally `title` and a
+    table `[identify]` with the fields of `IdentifyOptions`. The table of flights has a column `flight` (a name), and
+    optionally `tail` (number of the aircraft), `date`, `study` (a study file of this flight alone), and any others.
+    `{column}` in a text of the template stands for the cell of the flight, so that `log = "{flight}/heavy.csv"` and
+    `mass_change_kg = "{fuel_kg}"` make a study for each. Columns of numbers are covariates for `opid compare`.
+
+    In a folder each study file of suspensions below it is a flight, named after its folder (after itself if it is not
+    called study.toml). Of TAIL/FLIGHT/study.toml the first is the tail number.
+
+    Args:
+        path: a campaign file, or a folder.
+
+    Raises:
+        InputError: it is missing, no TOML and no folder, or has no flight; an unknown, missing or mistyped key; a row
+            without a name or with that of another; a placeholder without a column: all at once.
+    """
+    source = Path(path)
+    if source.is_dir():
+        return CampaignPlan(source.resolve().name, tuple(_find_studies(source)))
+    if not source.exists():
+        raise InputError(f"there is no campaign file or folder {source}{nearest_beside(source, ('.toml',))}")
+    tables, faults = read_tables(_CampaignTables, load(source))
+    refuse(faults, source)
+    rows = read_rows(source.parent / tables.flights) if isinstance(tables.flights, str) else tables.flights
+    template = None if tables.study is None else source.parent / tables.study
+    flights = _plan_flights(rows, template, source, faults)
+    refuse(faults, source)
+    return CampaignPlan(source.stem if tables.title is None else tables.title, flights, tables.identify)
+
+
+def read_rows(path: Path) -> list[dict[str, Cell]]:
+    """Read a table of flights: a CSV file with a head; cells become numbers or dates where they are such.
+
+    Args:
+        path: the file; its columns stand apart by commas, or by semicolons (numbers may then have decimal commas).
+
+    Raises:
+        InputError: it cannot be read, or has no row below its head.
+    """
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except OSError as error:
+        raise InputError(
+            f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
+        ) from error
+    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
+        raise InputError(f"the table of flights {path} is no UTF-8 text: give a CSV file") from error
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+    if not rows:
+        raise InputError(f"the table of flights {path} has no row below its head: give one for each flight")
+    is_comma = delimiter == ";"
+    return [
+        {name: _read_cell(cell, is_comma=is_comma) for name, cell in zip(head, row, strict=False) if cell}
+        for row in rows
+    ]
+
+
+def _read_cell(text: str, *, is_comma: bool) -> Cell:
+    with suppress(ValueError):
+        return date.fromisoformat(text)
+    number = text.replace(",", ".") if is_comma else text
+    # a name like 007 or 1e5 in the place of a name is taken back as text by whoever needs one
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(number) if str(int(number) if kind is int else number) == number else text
+    return text
+
+
+# ---- rows -> flights ----------------------------------------------------------------------------------
+
+
+def _plan_flights(
+    rows: Sequence[Mapping[str, Cell]], template: Path | None, source: Path, faults: list[str]
+) -> tuple[PlannedFlight, ...]:
+    documents: dict[Path, Document] = {}
+    flights: dict[tuple[str, str], PlannedFlight] = {}
+    for number, row in enumerate(rows, start=1):
+        name, tail = str(row.get(NAME, "")), str(row.get(TAIL, ""))
+        where = f"flight {name!r}" if name else f"row {number} of the flights"
+        own = row.get(STUDY)
+        study = source.parent / str(own) if own is not None else template
+        try:
+            if not name:
+                raise InputError(f"has no {NAME!r}: give it a name ({nearest(NAME, row)})")
+            require_plain(NAME, name)
+            if tail:
+                require_plain(TAIL, tail)
+            if (tail, name) in flights:
+                raise InputError("stands in the table twice: give each flight of an aircraft a name of its own")
+            if study is None:
+                raise InputError("has no study: give a template, study = \"study.toml\", or a column 'study'")
+            if study not in documents:
+                documents[study] = _load_study(study)
+            flights[tail, name] = _plan_flight(name, tail, row, documents[study], study)
+        except InputError as error:
+            faults.append(f"{where} {error}" if str(error).startswith(("has ", "stands ")) else f"{where}: {error}")
+    return tuple(flights.values())
+
+
+def _plan_flight(name: str, tail: str, row: Mapping[str, Cell], document: Document, source: Path) -> PlannedFlight:
+    day = row.get(DATE)
+    if day is not None and type(day) is not date:
+        raise InputError(f"has the {DATE} {day!r}: give one like 2026-03-01")
+    filled = _fill_in(document, row)
+    filled.setdefault("title", name)
+    if day is not None:
+        filled["date"] = day
+    stated = filled.get("date")
+    numbers = {
+        key: float(cell) for key, cell in row.items() if isinstance(cell, int | float) and key not in (NAME, TAIL)
+    }
+    return PlannedFlight(
+        name=name,
+        tail=tail,
+        document=filled,
+        source=source,
+        date=stated if type(stated) is date else None,
+        covariates=numbers,
+    )
+
+
+def _fill_in(value: Any, row: Mapping[str, Cell]) -> Any:
+    """Return a part of a study with the cells of a row in the place of its placeholders."""
+    if isinstance(value, dict):
+        return {key: _fill_in(each, row) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_fill_in(each, row) for each in value]
+    if not isinstance(value, str):
+        return value
+    for name in _PLACEHOLDER.findall(value):
+        if name not in row and name not in _OF_STUDIES:
+            raise InputError(f"has no cell for {{{name}}} in the study ({nearest(name, row)})")
+    whole = _PLACEHOLDER.fullmatch(value)
+    if whole and whole[1] in row:
+        return row[whole[1]]  # a number stays a number
+    return _PLACEHOLDER.sub(lambda found: str(row.get(found[1], found[0])), value)
+
+
+# ---- studies -> flights --------------------------------------------------------------------------------
+
+
+def _load_study(path: Path) -> Document:
+    document = load(path)
+    kind = kind_of(document, path)
+    if kind is not SUSPENSIONS:
+        raise InputError(f"{path} is a study of {kind.subject}: give one of suspensions")
+    return document
+
+
+def _find_studies(folder: Path) -> Iterator[PlannedFlight]:
+    """Yield a flight for each study of suspensions below a folder."""
+    found = False
+    for path in sorted(folder.rglob("*.toml")):
+        try:
+            document = load(path)
+            if kind_of(document, path) is not SUSPENSIONS:
+                continue
+        except InputError:
+            continue  # it is no study
+        parts = path.relative_to(folder).with_suffix("").parts
+        above = parts[:-1] if path.name == "study.toml" else parts
+        name = above[-1] if above else folder.resolve().name
+        stated = document.get("date")
+        found = True
+        yield PlannedFlight(
+            name=name,
+            tail="_".join(above[:-1]),
+            document={"title": name} | document,
+            source=path,
+            date=stated if type(stated) is date else None,
+        )
+    if not found:
+        raise InputError(
+            f"there is no study of suspensions in the folder {folder} or below: give a folder with a study.toml for "
+            "each flight, or a campaign file"
+        )

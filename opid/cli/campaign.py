@@ -1,0 +1,84 @@
+"""`opid campaign`: many flights at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from opid.cli.group import PATH, Number, example, main, out_option, quiet_option, with_force
+from opid.errors import InputError
+
+
+@main.command(epilog=example("opid campaign fleet.toml --out fleet_2026 --workers 8"))
+@click.argument("source", type=PATH, metavar="CAMPAIGN.toml | DIR")
+@out_option("Folder for the results.  [default: NAME_campaign]")
+@click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes on this machine.  [default: all processors]"
+)
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="A running Dask scheduler in their place, like tcp://10.0.0.1:8786."
+)
+@click.option(
+    "--time-limit",
+    "time_limit_s",
+    type=Number("seconds, 600 for ten minutes"),
+    default=600.0,
+    show_default=True,
+    metavar="S",
+    help="A flight that takes longer has failed.",
+)
+@click.option("--pages", "with_pages", is_flag=True, help="Write a report page for each flight, 3 MB each.")
+@quiet_option
+@with_force
+def campaign(
+    source: Path,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    time_limit_s: float,
+    with_pages: bool,
+    quiet: bool,
+    overwrite: bool,
+) -> None:
+    """Identify many flights on Dask, and gather their values as a dataset that `opid compare` reads.
+
+    CAMPAIGN.toml names a study file as a template and a table of flights, whose cells fill the template in; of a folder
+    DIR each study file in it or below is a flight.
+
+    A run that was stopped goes on where it ended: a flight is identified again only if its study, its logs, the options
+    or the version of opid are no longer the same, or if its files were at fault, or with --force. A flight that fails,
+    or takes too long, is reported with its reason and ends nothing.
+
+    Exit status 0: each flight was tried. 1: none of them has an answer. 2: bad input.
+    """
+    from opid.campaigns.campaign_file import read_campaign
+    from opid.campaigns.engine import run_campaign
+    from opid.campaigns.flight_task import TaskSettings
+    from opid.cli.group import NotDetermined, progress, result_name
+    from opid.report import text, write_report
+    from opid.suspensions.flights.campaign import Verdict
+
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--workers and --scheduler are both given: give one of them")
+    if not time_limit_s > 0:
+        raise InputError(f"--time-limit is {time_limit_s:g}: give a positive number of seconds")
+    plan = read_campaign(source)
+    directory = out or Path(f"{result_name(source)}_campaign")
+    with progress(quiet=quiet) as say:
+        found = run_campaign(
+            plan,
+            directory,
+            source=source,
+            workers=workers,
+            scheduler=scheduler,
+            task_settings=TaskSettings(time_limit_s=time_limit_s, with_pages=with_pages),
+            is_forced=overwrite,
+            progress=say,
+        )
+        page = write_report(found, directory, progress=say)
+    if not quiet:
+        click.echo(text(found))
+        click.echo(f"Index: {page} (open it in a browser)")
+    if not found.counts[Verdict.IDENTIFIED]:
+        raise NotDetermined("no flight has an answer: the reasons stand above")

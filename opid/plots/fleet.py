@@ -1,0 +1,131 @@
+"""Figures of a fleet: all struts at a glance, and one strut flight by flight."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+
+from opid.plots.style import BLUE, INK, VERMILION, figure_of, format_minus, format_units, house_style, panels
+from opid.suspensions.flights.fleet import FleetSeries, Strut
+
+_MOST_COLUMNS = 60
+"""Columns of the map: more are narrower than a reader can point at."""
+
+_ROW_IN, _LEAST_IN, _MOST_IN = 0.16, 2.6, 9.0
+"""Height of a strut, and of the map, inches: 500 struts are rows of two pixels, which still show a step."""
+
+_MOST_NAMES = 50
+"""More names do not fit beside the map; the reader then points at a row."""
+
+
+def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
+    """Draw one quantity of all struts over date: by how many percent each differs from its first level.
+
+    What the covariates and the common trend explain is taken away. The struts that changed stand above, the others
+    below them, by name.
+
+    Args:
+        series: one of `Fleet.series`.
+        ax: one Axes, or None for a new figure.
+    """
+    struts = sorted(series.struts, key=lambda strut: (bool(strut.changes), _find_latest_level(strut)), reverse=True)
+    days = np.array([date2num(flight.date) for strut in struts for flight in strut.flights])
+    n_columns = min(_MOST_COLUMNS, max(len(strut.flights) for strut in struts))
+    edges = np.linspace(days.min() - 0.5, days.max() + 0.5, n_columns + 1)
+    cells = np.full((len(struts), n_columns), np.nan)
+    for row, strut in enumerate(struts):
+        levels = [0.0, *np.cumsum([np.log1p(each.fraction.value or 0.0) for each in strut.changes])]
+        column = np.searchsorted(edges, [date2num(flight.date) for flight in strut.flights], side="right") - 1
+        value = np.array([_find_departure(flight) + levels[flight.level] for flight in strut.flights])
+        for k in np.unique(column):
+            cells[row, k] = 100 * np.expm1(value[column == k].mean())
+    most = max(1.0, float(np.nanpercentile(np.abs(cells), 99.5)))
+    with house_style():
+        height = float(np.clip(_ROW_IN * len(struts), _LEAST_IN, _MOST_IN))
+        ax = panels(ax, 1, height_in=height + 0.8)[0, 0]
+        rows = np.arange(len(struts) + 1) - 0.5
+        mesh = ax.pcolormesh(
+            edges, rows, np.ma.masked_invalid(cells), cmap="PuOr_r", norm=TwoSlopeNorm(0.0, -most, most)
+        )
+        bar = figure_of(ax).colorbar(mesh, ax=ax, pad=0.02)
+        bar.set_label("from its first level [%]")
+        _format_dates(ax)
+        ax.set_ylim(len(struts) - 0.5, -0.5)
+        names = [strut.tail or "all" for strut in struts]
+        if len(names) <= _MOST_NAMES:
+            ax.set_yticks(range(len(names)), names)
+        else:
+            shown = np.unique(np.linspace(0, len(names) - 1, 10).round().astype(int))
+            ax.set_yticks(shown, [names[k] for k in shown])
+        n_changed = sum(bool(strut.changes) for strut in struts)
+        said = f"{n_changed} of {len(struts)} struts changed" if n_changed else f"none of {len(struts)} struts changed"
+        ax.set_title(f"{_say_quantity(series)}: {said}")
+    return ax
+
+
+def draw_strut(series: FleetSeries, strut: Strut, ax: Any = None) -> Axes:
+    """Draw one quantity of one strut over date: values with 95 % bars, what was expected, and where it changed.
+
+    Args:
+        series: one of `Fleet.series`.
+        strut: one of its struts.
+        ax: one Axes, or None for a new figure.
+    """
+    at = np.array([date2num(flight.date) for flight in strut.flights])
+    values = np.array([flight.estimate.value for flight in strut.flights], dtype=float)
+    ends = np.array([flight.estimate.interval95 for flight in strut.flights], dtype=float)
+    judged = [k for k, flight in enumerate(strut.flights) if flight.expected.value is not None]
+    expected = np.array([strut.flights[k].expected.value for k in judged], dtype=float)
+    std = np.array([strut.flights[k].expected.std for k in judged], dtype=float)
+    own = np.array([strut.flights[k].estimate.std for k in judged], dtype=float)
+    half = series.threshold * np.sqrt(std**2 + own**2 + (series.scatter * expected) ** 2)
+    with house_style():
+        ax = panels(ax, 1, height_in=3.2)[0, 0]
+        ax.fill_between(
+            at[judged],
+            expected - half,
+            expected + half,
+            color=BLUE,
+            alpha=0.12,
+            linewidth=0,
+            label="limit for one flight",
+        )
+        ax.plot(at[judged], expected, color=BLUE, linewidth=1, linestyle="--", label="expected")
+        ax.vlines(at, ends[:, 0], ends[:, 1], color=INK, linewidth=1)
+        ax.plot(at, values, color=INK, marker="o", markersize=3.5, linestyle="none", label="value, 95 % interval")
+        for number, change in enumerate(strut.changes):
+            text = format_minus(f"{100 * (change.fraction.value or 0.0):+.1f} %")
+            ax.axvline(at[change.first], color=VERMILION, linewidth=1, label="change" if number == 0 else "")
+            ax.annotate(
+                text, (at[change.first], 0.97), (4, 0), ("data", "axes fraction"), "offset points", va="top", fontsize=9
+            )
+        _format_dates(ax)
+        ax.set_ylabel(f"{series.quantity.label.split(' (')[0]} [{format_units(series.quantity.unit)}]")
+        ax.set_title(f"{_say_quantity(series)} of {strut.tail or 'the aircraft'}")
+        ax.legend(loc="best", fontsize=9)
+    return ax
+
+
+def _say_quantity(series: FleetSeries) -> str:
+    quantity = series.quantity
+    return quantity.label[:1].upper() + quantity.label[1:] + (f", {quantity.gear}" if quantity.gear else "")
+
+
+def _find_departure(flight: Any) -> float:
+    """The logarithm of a value over what was expected; 0 for a flight that is not judged."""
+    return 0.0 if flight.expected.value is None else float(np.log(flight.estimate.value / flight.expected.value))
+
+
+def _find_latest_level(strut: Strut) -> float:
+    return abs(float(np.sum([np.log1p(each.fraction.value or 0.0) for each in strut.changes])))
+
+
+def _format_dates(ax: Axes) -> None:
+    locator = AutoDateLocator(minticks=3, maxticks=8)
+    ax.xaxis.set_major_locator(locator)
+    ax.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    ax.set_xlabel("date of the flight")

@@ -1,0 +1,144 @@
+"""The report of a fleet: the struts that changed, all struts at a glance, and what all have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+from opid.estimate import Estimate, rounded
+from opid.report.document import (
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Remarks,
+    Row,
+    Table,
+    build_columns,
+    build_warnings,
+    format_count,
+    write_sentence,
+)
+from opid.suspensions.flights.fleet import Fleet, FleetSeries, Strut
+
+_MOST_SAID = 20
+"""Changes that are said in sentences; the table of struts has all of them."""
+
+_MOST_DRAWN = 12
+"""Struts that get a figure of their own, those that changed last."""
+
+
+def build_document(result: Fleet) -> Document:
+    """Return the report of a fleet: its changes, the scatter and the trends of all struts, and the warnings."""
+    changes = tuple(write_sentence(change.statement) for change in result.changes)
+    more = [f"and {len(changes) - _MOST_SAID} more, in the table of struts."] if len(changes) > _MOST_SAID else []
+    n_aircraft = len({strut.tail for series in result.series for strut in series.struts})
+    return Document(
+        "Health of a fleet",
+        f"{format_count(result.n_flights, 'flight')} of {n_aircraft} aircraft in {result.years:.2g} years",
+        write_sentence(
+            f"{format_count(len(changes), 'change')} flagged" if changes else "no change exceeds its uncertainty"
+        ),
+        None,
+        (
+            Remarks("Change", (*changes[:_MOST_SAID], *more), is_warning=True),
+            _tabulate_common(result),
+            Paragraph(_say_basis(result)),
+            build_warnings(result.warnings),
+        ),
+        lambda: _list_details(result),
+        ["opid", "compare", result.source],
+        source="dataset",
+        data_file="fleet.json",
+    )
+
+
+def _tabulate_common(result: Fleet) -> Table:
+    heads = build_columns(
+        "", "struts", "scatter, %", "struts differ by, %", "trend, % a year", "std. dev.", "limit, std", optional=(6,)
+    )
+    rows = []
+    for series in result.series:
+        trend = series.trend_per_year
+        rows.append(
+            (
+                _name(series),
+                str(len(series.struts)),
+                f"{100 * series.scatter:.2g}",
+                f"{100 * series.level:.2g}",
+                _format_percent(trend),
+                _format_percent(Estimate(trend.std)),
+                f"{series.threshold:.1f}",
+            )
+        )
+    return Table(heads, tuple(rows), "What the struts have in common")
+
+
+def _say_basis(result: Fleet) -> str:
+    n_tests = sum(series.n_tests for series in result.series)
+    return (
+        "Each flight of a strut, and the mean of up to "
+        f"{max(result.settings.windows)} flights in a row, is compared with what its flights before say, and the other "
+        f"struts where it has few: {n_tests} comparisons. What the covariates and the common trend explain is no "
+        f"change. If nothing changed, {result.alarms_per_year:g} false alarms a year are expected at most in the whole "
+        "fleet. After a change a strut is compared with its new level. Scatter is from flight to flight, beyond the "
+        "intervals of the results."
+    )
+
+
+def _list_details(result: Fleet) -> Iterator[Block]:
+    from opid.plots.fleet import draw_fleet_map, draw_strut
+
+    for number, series in enumerate(result.series, start=1):
+        yield Figure(
+            f"fleet_{number}",
+            f"All struts: {_name(series)}",
+            "Percent from the first level of each strut, without what covariates and the common trend explain."
+            if number == 1
+            else "",
+            partial(draw_fleet_map, series),
+        )
+    changed = [(series, strut) for series in result.series for strut in series.struts if strut.changes]
+    changed.sort(key=lambda each: each[1].changes[-1].date, reverse=True)
+    for number, (series, strut) in enumerate(changed[:_MOST_DRAWN], start=1):
+        yield Figure(
+            f"strut_{number}", f"{strut.tail or 'aircraft'}: {_name(series)}", "", partial(draw_strut, series, strut)
+        )
+    effects = tuple(
+        (_name(series), name, _format_percent(each), _format_percent(Estimate(each.std)))
+        for series in result.series
+        for name, each in series.covariates.items()
+    )
+    if effects:
+        heads = build_columns("", "covariate", "effect, %", "std. dev.", left=(0, 1))
+        yield Table(heads, effects, "Covariates", note="The effect is that of one standard deviation of the covariate.")
+    heads = build_columns(
+        "tail", "", "flights", "last flight", "latest", "expected", "trend, % a year", "changes, %", left=(0, 1, 3)
+    )
+    rows = tuple(_build_row(series, strut) for series in result.series for strut in series.struts)
+    yield Table(heads, rows, "Struts", is_filtered=True)
+
+
+def _build_row(series: FleetSeries, strut: Strut) -> Row:
+    last = strut.flights[-1]
+    std = last.estimate.std
+    trend = strut.trend_per_year
+    return (
+        strut.tail or "-",
+        _name(series),
+        str(len(strut.flights)),
+        str(last.date),
+        rounded(last.estimate.value, std),
+        rounded(last.expected.value, std),
+        f"{_format_percent(trend)} ± {_format_percent(Estimate(trend.std))}",
+        ", ".join(f"{100 * (each.fraction.value or 0.0):+.1f} since {each.date}" for each in strut.changes) or "-",
+    )
+
+
+def _name(series: FleetSeries) -> str:
+    quantity = series.quantity
+    return " ".join(filter(None, (quantity.gear, quantity.label.split(" (")[0])))
+
+
+def _format_percent(estimate: Estimate) -> str:
+    return "-" if estimate.value is None else f"{100 * estimate.value:.2g}"

@@ -1,0 +1,472 @@
+"""A fleet: the struts of many aircraft over their flights, each compared with its own past and with the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import date, timedelta
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
+from opid.json_values import plain
+from opid.provenance import ReadFile
+from opid.result import Result, SummaryRow
+from opid.signals.recording import FloatArray
+from opid.suspensions.flights.dataset import FleetDataset, FleetTable
+from opid.suspensions.flights.fleet_model import (
+    DEFAULTS,
+    FleetSettings,
+    FleetValues,
+    Judged,
+    Population,
+    find_threshold,
+    fit_population,
+    judge_flights,
+)
+from opid.suspensions.flights.result_file import Quantity
+
+SCHEMA = "opid.fleet/1"
+
+_DAYS_A_YEAR = 365.25
+_LEAST_YEARS = 1 / 12
+"""Flights of a few days count as those of a month, or hardly any alarm would be allowed among them."""
+
+
+@dataclass(frozen=True)
+class StrutFlight:
+    """One quantity of one strut at one flight.
+
+    Args:
+        flight: name of the flight.
+        date: of the flight.
+        estimate: the value of its result.
+        expected: what the flights before it say, at the covariates of this flight; None for the first flight.
+        departure: (value - expected) in standard deviations of the difference; None where it is not judged.
+        level: index of its level: 0 up to the first change, then 1, ...
+        folder: of its results.
+    """
+
+    flight: str
+    date: date
+    estimate: Estimate
+    expected: Estimate
+    departure: float | None
+    level: int
+    folder: str
+
+
+@dataclass(frozen=True)
+class StrutChange:
+    """A change of one quantity of one strut.
+
+    Args:
+        quantity: the quantity that changed.
+        tail: tail number of the aircraft.
+        first: index of the flight with which it begins, in `Strut.flights`.
+        flight: the name of that flight.
+        date: of that flight.
+        fraction: relative change, of all flights until the next change against what the flights before say.
+        departure: the departure that flagged it, in standard deviations.
+        n_needed: flights whose mean departed by so much.
+        n_flights: flights from this change to the next.
+    """
+
+    quantity: Quantity
+    tail: str
+    first: int
+    flight: str
+    date: date
+    fraction: Estimate
+    departure: float
+    n_needed: int
+    n_flights: int
+
+    @property
+    def statement(self) -> str:
+        """The change in a sentence."""
+        low, high = self.fraction.interval95 or (math.nan, math.nan)
+        of = f" of {self.quantity.gear!r}" if self.quantity.gear else ""
+        return (
+            f"{self.quantity.label}{of} of {self.tail or 'the aircraft'}: {100 * (self.fraction.value or 0.0):+.1f} % "
+            f"({100 * low:+.1f} to {100 * high:+.1f} %) since {self.flight!r} ({self.date}), flagged at "
+            f"{abs(self.departure):.1f} standard deviations after {_count_flights(self.n_needed)}; "
+            f"{_count_flights(self.n_flights)} at the new level"
+        )
+
+
+@dataclass(frozen=True)
+class Strut:
+    """One quantity of one strut.
+
+    Args:
+        tail: tail number of the aircraft.
+        flights: in the order of their dates.
+        trend_per_year: relative change in a year, of the flights since the last change.
+        changes: the flagged changes, the earliest first.
+    """
+
+    tail: str
+    flights: tuple[StrutFlight, ...]
+    trend_per_year: Estimate
+    changes: tuple[StrutChange, ...]
+
+
+@dataclass(frozen=True)
+class FleetSeries:
+    """One quantity of the struts at one place of all aircraft.
+
+    Args:
+        quantity: the quantity, with the place.
+        struts: one for each aircraft.
+        scatter: standard deviation from flight to flight beyond the intervals, as a fraction.
+        level: standard deviation of the struts about their common level, as a fraction.
+        trend_per_year: the trend that all have in common, as a fraction a year.
+        covariates: {name: relative change for one standard deviation of the covariate}.
+        threshold: departure above which a flight is flagged, in standard deviations.
+        n_tests: comparisons that were made.
+    """
+
+    quantity: Quantity
+    struts: tuple[Strut, ...]
+    scatter: float
+    level: float
+    trend_per_year: Estimate
+    covariates: Mapping[str, Estimate]
+    threshold: float
+    n_tests: int
+
+
+@dataclass(frozen=True, repr=False)
+class Fleet(Result):
+    """The struts of a fleet, each compared with its own past and with the others.
+
+    Args:
+        source: path of the dataset.
+        series: one for each quantity of each place.
+        n_flights: flights in the dataset.
+        years: from the first to the last.
+        alarms_per_year: expected number of false alarms in a year, all quantities together.
+        warnings: the warnings, one sentence each.
+        settings: the tuned numbers.
+        read: the files of the dataset.
+    """
+
+    source: str
+    series: tuple[FleetSeries, ...]
+    n_flights: int
+    years: float
+    alarms_per_year: float
+    warnings: tuple[str, ...]
+    settings: FleetSettings
+    read: tuple[ReadFile, ...] = ()
+
+    @property
+    def changes(self) -> tuple[StrutChange, ...]:
+        """The flagged changes of all struts, the latest first."""
+        found = (change for series in self.series for strut in series.struts for change in strut.changes)
+        return tuple(sorted(found, key=lambda each: each.date, reverse=True))
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The files of the dataset, as they were when they were read."""
+        return self.read
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return each change as a fraction, the latest first, and then the common trends."""
+        rows = []
+        for each in self.changes:
+            name = ".".join(filter(None, (each.tail, each.quantity.gear, each.quantity.name, each.quantity.kind)))
+            rows.append(SummaryRow.of(name, each.fraction, "1"))
+        for series in self.series:
+            name = ".".join(filter(None, (series.quantity.gear, series.quantity.name, series.quantity.kind)))
+            rows.append(SummaryRow.of(f"{name}.trend", series.trend_per_year, "1/year"))
+        return tuple(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of fleet.json, as `docs/schemas/fleet-1.schema.json` describes it."""
+        return plain(
+            {
+                "schema": SCHEMA,
+                "flagged": bool(self.changes),
+                "source": self.source,
+                "n_flights": self.n_flights,
+                "years": self.years,
+                "alarms_per_year": self.alarms_per_year,
+                "series": [
+                    {
+                        **_describe(series.quantity),
+                        "scatter": series.scatter,
+                        "level": series.level,
+                        "trend_per_year": asdict(series.trend_per_year),
+                        "covariates": {name: asdict(each) for name, each in series.covariates.items()},
+                        "threshold": series.threshold,
+                        "n_tests": series.n_tests,
+                        "struts": [
+                            {
+                                "tail": strut.tail,
+                                "n_flights": len(strut.flights),
+                                "trend_per_year": asdict(strut.trend_per_year),
+                                "latest": _describe_flight(strut.flights[-1]),
+                            }
+                            for strut in series.struts
+                        ],
+                    }
+                    for series in self.series
+                ],
+                "changes": [
+                    {
+                        **_describe(each.quantity),
+                        "tail": each.tail,
+                        "flight": each.flight,
+                        "date": each.date.isoformat(),
+                        "fraction": asdict(each.fraction),
+                        "departure": each.departure,
+                        "n_needed": each.n_needed,
+                        "n_flights": each.n_flights,
+                        "statement": each.statement,
+                    }
+                    for each in self.changes
+                ],
+                "warnings": self.warnings,
+                "settings": asdict(self.settings),
+            }
+        )
+
+    def _headline(self) -> str:
+        n = len(self.changes)
+        flagged = f"{n} change{'s' * (n != 1)} flagged" if n else "no change exceeds its uncertainty"
+        tails = {strut.tail for series in self.series for strut in series.struts}
+        return f"{_count_flights(self.n_flights)} of {len(tails)} aircraft, {flagged}"
+
+
+def _count_flights(number: int) -> str:
+    return f"{number} flight{'s' * (number != 1)}"
+
+
+def _describe(quantity: Quantity) -> dict[str, str]:
+    return {"gear": quantity.gear, "quantity": quantity.name, "kind": quantity.kind, "unit": quantity.unit}
+
+
+def _describe_flight(flight: StrutFlight) -> dict[str, Any]:
+    return {
+        "flight": flight.flight,
+        "date": flight.date.isoformat(),
+        **asdict(flight.estimate),
+        "expected": flight.expected.value,
+        "departure": flight.departure,
+    }
+
+
+def compare_fleet(
+    dataset: FleetDataset,
+    *,
+    alarms_per_year: float | None = None,
+    settings: FleetSettings = DEFAULTS,
+) -> Fleet:
+    """Say which struts of a fleet changed by more than their uncertainty.
+
+    For each quantity of each place a hierarchical model is fitted to the logarithms of all values (`fleet_model`): a
+    common level, trend and effect of the covariates, and for each strut a level and a trend of its own. Then the
+    flights of a strut are compared, one after the other, with what its flights before and the other struts say. With N
+    comparisons of all quantities in T years each has the chance `alarms_per_year` T / N to be flagged if nothing
+    changed (Bonferroni), so that the expected number of false alarms is at most the stated one.
+
+    Args:
+        dataset: from `read_dataset`.
+        alarms_per_year: expected number of false alarms in a year of the whole fleet; that of the settings if left out.
+        settings: the tuned numbers.
+
+    Raises:
+        InputError: a number of alarms that is not positive.
+        NotDeterminedError: no strut has a quantity with an interval at two dated flights.
+    """
+    alarms = settings.alarms_per_year if alarms_per_year is None else alarms_per_year
+    if not 0 < alarms < math.inf:
+        raise InputError(f"the alarms per year are {alarms:g}: give a positive number, like 0.1 for one in ten years")
+    warnings: list[str] = []
+    tables = [each for each in map(_keep_judged, dataset.tables, [settings] * len(dataset.tables)) if each is not None]
+    if not tables:
+        raise NotDeterminedError(
+            f"no strut in {dataset.path} has a value with an interval at two dated flights: give flights dates, and "
+            "identify them by the usual method"
+        )
+    days = np.concatenate([table.day for table in tables])
+    first, years = float(days.min()), max(_LEAST_YEARS, float(np.ptp(days)) / _DAYS_A_YEAR)
+    laid = [(table, *_lay_out(table, first, settings)) for table in tables]
+    n_tests = sum(
+        int(np.maximum(0, values.is_there.sum(axis=1) - w).sum()) for _, _, values, _ in laid for w in settings.windows
+    )
+    chance = min(0.5, alarms * years / n_tests)
+    series = tuple(_compare_struts(*each, settings, chance) for each in laid)
+    warnings += _list_warnings(dataset, tables, series)
+    return Fleet(str(dataset.path), series, dataset.n_flights, years, alarms, tuple(warnings), settings, dataset.files)
+
+
+def _keep_judged(table: FleetTable, settings: FleetSettings) -> FleetTable | None:
+    """Return the values that have a date, all covariates, and a logarithm; None if no strut has two."""
+    is_kept = np.isfinite(table.day) & (table.std > 0) & (table.value > settings.clear_std * table.std)
+    # a covariate that most flights lack explains nothing
+    covariates = {name: x for name, x in table.covariates.items() if np.isfinite(x).mean() > 0.5}
+    for x in covariates.values():
+        is_kept &= np.isfinite(x)
+    _, counts = np.unique(table.tail[is_kept], return_counts=True)
+    if not (counts > 1).any():
+        return None
+    return FleetTable(
+        table.quantity,
+        table.tail[is_kept],
+        table.flight[is_kept],
+        table.day[is_kept],
+        table.value[is_kept],
+        table.std[is_kept],
+        {name: x[is_kept] for name, x in covariates.items()},
+        table.folder[is_kept],
+    )
+
+
+_Laid = tuple[np.ndarray, FleetValues, dict[str, tuple[int, ...]]]
+
+
+def _lay_out(table: FleetTable, first_day: float, settings: FleetSettings) -> _Laid:
+    """Return the rows of each strut by date, padded with -1, their values, and the columns of each covariate."""
+    tails = np.unique(table.tail)
+    of_tail = [np.flatnonzero(table.tail == tail) for tail in tails]
+    rows = np.full((len(tails), max(map(len, of_tail))), -1)
+    for i, several in enumerate(of_tail):
+        rows[i, : several.size] = several[np.argsort(table.day[several], kind="stable")]
+    is_there = rows >= 0
+    years = (table.day - first_day) / _DAYS_A_YEAR
+    columns: list[FloatArray] = [np.ones_like(years), years]
+    places: dict[str, tuple[int, ...]] = {}
+    varying = {name: (x - x.mean()) / x.std() for name, x in table.covariates.items() if x.std() > 0}
+    has_squares = table.value.size >= settings.values_per_coefficient * (2 + 2 * len(varying))
+    for name, x in varying.items():
+        powers = [x, x**2 - 1] if has_squares and np.unique(x).size > 2 else [x]
+        places[name] = tuple(range(len(columns), len(columns) + len(powers)))
+        columns += powers
+    at = np.where(is_there, rows, 0)
+    fixed = np.stack(columns, axis=-1)[at]
+    values = FleetValues(
+        np.log(table.value)[at],
+        np.where(is_there, (table.std / table.value)[at], 1.0),
+        is_there,
+        fixed,
+        np.where(is_there, years[at], 0.0),
+    )
+    return rows, values, places
+
+
+def _compare_struts(
+    table: FleetTable,
+    rows: np.ndarray,
+    values: FleetValues,
+    places: Mapping[str, tuple[int, ...]],
+    settings: FleetSettings,
+    chance: float,
+) -> FleetSeries:
+    used = values.is_there.copy()
+    for _ in range(settings.rounds):
+        population = fit_population(values, used)
+        judged = judge_flights(values, population, used, settings, chance)
+        # what follows a change does not tell about the trend and the scatter of an unchanged strut
+        before = values.is_there & ~np.logical_or.accumulate(judged.changed_at, axis=1)
+        if (before == used).all():
+            break
+        used = before
+    struts = tuple(_build_strut(table, row, s, judged) for s, row in enumerate(rows))
+    return FleetSeries(
+        table.quantity,
+        struts,
+        population.scatter,
+        population.level,
+        _estimate_coefficient(population, 1),
+        {name: _estimate_coefficient(population, several[0]) for name, several in places.items()},
+        find_threshold(chance, population.freedom),
+        judged.n_tests,
+    )
+
+
+def _estimate_coefficient(population: Population, index: int) -> Estimate:
+    return Estimate.normal(float(population.coefficients[index]), math.sqrt(population.covariance[index, index]))
+
+
+def _build_strut(table: FleetTable, row: FloatArray, s: int, judged: Judged) -> Strut:
+    tail = str(table.tail[row[0]])
+    n = int((row >= 0).sum())
+    level = np.cumsum(judged.changed_at[s])
+    starts = [*np.flatnonzero(judged.changed_at[s, :n]), n]
+    flights, changes = [], []
+    for k in range(n):
+        r = row[k]
+        value, mean = float(table.value[r]), math.exp(judged.expected[s, k])
+        std = math.sqrt(max(0.0, judged.expected_std[s, k] ** 2 - (table.std[r] / table.value[r]) ** 2))
+        departure = judged.departure[s, k]
+        is_judged = k > 0 and math.isfinite(departure)
+        flights.append(
+            StrutFlight(
+                str(table.flight[r]),
+                date(1970, 1, 1) + timedelta(days=int(table.day[r])),
+                Estimate.normal(value, float(table.std[r])),
+                Estimate.normal(mean, mean * std) if is_judged else Estimate(),
+                float(departure) if is_judged else None,
+                int(level[k]),
+                str(table.folder[r]),
+            )
+        )
+    for start, end in pairwise(starts):
+        size, std = float(judged.size[s, start]), float(judged.size_std[s, start])
+        fraction = Estimate(
+            math.expm1(size), math.exp(size) * std, (math.expm1(size - 1.96 * std), math.expm1(size + 1.96 * std))
+        )
+        first = flights[start]
+        changes.append(
+            StrutChange(
+                table.quantity,
+                tail,
+                int(start),
+                first.flight,
+                first.date,
+                fraction,
+                float(judged.strongest[s, start]),
+                int(judged.window[s, start]),
+                int(end - start),
+            )
+        )
+    trend = Estimate.normal(float(judged.trend[s]), float(judged.trend_std[s]))
+    return Strut(tail, tuple(flights), trend, tuple(changes))
+
+
+def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: Sequence[FleetSeries]) -> Iterator[str]:
+    """Yield what was left out, and what may be no change of a strut."""
+    n_lost = sum(dataset.without_values.values())
+    if n_lost:
+        yield (
+            f"{n_lost} of {dataset.n_flights} flights have no values and are left out; the index page of the campaign "
+            "gives the reasons"
+        )
+    kept = {(table.quantity, *each) for table in tables for each in zip(table.tail, table.flight, strict=True)}
+    for table in dataset.tables:
+        n_left = sum((table.quantity, *each) not in kept for each in zip(table.tail, table.flight, strict=True))
+        if n_left:
+            of = f" of {table.quantity.gear!r}" if table.quantity.gear else ""
+            yield (
+                f"{n_left} of {table.value.size} values of {table.quantity.label}{of} are left out: they have no date "
+                "or no covariate, or are not clearly positive"
+            )
+    for each in series:
+        of_day: dict[tuple[date, bool], int] = {}
+        for strut in each.struts:
+            for change in strut.changes:
+                key = change.date, change.departure > 0
+                of_day[key] = of_day.get(key, 0) + 1
+        for (day, rises), n in of_day.items():
+            if n > max(2, 0.2 * len(each.struts)):
+                yield (
+                    f"{each.quantity.label} {'rises' if rises else 'falls'} in {n} struts on {day}: the cause is "
+                    "probably common to them (temperature, loading, a sensor) and not the struts"
+                )

@@ -1,0 +1,342 @@
+"""A hierarchical model of one quantity over a fleet: each strut is a draw about the trend that all have in common.
+
+The logarithm of a value of strut s at a flight with covariates x, t years after the first, is
+
+    y = a + b t + c x + u_s + w_s t + e,   u_s ~ N(0, level^2), w_s ~ N(0, trend^2), e ~ N(0, std^2 + scatter^2),
+
+with the standard deviation that the flight states. Level, trend and scatter are found by restricted maximum likelihood
+(Patterson & Thompson 1971). The flights of a strut are then judged one after the other: the prior of a strut is what
+the other struts say, so that the population informs a strut of which little is known (`judge_flights`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import norm, t as student
+
+from opid.signals.recording import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FleetSettings:
+    """When a strut has changed, and what is fitted to the fleet.
+
+    Args:
+        alarms_per_year: expected number of false alarms in a year of the whole fleet, all quantities together.
+        windows: numbers of consecutive flights that are judged by their mean: one shows a large change at once, three a
+            small one.
+        step_std: standard deviation of a change, as a logarithm, once it is flagged: the new level is as good as
+            unknown.
+        most_std: a mean is not judged where its departure has a larger standard deviation, as a logarithm.
+        values_per_coefficient: a covariate gets a square, too, where there are at least so many values for each
+            coefficient.
+        rounds: flagged flights are left out of the fit, which is repeated until the flags stay, at most so often.
+        clear_std: a value whose logarithm is taken is this many standard deviations from zero.
+    """
+
+    alarms_per_year: float = 0.1
+    windows: tuple[int, ...] = (1, 2, 3)
+    step_std: float = 1.0
+    most_std: float = 0.3
+    values_per_coefficient: int = 20
+    rounds: int = 5
+    clear_std: float = 5.0
+
+
+DEFAULTS = FleetSettings()
+
+_VAGUE = 1e4
+"""Variance of a coefficient of which nothing is known, in units in which covariates and logarithms are about one."""
+
+
+@dataclass(frozen=True, eq=False)
+class FleetValues:
+    """The flights of S struts, each padded to N flights in the order of their dates.
+
+    Args:
+        y: logarithms of the values, (S, N); anything where there is no flight.
+        std: their standard deviations, (S, N).
+        is_there: whether there is a flight, (S, N).
+        fixed: what all struts answer to alike, (S, N, p): 1, years, covariates.
+        years: time of each flight, years after the first of all, (S, N).
+    """
+
+    y: FloatArray
+    std: FloatArray
+    is_there: BoolArray
+    fixed: FloatArray
+    years: FloatArray
+
+    @property
+    def own(self) -> FloatArray:
+        """What each strut answers to in its own way, (S, N, 2): 1 and years."""
+        return np.stack([np.ones_like(self.years), self.years], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """What the fleet has in common.
+
+    Args:
+        scatter: standard deviation from flight to flight beyond the intervals, as a logarithm.
+        level: standard deviation of the struts about the common level.
+        trend: standard deviation of their trends about the common one, 1/year.
+        coefficients: of `FleetValues.fixed`, (p,).
+        covariance: of these, (p, p).
+        freedom: degrees of freedom of the scatter.
+    """
+
+    scatter: float
+    level: float
+    trend: float
+    coefficients: FloatArray
+    covariance: FloatArray
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """The sums over the flights of each strut from which the likelihood and its coefficients follow."""
+
+    xx: FloatArray
+    xy: FloatArray
+    yy: FloatArray
+    log_det: FloatArray
+
+
+def fit_population(values: FleetValues, is_used: BoolArray) -> Population:
+    """Find level, trend and scatter of a fleet by restricted maximum likelihood, and its common coefficients.
+
+    Args:
+        values: of the fleet.
+        is_used: the flights that are fitted, (S, N).
+    """
+    used = is_used & values.is_there
+    typical = float(np.median(values.std[used]))
+    n, p, n_struts = int(used.sum()), values.fixed.shape[-1], int(used.any(axis=1).sum())
+    floor = 2 * math.log(1e-3 * typical)
+    has_trend = n > 2 * n_struts + p and float(np.ptp(values.years[used])) > 0
+
+    def variances(theta: FloatArray) -> tuple[float, float, float]:
+        scatter, level = np.exp(theta[:2])
+        return float(scatter), float(level), float(np.exp(theta[2])) if has_trend else 0.0
+
+    def misfit(theta: FloatArray) -> float:
+        sums = _sum_over_flights(values, used, *variances(theta))
+        xx, xy = sums.xx.sum(axis=0), sums.xy.sum(axis=0)
+        _, log_det = np.linalg.slogdet(xx + np.eye(p) / _VAGUE)
+        solved = np.linalg.solve(xx + np.eye(p) / _VAGUE, xy)
+        return float(sums.log_det.sum() + log_det + sums.yy.sum() - xy @ solved)
+
+    start = 2 * np.log([typical, max(typical, 1e-2), max(typical, 1e-2)])[: 3 if has_trend else 2]
+    bounds = [(floor, 2 * math.log(10.0))] * start.size
+    found = min((minimize(misfit, start + shift, method="L-BFGS-B", bounds=bounds) for shift in (0.0, -4.0)), key=_cost)
+    scatter, level, trend = variances(found.x)
+    sums = _sum_over_flights(values, used, scatter, level, trend)
+    covariance = np.linalg.inv(sums.xx.sum(axis=0) + np.eye(p) / _VAGUE)
+    freedom = max(1.0, n - p - n_struts)
+    return Population(
+        math.sqrt(scatter),
+        math.sqrt(level),
+        math.sqrt(trend),
+        covariance @ sums.xy.sum(axis=0),
+        covariance,
+        freedom if scatter > 2 * math.exp(floor) else math.inf,
+    )
+
+
+def _cost(found: object) -> float:
+    return float(found.fun)  # type: ignore[attr-defined]
+
+
+def _sum_over_flights(values: FleetValues, used: BoolArray, scatter: float, level: float, trend: float) -> _Sums:
+    """Sum with the inverse covariance of each strut, by the identity of Woodbury for its two own coefficients."""
+    variance = values.std**2 + scatter
+    weight = np.where(used, 1 / variance, 0.0)
+    own, fixed, y = values.own, values.fixed, np.where(used, values.y, 0.0)
+    prior = np.diag([level, trend])
+    weighted = own * weight[..., None]
+    inner = np.einsum("sni,snj->sij", weighted, own)
+    shrink = prior @ np.linalg.inv(np.eye(2) + inner @ prior)
+    own_x = np.einsum("sni,snp->sip", weighted, fixed)
+    own_y = np.einsum("sni,sn->si", weighted, y)
+    _, log_det = np.linalg.slogdet(np.eye(2) + inner @ prior)
+    return _Sums(
+        np.einsum("snp,sn,snq->spq", fixed, weight, fixed) - np.einsum("sip,sij,sjq->spq", own_x, shrink, own_x),
+        np.einsum("snp,sn->sp", fixed, weight * y) - np.einsum("sip,sij,sj->sp", own_x, shrink, own_y),
+        np.einsum("sn,sn->s", y, weight * y) - np.einsum("si,sij,sj->s", own_y, shrink, own_y),
+        log_det + np.where(used, np.log(variance), 0.0).sum(axis=1),
+    )
+
+
+# ---- one flight after the other ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The flights of a fleet, judged one after the other.
+
+    Args:
+        expected: what the flights before say of each, with the covariates of the flight, (S, N).
+        expected_std: standard deviation of the departure of each, from the flight and from what is expected, (S, N).
+        departure: (y - expected) / expected_std, NaN where a flight is not judged, (S, N).
+        changed_at: whether a change begins with this flight, (S, N).
+        strongest: the departure that flagged it, of the mean of a window, (S, N).
+        window: number of flights in that window, (S, N).
+        size: the change as a logarithm, of all flights until the next change, (S, N); NaN where none begins.
+        size_std: its standard deviation, (S, N).
+        n_tests: number of means that were judged.
+        trend: trend of each strut now, 1/year, (S,).
+        trend_std: its standard deviation, (S,).
+    """
+
+    expected: FloatArray
+    expected_std: FloatArray
+    departure: FloatArray
+    changed_at: BoolArray
+    strongest: FloatArray
+    window: FloatArray
+    size: FloatArray
+    size_std: FloatArray
+    n_tests: int
+    trend: FloatArray
+    trend_std: FloatArray
+
+
+@dataclass
+class _State:
+    """What is known of the coefficients of each strut, common and own: mean (S, q) and covariance (S, q, q)."""
+
+    mean: FloatArray
+    covariance: FloatArray
+
+    def copy(self) -> _State:
+        """Return a copy that does not change with this one."""
+        return _State(self.mean.copy(), self.covariance.copy())
+
+    def take(self, other: _State, rows: BoolArray) -> None:
+        """Take the state of some struts from another."""
+        self.mean[rows], self.covariance[rows] = other.mean[rows], other.covariance[rows]
+
+    def update(self, h: FloatArray, y: FloatArray, variance: FloatArray, rows: BoolArray) -> None:
+        """Take a flight of some struts into account (Kalman 1960)."""
+        ph = np.einsum("sij,sj->si", self.covariance, h)
+        gain = ph / (np.einsum("si,si->s", h, ph) + variance)[:, None]
+        step = gain * (y - np.einsum("si,si->s", h, self.mean))[:, None]
+        self.mean[rows] += step[rows]
+        self.covariance[rows] -= (gain[:, :, None] * ph[:, None, :])[rows]
+
+
+def judge_flights(
+    values: FleetValues, population: Population, is_used: BoolArray, settings: FleetSettings, chance: float
+) -> Judged:
+    """Compare each flight of each strut with its flights before and with the other struts.
+
+    The prior of a strut has the coefficients that all other struts give, so that no flight is compared with itself.
+    The mean of the last 1, 2, ... flights is compared with what the flights before them say. Where it departs, a change
+    begins with the first of them: the level of the strut is unknown from there, and what follows is compared with the
+    new level.
+
+    Args:
+        values: of the fleet.
+        population: from `fit_population`.
+        is_used: the flights from which the common coefficients are taken, (S, N).
+        settings: the tuned numbers.
+        chance: two-sided chance of each comparison to be flagged if nothing changed.
+    """
+    limit = find_threshold(chance, population.freedom)
+    n_struts, n_flights, p = values.fixed.shape
+    h = np.concatenate([values.fixed, values.own], axis=-1)
+    variance = values.std**2 + population.scatter**2
+    state = _State(*_find_priors(values, population, is_used))
+    shape = (n_struts, n_flights)
+    expected, spread, departure, strongest, window, size, size_std = (np.full(shape, np.nan) for _ in range(7))
+    changed, first, n_tests = np.zeros(shape, bool), np.zeros(n_struts, int), 0
+    before: list[_State] = []
+    old: dict[tuple[int, int], _State] = {}
+    step = np.zeros(state.mean.shape[1])
+    step[p] = settings.step_std**2
+    for n in range(n_flights):
+        here = values.is_there[:, n]
+        before.append(state.copy())
+        rest, std = _compare(before[n], h[:, n : n + 1], values.y[:, n : n + 1], variance[:, n : n + 1])
+        expected[:, n], spread[:, n] = np.where(here, values.y[:, n] - rest, np.nan), np.where(here, std, np.nan)
+        is_judged = here & (std < settings.most_std)
+        departure[:, n] = np.where(is_judged, rest / std, np.nan)
+        state.update(h[:, n], values.y[:, n], variance[:, n], here)
+        flagged = np.zeros(n_struts, bool)
+        for w in settings.windows:
+            start = n - w + 1
+            # the first flight of a level, and of a strut, has nothing of its own with which it could be compared
+            can = here & ~flagged & (start > first)
+            if not can.any():
+                continue
+            part = slice(start, n + 1)
+            mean, std = _compare(before[start], h[:, part], values.y[:, part], variance[:, part])
+            can &= std < settings.most_std
+            n_tests += int(can.sum())
+            now = can & (np.abs(mean) > limit * std)
+            for s in map(int, np.flatnonzero(now)):
+                changed[s, start], strongest[s, start], window[s, start] = True, mean[s] / std[s], w
+                old[s, start] = _State(before[start].mean[[s]], before[start].covariance[[s]])
+            if now.any():
+                flagged |= now
+                first[now] = start
+                again = before[start].copy()
+                again.covariance += np.diag(step)
+                before[start].take(again, now)
+                for k in range(start, n + 1):
+                    if k > start:
+                        before[k].take(again, now)
+                    again.update(h[:, k], values.y[:, k], variance[:, k], now)
+                state.take(again, now)
+    for (s, start), state_before in old.items():
+        following = np.flatnonzero(changed[s, start + 1 :])
+        part = slice(start, start + 1 + int(following[0]) if following.size else int(values.is_there[s].sum()))
+        mean, std = _compare(state_before, h[[s], part], values.y[[s], part], variance[[s], part])
+        size[s, start], size_std[s, start] = mean[0], std[0]
+    slope = np.zeros(state.mean.shape[1])
+    slope[1], slope[p + 1] = 1.0, 1.0
+    trend_std = np.sqrt(np.maximum(np.einsum("i,sij,j->s", slope, state.covariance, slope), 0.0))
+    return Judged(
+        expected, spread, departure, changed, strongest, window, size, size_std, n_tests, state.mean @ slope, trend_std
+    )
+
+
+def find_threshold(chance: float, freedom: float) -> float:
+    """Return the departure that is exceeded by this two-sided chance."""
+    return float(norm.isf(chance / 2) if math.isinf(freedom) else student.isf(chance / 2, freedom))
+
+
+def _compare(state: _State, h: FloatArray, y: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much the weighted mean of some flights departs from a state, and its standard deviation."""
+    weight = 1 / variance
+    weight = weight / weight.sum(axis=1, keepdims=True)
+    together = np.einsum("sn,sni->si", weight, h)
+    mean = np.einsum("sn,sn->s", weight, y) - np.einsum("si,si->s", together, state.mean)
+    square = np.einsum("si,sij,sj->s", together, state.covariance, together) + (weight**2 * variance).sum(axis=1)
+    return mean, np.sqrt(square)
+
+
+def _find_priors(values: FleetValues, population: Population, is_used: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of common and own coefficients of each strut, as all other struts give them."""
+    p = values.fixed.shape[-1]
+    sums = _sum_over_flights(
+        values, values.is_there & is_used, population.scatter**2, population.level**2, population.trend**2
+    )
+    others_xx = sums.xx.sum(axis=0) - sums.xx + np.eye(p) / _VAGUE
+    common = np.linalg.inv(others_xx)
+    n_struts = values.y.shape[0]
+    mean = np.zeros((n_struts, p + 2))
+    mean[:, :p] = np.einsum("spq,sq->sp", common, sums.xy.sum(axis=0) - sums.xy)
+    covariance = np.zeros((n_struts, p + 2, p + 2))
+    covariance[:, :p, :p] = common
+    covariance[:, p, p], covariance[:, p + 1, p + 1] = population.level**2, population.trend**2
+    return mean, covariance

@@ -1,0 +1,366 @@
+"""Campaigns: the flights of a table, one flight as a task, a whole campaign on Dask, and its dataset."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from opid.campaigns import flight_task
+from opid.campaigns.campaign_file import IdentifyOptions, PlannedFlight, read_campaign
+from opid.campaigns.flight_task import FlightTask, TaskSettings, run_task
+from opid.errors import InputError
+from opid.studies.study_file import write_study
+from opid.suspensions.flights.campaign import Verdict
+from opid.suspensions.flights.dataset import read_dataset
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.study import taxi_study
+from opid.virtual.taxi_tests.taxiing import taxi_test
+
+TEMPLATE = """
+[channels]
+unsprung = "lower_z"
+sprung = "upper_z"
+
+[[runs]]
+name = "heavy"
+log = "{flight}/heavy.csv"
+mass_change_kg = 0
+
+[[runs]]
+name = "light"
+log = "{flight}/light.csv"
+mass_change_kg = "{change_kg}"
+"""
+
+TABLE = """flight,tail,date,change_kg,temperature_c
+f1,D-1,2026-01-01,-220,12.5
+f2,D-1,2026-02-01,-220,3.5
+lost,D-2,2026-02-01,-220,7
+"""
+
+CAMPAIGN = """
+title = "Three flights"
+study = "template.toml"
+flights = "flights.csv"
+
+[identify]
+law = "arctan_velocity"
+"""
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A folder with the logs of two flights, a template, a table of three, and the campaign file."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for number in (1, 2):
+        study = taxi_study(
+            taxi_test(LandingGear(), rng=np.random.default_rng(number), duration_s=16.0, fs=256.0), title=f"f{number}"
+        )
+        (folder / f"f{number}").mkdir()
+        write_study(study, folder / f"f{number}" / "study.toml")
+    for name, text in (("template.toml", TEMPLATE), ("flights.csv", TABLE), ("fleet.toml", CAMPAIGN)):
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.fixture
+def fleet(logs, tmp_path):
+    """A copy of that folder that a test may change."""
+    shutil.copytree(logs, tmp_path / "fleet")
+    return tmp_path / "fleet"
+
+
+# ---- the plan --------------------------------------------------------------------------------------
+
+
+def test_cells_fill_the_template(logs):
+    plan = read_campaign(logs / "fleet.toml")
+    first = plan.flights[0]
+    assert (plan.title, len(plan.flights), plan.options.law) == ("Three flights", 3, "arctan_velocity")
+    assert (first.name, first.tail, first.date) == ("f1", "D-1", date(2026, 1, 1))
+    assert first.covariates == {"change_kg": -220.0, "temperature_c": 12.5}
+    assert [run["log"] for run in first.document["runs"]] == ["f1/heavy.csv", "f1/light.csv"]
+    assert first.document["runs"][1]["mass_change_kg"] == -220
+    assert first.document["date"] == date(2026, 1, 1)
+
+
+def test_a_folder_of_studies_is_a_campaign(logs):
+    plan = read_campaign(logs)
+    # the template is a study, too, whose logs no worker will find
+    assert [flight.name for flight in plan.flights] == ["f1", "f2", "template"]
+    assert {flight.tail for flight in plan.flights} == {""}
+
+
+def test_the_folder_above_a_flight_is_its_tail(fleet, tmp_path):
+    (tmp_path / "all" / "D-7").mkdir(parents=True)
+    shutil.move(fleet / "f1", tmp_path / "all" / "D-7" / "f1")
+    (flight,) = read_campaign(tmp_path / "all").flights
+    assert (flight.tail, flight.name, flight.folder) == ("D-7", "f1", "D-7/f1")
+
+
+def test_all_faults_of_a_table_are_told_at_once(fleet):
+    rows = ["flight,tail,date,change_kg", "a/b,D-1,,-220", ",D-1,,-220", "f1,D-1,yesterday,-220", "f2,D-1,2026-02-01,"]
+    (fleet / "flights.csv").write_text("\n".join([*rows, "f3,,,-220", "f3,,,-220"]) + "\n")
+    with pytest.raises(InputError) as error:
+        read_campaign(fleet / "fleet.toml")
+    said = str(error.value)
+    for part in (
+        "'a/b' cannot name its log",
+        "row 2 of the flights has no 'flight'",
+        "flight 'f1' has the date 'yesterday'",
+        "flight 'f2' has no cell for {change_kg}",
+        "flight 'f3' stands in the table twice",
+    ):
+        assert part in said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('flights = "none.csv"\nstudy = "template.toml"', "cannot read the table of flights"),
+        ('flights = "flights.csv"', "has no study: give a template"),
+        ('flights = "flights.csv"\nstudy = "template.toml"\n[identify]\nlow = "linear"', "did you mean 'law'?"),
+        ('study = "template.toml"', "lacks 'flights'"),
+        ('flights = "flights.csv"\nstudy = "fleet.toml"', "is no study"),
+    ],
+)
+def test_a_faulty_campaign_file_is_refused_in_a_sentence(fleet, text, said):
+    (fleet / "fleet.toml").write_text(text)
+    with pytest.raises(InputError, match=said.replace("?", r"\?").replace("[", r"\[")):
+        read_campaign(fleet / "fleet.toml")
+
+
+def test_a_missing_campaign_and_an_empty_folder_are_refused(tmp_path):
+    with pytest.raises(InputError, match="there is no campaign file or folder"):
+        read_campaign(tmp_path / "none.toml")
+    with pytest.raises(InputError, match="there is no study of suspensions in the folder"):
+        read_campaign(tmp_path)
+
+
+def test_semicolons_come_with_decimal_commas_and_names_stay_text(fleet):
+    table = "flight;tail;change_kg;temperature_c\nf1;007;-220,5;12,5\n"
+    (fleet / "flights.csv").write_text(table)
+    (flight,) = read_campaign(fleet / "fleet.toml").flights
+    assert (flight.tail, flight.covariates) == ("007", {"change_kg": -220.5, "temperature_c": 12.5})
+
+
+# ---- one flight --------------------------------------------------------------------------------------
+
+
+def build_task(folder, out, number=0, **others):
+    flight = read_campaign(folder / "fleet.toml").flights[number]
+    return FlightTask(flight, IdentifyOptions(law="arctan_velocity"), out, run="one", **others)
+
+
+def test_a_flight_leaves_its_result_and_is_not_identified_again(fleet, tmp_path):
+    task = build_task(fleet, tmp_path)
+    done = run_task(task)
+    assert (done.outcome.verdict, done.is_new) == (Verdict.IDENTIFIED, True)
+    assert done.outcome.flight.name == "f1"
+    mass = next(each for what, each in done.outcome.flight.values.items() if what.name == "mass")
+    assert mass.interval95[0] < 1850 < mass.interval95[1]
+    assert sorted(each.name for each in task.folder.iterdir()) == ["outcome.json", "result.json"]
+    again = run_task(replace(task, run="two"))
+    assert not again.is_new
+    assert again.outcome.flight.values == done.outcome.flight.values
+    assert run_task(replace(task, is_forced=True)).is_new
+
+
+def test_a_flight_is_identified_again_after_a_change_of_its_log_or_of_the_options(fleet, tmp_path):
+    task = build_task(fleet, tmp_path)
+    run_task(task)
+    assert run_task(replace(task, options=IdentifyOptions(law="linear"))).is_new
+    run_task(task)
+    log = fleet / "f1" / "heavy.csv"
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join(lines[:-1]) + "\n")
+    assert run_task(task).is_new
+
+
+def test_a_flight_without_its_logs_has_failed_and_is_tried_again(fleet, tmp_path):
+    task = build_task(fleet, tmp_path, 2)
+    done = run_task(task)
+    assert done.outcome.verdict is Verdict.FAILED
+    assert "there is no file" in done.outcome.reason
+    shutil.copytree(fleet / "f1", fleet / "lost")
+    assert run_task(task).outcome.verdict is Verdict.IDENTIFIED
+
+
+def test_a_refused_flight_is_not_determined_and_keeps_its_result(fleet, tmp_path):
+    # both runs have one mass, so that no absolute value follows
+    text = (fleet / "flights.csv").read_text().replace("-220", "0")
+    (fleet / "flights.csv").write_text(text)
+    done = run_task(build_task(fleet, tmp_path))
+    assert done.outcome.verdict is Verdict.NOT_DETERMINED
+    assert done.outcome.reason
+    assert json.loads((tmp_path / done.outcome.folder / "result.json").read_text())["not_determined"]
+    assert not run_task(build_task(fleet, tmp_path)).is_new
+
+
+def test_an_error_in_opid_is_a_reason_and_ends_nothing(fleet, tmp_path, monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("no such thing")
+
+    monkeypatch.setattr(flight_task, "_read_logs", fail)
+    done = run_task(build_task(fleet, tmp_path))
+    assert done.outcome.verdict is Verdict.FAILED
+    assert "an error in opid itself, ZeroDivisionError: no such thing" in done.outcome.reason
+    assert "ZeroDivisionError" in (tmp_path / done.outcome.folder / "error.txt").read_text()
+
+
+HANG = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from opid.campaigns import flight_task
+from test_campaigns import build_task
+
+def hang(flight):
+    {how}
+
+flight_task._read_logs = hang
+flight_task.run_task(build_task(Path({folder!r}), Path({out!r}), settings=flight_task.TaskSettings(time_limit_s=1.0)))
+"""
+
+
+def die(folder, out, how):
+    script = HANG.format(tests=str(Path(__file__).parent), folder=str(folder), out=str(out), how=how)
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=120).returncode
+
+
+def test_a_flight_that_hangs_ends_its_worker_and_is_reported_by_the_next(fleet, tmp_path):
+    # compiled code that never returns and holds the interpreter's lock listens to no signal
+    assert die(fleet, tmp_path, "__import__('re').match(r'(a+)+$', 'a' * 64 + 'b')") == 1
+    settings = TaskSettings(time_limit_s=1.0)
+    done = run_task(build_task(fleet, tmp_path, settings=settings))
+    assert done.outcome.verdict is Verdict.FAILED
+    assert "it did not end within 1 s" in done.outcome.reason
+    # with the same time it is not tried again, with more it is
+    assert not run_task(build_task(fleet, tmp_path, settings=settings)).is_new
+    assert run_task(build_task(fleet, tmp_path)).outcome.verdict is Verdict.IDENTIFIED
+
+
+def test_a_flight_whose_worker_dies_again_and_again_is_given_up(fleet, tmp_path):
+    for _ in range(2):
+        assert die(fleet, tmp_path, "__import__('os')._exit(9)") == 9
+    tried = build_task(fleet, tmp_path, settings=TaskSettings(most_attempts=2))
+    assert "its worker died 2 times" in run_task(tried).outcome.reason
+    # attempts of another run do not count: somebody may have stopped it
+    assert die(fleet, tmp_path / "b", "__import__('os')._exit(9)") == 9
+    other = replace(build_task(fleet, tmp_path / "b", settings=TaskSettings(most_attempts=1)), run="two")
+    assert run_task(other).outcome.verdict is Verdict.IDENTIFIED
+
+
+# ---- a whole campaign --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ran(logs, tmp_path_factory):
+    """A campaign of three flights on one worker: its result, its folder, and what the user was told."""
+    pytest.importorskip("distributed")
+    from opid.campaigns.engine import run_campaign
+
+    out, said = tmp_path_factory.mktemp("out"), []
+    found = run_campaign(read_campaign(logs / "fleet.toml"), out, workers=1, progress=said.append)
+    return found, out, said
+
+
+def test_a_campaign_identifies_what_can_be_identified(ran):
+    found, out, said = ran
+    assert found.counts == {Verdict.IDENTIFIED: 2, Verdict.NOT_DETERMINED: 0, Verdict.FAILED: 1}
+    assert said[0].startswith("dashboard: http")
+    assert said[-1].startswith("3 of 3 flights")
+    assert (out / "flights" / "D-1" / "f2" / "result.json").is_file()
+    assert found.to_dict()["flights"][2]["reason"]
+
+
+def test_the_dataset_holds_each_value_with_its_traces(ran):
+    pytest.importorskip("pyarrow")
+    found, out, _ = ran
+    dataset = read_dataset(out)
+    assert dataset.n_flights == 3
+    (reason,) = dataset.without_values
+    assert "there is no file" in reason
+    mass = next(table for table in dataset.tables if table.quantity.name == "mass")
+    estimates = [
+        next(e for what, e in each.flight.values.items() if what.name == "mass") for each in found.outcomes[:2]
+    ]
+    assert list(mass.value) == [each.value for each in estimates]
+    assert list(mass.std) == [each.std for each in estimates]
+    assert list(mass.covariates["temperature_c"]) == [12.5, 3.5]
+    assert list(mass.day) == [(date(2026, month, 1) - date(1970, 1, 1)).days for month in (1, 2)]
+
+
+def test_any_reader_of_parquet_sees_tails_dates_hashes_and_the_version(ran):
+    dataset = pytest.importorskip("pyarrow.dataset")
+    from opid import __version__
+
+    found, out, _ = ran
+    rows = dataset.dataset(out / "dataset", partitioning="hive").to_table().to_pylist()
+    assert {row["tail"] for row in rows} == {"D-1", "D-2"}
+    assert {row["opid"] for row in rows} == {__version__}
+    first = found.outcomes[0]
+    row = next(row for row in rows if row["flight"] == "f1" and row["quantity"] == "mass")
+    assert (row["task_sha256"], row["files_sha256"]) == (first.task_sha256, [each.sha256 for each in first.files])
+    assert row["low"] < row["value"] < row["high"]
+    (lost,) = [row for row in rows if row["flight"] == "lost"]
+    assert (lost["verdict"], lost["value"]) == ("failed", None)
+
+
+def test_a_second_run_does_nothing_again_and_gives_the_same_dataset(ran, logs):
+    from opid.campaigns.engine import run_campaign
+
+    _, out, _ = ran
+    before = {path: path.read_bytes() for path in (out / "dataset").rglob("*.parquet")}
+    again = run_campaign(read_campaign(logs / "fleet.toml"), out, workers=1)
+    assert again.n_done_before == 2  # the flight without logs is tried again
+    assert {path: path.read_bytes() for path in (out / "dataset").rglob("*.parquet")} == before
+
+
+def test_a_flight_that_leaves_the_table_leaves_the_dataset(ran, logs, tmp_path):
+    from opid.campaigns.engine import run_campaign
+
+    _, out, _ = ran
+    shutil.copytree(out, tmp_path / "out")
+    plan = read_campaign(logs / "fleet.toml")
+    run_campaign(replace(plan, flights=plan.flights[:2]), tmp_path / "out", workers=1)
+    assert [path.name for path in (tmp_path / "out" / "dataset").iterdir()] == ["tail=D-1"]
+
+
+def test_bad_campaigns_are_refused_before_any_work(logs, tmp_path):
+    pytest.importorskip("distributed")
+    from opid.campaigns.engine import EngineSettings, run_campaign
+
+    plan = read_campaign(logs / "fleet.toml")
+    with pytest.raises(InputError, match="has no flight"):
+        run_campaign(replace(plan, flights=()), tmp_path)
+    with pytest.raises(InputError, match="0 workers are given"):
+        run_campaign(plan, tmp_path, workers=0)
+    named = replace(plan.flights[0], covariates={"value": 1.0})
+    with pytest.raises(InputError, match="a column 'value', which is one of the dataset"):
+        run_campaign(replace(plan, flights=(named,)), tmp_path)
+    with pytest.raises(InputError, match="2 flights would write into flights/D-1/f1"):
+        run_campaign(replace(plan, flights=plan.flights[:1] * 2), tmp_path)
+    with pytest.raises(InputError, match=r"there is no scheduler at 'tcp://127.0.0.1:1'"):
+        run_campaign(plan, tmp_path, scheduler="tcp://127.0.0.1:1", engine=EngineSettings(connection_s=1.0))
+
+
+def test_a_dataset_that_is_none_is_refused(tmp_path):
+    pytest.importorskip("pyarrow")
+    with pytest.raises(InputError, match="there is no dataset of flights in"):
+        read_dataset(tmp_path)
+    (tmp_path / "tail=D-1").mkdir()
+    (tmp_path / "tail=D-1" / "part-00000.parquet").write_bytes(b"no parquet")
+    with pytest.raises(InputError, match="is no sound Parquet file"):
+        read_dataset(tmp_path)
+
+
+def test_a_flight_knows_its_folder():
+    flight = PlannedFlight(name="f", tail="", document={}, source=Path("study.toml"))
+    assert flight.folder == "f"
