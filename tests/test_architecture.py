@@ -31,7 +31,8 @@ MAY_IMPORT = {
     "virtual": BELOW_WINGS | WINGS | {"studies"},
     "plots": BELOW_WINGS | WINGS,
     "report": BELOW_WINGS | WINGS | {"plots"},
-    "cli": BELOW_WINGS | WINGS | {"studies", "virtual", "plots", "report", "__init__"},
+    "campaigns": BELOW_WINGS | WINGS | {"studies", "report", "__init__"},
+    "cli": BELOW_WINGS | WINGS | {"studies", "virtual", "plots", "report", "campaigns", "__init__"},
 }
 # A virtual test takes records from the wings, and what one who excites a structure has to know. It takes no estimator.
 KNOWN_TO_VIRTUAL_TESTS = {
@@ -62,7 +63,7 @@ OUTER = [
 ]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OUTER)
 MOST_FILES = 18
-MOST_FILES_OF_ALL = 255  # lower it whenever there are fewer
+MOST_FILES_OF_ALL = 268  # lower it whenever there are fewer
 MOST_LINES_TWICE = 5
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
@@ -438,7 +439,7 @@ def plus_minus_unexplained(path, tree):
 
 
 def test_only_the_reader_of_results_reads_a_result_by_keys():
-    """The rest of the comparison of flights goes by attributes."""
+    """And that of a dataset its columns. The rest of the comparison of flights goes by attributes."""
     folder = PACKAGE / "suspensions" / "flights"
     reading = {path.name for path in folder.glob("*.py") if "json" in path.read_text(encoding="utf-8").split()}
     assert reading == {"result_file.py"}
@@ -450,7 +451,7 @@ def test_only_the_reader_of_results_reads_a_result_by_keys():
         and isinstance(node.slice, ast.Constant)
         and isinstance(node.slice.value, str)
     ]
-    assert [each for each in by_keys if not each.startswith("result_file.py")] == []
+    assert [each for each in by_keys if not each.startswith(("result_file.py", "dataset.py"))] == []
 
 
 def test_records_of_the_estimator_are_typed():

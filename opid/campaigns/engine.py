@@ -150,6 +150,11 @@ def _say_duration(seconds: float) -> str:
 def connect(workers: int | None, scheduler: str | None, engine: EngineSettings = DEFAULTS) -> Iterator[Client]:
     """Start workers on this machine, or reach those of a running scheduler; the former end with the block.
 
+    Args:
+        workers: processes on this machine; as many as it has processors if None.
+        scheduler: address of a running scheduler in their place, or None.
+        engine: the tuned numbers.
+
     Raises:
         InputError: the scheduler does not answer, or fewer than one worker.
     """

@@ -103,6 +103,9 @@ def run_task(task: FlightTask) -> Done:
     A worker that dies leaves `begun.json`, from which the next one knows how often that happened. A flight that takes
     longer than the time limit ends the process, for compiled code listens to nothing else; the next attempt finds the
     trace that the timer has left, and reports it.
+
+    Args:
+        task: the flight, and where its results go.
     """
     start = time.process_time()
     with _ALONE:

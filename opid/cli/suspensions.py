@@ -28,6 +28,8 @@ from opid.errors import InputError
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
 
 if TYPE_CHECKING:
+    from opid.suspensions.flights.comparison import Comparison
+    from opid.suspensions.flights.fleet import Fleet
     from opid.suspensions.study import Study
 
 CHANGED = 3
@@ -312,20 +314,32 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
 
 
 @main.command(epilog=example("opid compare flight_1 flight_2 flight_3 --out health"))
-@click.argument("results", nargs=-1, required=True, type=PATH, metavar="RESULT...")
-@out_option("Folder for comparison.json, report and figures.")
+@click.argument("results", nargs=-1, required=True, type=PATH, metavar="RESULT... | CAMPAIGN")
+@out_option("Folder for comparison.json (of a campaign fleet.json), report and figures.")
 @click.option(
     "--false-alarm",
     type=float,
     metavar="P",
-    help="Chance of any flag in the whole comparison if nothing changed.  [default: 0.001]",
+    help="Of results: chance of any flag in the whole comparison if nothing changed.  [default: 0.001]",
+)
+@click.option(
+    "--alarms-per-year",
+    type=float,
+    metavar="N",
+    help="Of a campaign: false alarms to be expected in a year of the whole fleet.  [default: 0.1]",
 )
 @with_output
-def compare(results: tuple[Path, ...], false_alarm: float | None, output: Output) -> None:
+def compare(
+    results: tuple[Path, ...], false_alarm: float | None, alarms_per_year: float | None, output: Output
+) -> None:
     """Say what changed from flight to flight by more than its uncertainty.
 
     RESULT is a result.json of `opid identify`, a folder with one, or a folder of such folders. They are taken by the
     dates in the study files (`date = 2026-03-01`), else as they are given.
+
+    CAMPAIGN is the folder of an `opid campaign`, or the dataset in it: each strut of the fleet is then compared with
+    its own past and with the others, with the columns of numbers in the table of flights, like a temperature, as
+    covariates.
 
     A flight that is not determined, or for which no structure was recommended, is left out and named.
 
@@ -333,12 +347,25 @@ def compare(results: tuple[Path, ...], false_alarm: float | None, output: Output
     bad input. 3: a change is flagged.
     """
     from opid.suspensions.flights.comparison import compare as compare_flights
+    from opid.suspensions.flights.dataset import is_dataset, read_dataset
+    from opid.suspensions.flights.fleet import compare_fleet
     from opid.suspensions.flights.results import read_flights
 
-    output = output.reserve(("comparison.json", "report.html"))
+    campaigns = [path for path in results if is_dataset(path)]
+    if campaigns and len(results) > 1:
+        raise click.UsageError(f"{campaigns[0]} is a campaign: give it alone, or results only")
+    if campaigns and false_alarm is not None:
+        raise click.UsageError(f"{campaigns[0]} is a campaign: give --alarms-per-year in the place of --false-alarm")
+    if not campaigns and alarms_per_year is not None:
+        raise click.UsageError("--alarms-per-year is for the folder of a campaign: give --false-alarm for results")
+    output = output.reserve(("fleet.json" if campaigns else "comparison.json", "report.html"))
     with output.progress() as say:
         say("the results")
-        found = compare_flights(read_flights(results), false_alarm=false_alarm)
+        found: Comparison | Fleet
+        if campaigns:
+            found = compare_fleet(read_dataset(campaigns[0]), alarms_per_year=alarms_per_year)
+        else:
+            found = compare_flights(read_flights(results), false_alarm=false_alarm)
         notes = output.write(found, command=["opid", "compare", *map(str, results)], progress=say)
     output.show(found, notes=notes)
     if found.changes:

@@ -60,7 +60,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
             name = each.quantity.gear or "all of the body"
             if is_relative and reference:
                 name += f": {_format_value(reference)} {format_units(each.quantity.unit)}"
-            _draw_series(ax, each, positions, scale, color, name, shift, is_alone=len(series) == 1)
+            _draw_series(ax, result, each, positions, scale, color, name, shift, is_alone=len(series) == 1)
         _label_dates(ax, result)
         unit = "% of what was expected" if is_relative else format_units(series[0].quantity.unit)
         ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
@@ -75,6 +75,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
 
 def _draw_series(
     ax: Axes,
+    result: Comparison,
     series: Series,
     positions: np.ndarray,
     scale: float,
@@ -103,7 +104,8 @@ def _draw_series(
     dot: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linestyle": "none", "transform": beside}
     for point, height in zip(known, scale * value, strict=True):
         face = color if point in bars else "white"
-        ax.plot([positions[point.flight]], [height], color=color, markerfacecolor=face, **dot)
+        page = str(result.flights[point.flight].page)
+        ax.plot([positions[point.flight]], [height], color=color, markerfacecolor=face, url=page, **dot)
     ends = np.array([point.estimate.interval95 for point in bars], dtype=float).reshape(-1, 2)
     at = [positions[point.flight] for point in bars]
     ax.vlines(at, scale * ends[:, 0], scale * ends[:, 1], color=color, label=name, transform=beside)

@@ -10,10 +10,17 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 
 from opid.plots.style import BLUE, INK, VERMILION, figure_of, format_minus, format_units, house_style, panels
-from opid.suspensions.flights.fleet import FleetSeries, Strut
+from opid.suspensions.flights.fleet import FleetSeries, Strut, StrutFlight
+from opid.suspensions.flights.result_file import find_page
 
 _MOST_COLUMNS = 60
 """Columns of the map: more are narrower than a reader can point at."""
+
+_SMOOTHED = 3
+"""A cell has the mean of so many flights, as the comparison has: the scatter of a single one would hide a step."""
+
+_PALE = 4.0
+"""The strongest colour is this many standard deviations of such a mean, so that scatter is pale."""
 
 _ROW_IN, _LEAST_IN, _MOST_IN = 0.16, 2.6, 9.0
 """Height of a strut, and of the map, inches: 500 struts are rows of two pixels, which still show a step."""
@@ -41,9 +48,15 @@ def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
         levels = [0.0, *np.cumsum([np.log1p(each.fraction.value or 0.0) for each in strut.changes])]
         column = np.searchsorted(edges, [date2num(flight.date) for flight in strut.flights], side="right") - 1
         value = np.array([_find_departure(flight) + levels[flight.level] for flight in strut.flights])
+        level = np.array([flight.level for flight in strut.flights])
+        several = [np.arange(max(0, k - _SMOOTHED + 1), k + 1) for k in range(value.size)]
+        # the mean of flights before and after a change would show the change later than it was
+        smooth = [value[each[level[each] == level[k]]].mean() for k, each in enumerate(several)]
         for k in np.unique(column):
-            cells[row, k] = 100 * np.expm1(value[column == k].mean())
-    most = max(1.0, float(np.nanpercentile(np.abs(cells), 99.5)))
+            cells[row, k] = 100 * np.expm1(np.array(smooth)[column == k].mean())
+    changes = [abs(100 * (each.fraction.value or 0.0)) for strut in struts for each in strut.changes]
+    spread = np.nanmedian(np.abs(cells)) / 0.6745
+    most = max([0.1, _PALE * float(spread), *changes])
     with house_style():
         height = float(np.clip(_ROW_IN * len(struts), _LEAST_IN, _MOST_IN))
         ax = panels(ax, 1, height_in=height + 0.8)[0, 0]
@@ -90,13 +103,16 @@ def draw_strut(series: FleetSeries, strut: Strut, ax: Any = None) -> Axes:
             expected - half,
             expected + half,
             color=BLUE,
-            alpha=0.12,
+            alpha=0.2,
             linewidth=0,
             label="limit for one flight",
         )
         ax.plot(at[judged], expected, color=BLUE, linewidth=1, linestyle="--", label="expected")
         ax.vlines(at, ends[:, 0], ends[:, 1], color=INK, linewidth=1)
-        ax.plot(at, values, color=INK, marker="o", markersize=3.5, linestyle="none", label="value, 95 % interval")
+        dot: dict[str, Any] = {"color": INK, "marker": "o", "markersize": 3.5, "linestyle": "none"}
+        for k, flight in enumerate(strut.flights):
+            label = "value, 95 % interval" if k == 0 else ""
+            ax.plot(at[k : k + 1], values[k : k + 1], label=label, url=str(find_page(flight.result)), **dot)
         for number, change in enumerate(strut.changes):
             text = format_minus(f"{100 * (change.fraction.value or 0.0):+.1f} %")
             ax.axvline(at[change.first], color=VERMILION, linewidth=1, label="change" if number == 0 else "")
@@ -115,9 +131,11 @@ def _say_quantity(series: FleetSeries) -> str:
     return quantity.label[:1].upper() + quantity.label[1:] + (f", {quantity.gear}" if quantity.gear else "")
 
 
-def _find_departure(flight: Any) -> float:
+def _find_departure(flight: StrutFlight) -> float:
     """The logarithm of a value over what was expected; 0 for a flight that is not judged."""
-    return 0.0 if flight.expected.value is None else float(np.log(flight.estimate.value / flight.expected.value))
+    if flight.expected.value is None or flight.estimate.value is None:
+        return 0.0
+    return float(np.log(flight.estimate.value / flight.expected.value))
 
 
 def _find_latest_level(strut: Strut) -> float:

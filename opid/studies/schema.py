@@ -317,6 +317,10 @@ def _join_lines(found: re.Match[str]) -> str:
 def require_plain(what: str, name: str) -> None:
     """Refuse a name that cannot be the name of a file beside the study.
 
+    Args:
+        what: has the name, in a word.
+        name: of it.
+
     Raises:
         InputError: it is empty, or has parts.
     """

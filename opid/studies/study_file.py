@@ -213,6 +213,10 @@ def _load_module(kind: StudyKind) -> Any:
 def kind_of(document: Document, source: Path) -> StudyKind:
     """Return the kind of a study file: that of which it has most tables that no other kind has.
 
+    Args:
+        document: its content.
+        source: its path, for the message.
+
     Raises:
         InputError: it has no table of a study, or as many of one kind as of another.
 

@@ -271,7 +271,16 @@ class LogReading:
 
 
 def build_study(document: Document, source: Path, say: Say) -> Study:
-    """Read the logs and loading tables that a study file of suspensions names, and return the study."""
+    """Read the logs and loading tables that a study file of suspensions names, and return the study.
+
+    Args:
+        document: content of the study file.
+        source: its path; logs are beside it.
+        say: called with the name of each file as it is read.
+
+    Raises:
+        InputError: the study or a file that it names is at fault: all faults at once.
+    """
     study = _read_body(document, source)
     with prefix_errors(f"{source}: "):
         interfaces, further = _attach_facts(study)

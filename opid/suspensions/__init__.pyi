@@ -15,11 +15,30 @@ from .fitting.fit import (
     Fit as Fit,
     fit_model as fit_model,
 )
+from .flights.campaign import (
+    Campaign as Campaign,
+    Outcome as Outcome,
+    Verdict as Verdict,
+)
 from .flights.comparison import (
     Comparison as Comparison,
     compare as compare,
 )
+from .flights.dataset import (
+    FleetDataset as FleetDataset,
+    FleetTable as FleetTable,
+    read_dataset as read_dataset,
+)
 from .flights.departures import FlightSettings as FlightSettings
+from .flights.fleet import (
+    Fleet as Fleet,
+    FleetSeries as FleetSeries,
+    Strut as Strut,
+    StrutChange as StrutChange,
+    StrutFlight as StrutFlight,
+    compare_fleet as compare_fleet,
+)
+from .flights.fleet_model import FleetSettings as FleetSettings
 from .flights.results import (
     Flights as Flights,
     read_flights as read_flights,

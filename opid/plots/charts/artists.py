@@ -19,6 +19,7 @@ from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection, QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.contour import QuadContourSet
+from matplotlib.dates import DateLocator
 from matplotlib.image import AxesImage
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -50,6 +51,10 @@ from opid.plots.charts.looks import (
 )
 
 _STEPS = {"steps": "vh", "steps-pre": "vh", "steps-mid": "hvh", "steps-post": "hv"}
+
+
+OPENS = "<br>click: open its report"
+"""What a reader is told where a point leads to a page."""
 
 
 class UnknownArtistError(TypeError):
@@ -91,6 +96,16 @@ class Panel:
         return find_unit(self.find_label("x")), find_unit(self.find_label("y"))
 
     @cached_property
+    def has_dates(self) -> bool:
+        """Whether the horizontal axis counts days, as matplotlib does, and shows dates."""
+        return isinstance(self.ax.xaxis.get_major_locator(), DateLocator)
+
+    @property
+    def abscissa(self) -> str:
+        """What is shown of the abscissa of a point."""
+        return "%{x|%Y-%m-%d}" if self.has_dates else f"%{{x:.5g}}{self.units[0]}"
+
+    @cached_property
     def has_colored_cells(self) -> bool:
         """Whether texts and lines lie on coloured cells, which are the same in a dark scheme."""
         return any(isinstance(each, QuadMesh | AxesImage) for each in self.ax.get_children())
@@ -116,13 +131,18 @@ class Panel:
 
     def add_trace(self, artist: Artist, **trace: Any) -> None:
         """Add a trace with the label of its artist; without a label it is not pointed at."""
-        name, alpha = find_label(artist), artist.get_alpha()
+        name, alpha, link = find_label(artist), artist.get_alpha(), artist.get_url()
         where = {"xaxis": self.x, "yaxis": self.y, "opacity": 1.0 if alpha is None else float(alpha)}
         where["keep"] = self.has_colored_cells
-        if artist.get_url():
-            where["link"] = artist.get_url()
-        words = f"%{{x:.5g}}{self.units[0]}, %{{y:.5g}}{self.units[1]}<extra>{format_html(name)}</extra>"
-        said = {"name": format_html(name), "meta": name, "hovertemplate": words} if name else {"hoverinfo": "skip"}
+        if link:
+            where["link"] = link
+        numbers = f"{self.abscissa}, %{{y:.5g}}{self.units[1]}{OPENS if link else ''}"
+        words = {
+            "name": format_html(name),
+            "meta": name,
+            "hovertemplate": f"{numbers}<extra>{format_html(name)}</extra>",
+        }
+        said = words if name or link else {"hoverinfo": "skip"}
         self.chart["data"].append(where | said | trace)
 
     def add_shape(self, artist: Artist, **shape: Any) -> None:
@@ -295,7 +315,7 @@ def _add_cells(panel: Panel, artist: Any, x: np.ndarray, y: np.ndarray) -> None:
         # colours follow the logarithm; the reader is shown the value itself
         trace = {"customdata": encode_matrix(values)}
         values, limits = np.log10(np.where(values > 0, values, np.nan)), np.log10(limits)
-    shown = f"%{{x:.4g}}{panel.units[0]}, %{{y:.4g}}{panel.units[1]}: %{{{'customdata' if trace else 'z'}:.4g}}"
+    shown = f"{panel.abscissa}, %{{y:.4g}}{panel.units[1]}: %{{{'customdata' if trace else 'z'}:.4g}}"
     panel.add_trace(
         artist,
         type="heatmap",

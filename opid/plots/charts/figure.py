@@ -101,6 +101,8 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
     }
     shared = ax.get_shared_x_axes() if letter == "x" else ax.get_shared_y_axes()
     first = next(number for number, each in enumerate(panels, start=1) if each in shared.get_siblings(ax))
+    if letter == "x" and panel.has_dates:
+        found["days"] = True
     if letter == "y" and ax.get_aspect() == 1.0:
         found |= {"scaleanchor": panel.x, "constrain": "domain"}
     if panels[first - 1] is not ax:

@@ -17,6 +17,7 @@ from opid.report.document import (
     format_count,
     write_sentence,
 )
+from opid.report.suspensions.campaign import OVERLAY, overlay_laws
 from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
 
@@ -65,8 +66,16 @@ def _list_details(result: Comparison) -> Iterator[Block]:
 
     for number, label in enumerate(labels, start=1):
         yield build_figure(number, label)
-    flights = ((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights)
-    yield Table(build_columns("flight", "date", "method"), tuple(flights), "Flights")
+    yield from overlay_laws({flight.name: flight for flight in result.flights})
+    yield Table(
+        build_columns("flight", "date", "method"),
+        tuple((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights),
+        "Flights",
+        is_filtered=True,
+        links=tuple(flight.page for flight in result.flights),
+        overlay=OVERLAY if any(flight.strut_laws for flight in result.flights) else "",
+        keys=tuple(flight.name if flight.strut_laws else "" for flight in result.flights),
+    )
 
 
 def _say_span(result: Comparison) -> str:

@@ -20,6 +20,7 @@ from opid.report.document import (
     write_sentence,
 )
 from opid.suspensions.flights.fleet import Fleet, FleetSeries, Strut
+from opid.suspensions.flights.result_file import find_page
 
 _MOST_SAID = 20
 """Changes that are said in sentences; the table of struts has all of them."""
@@ -35,7 +36,7 @@ def build_document(result: Fleet) -> Document:
     n_aircraft = len({strut.tail for series in result.series for strut in series.struts})
     return Document(
         "Health of a fleet",
-        f"{format_count(result.n_flights, 'flight')} of {n_aircraft} aircraft in {result.years:.2g} years",
+        f"{format_count(result.n_flights, 'flight')} of {n_aircraft} aircraft over {result.years:.1f} years",
         write_sentence(
             f"{format_count(len(changes), 'change')} flagged" if changes else "no change exceeds its uncertainty"
         ),
@@ -62,12 +63,12 @@ def _tabulate_common(result: Fleet) -> Table:
         trend = series.trend_per_year
         rows.append(
             (
-                _name(series),
+                _write_name(series),
                 str(len(series.struts)),
-                f"{100 * series.scatter:.2g}",
-                f"{100 * series.level:.2g}",
+                f"{100 * series.scatter:.2f}",
+                f"{100 * series.level:.1f}",
                 _format_percent(trend),
-                _format_percent(Estimate(trend.std)),
+                _format_percent(Estimate(trend.std, trend.std)),
                 f"{series.threshold:.1f}",
             )
         )
@@ -92,7 +93,7 @@ def _list_details(result: Fleet) -> Iterator[Block]:
     for number, series in enumerate(result.series, start=1):
         yield Figure(
             f"fleet_{number}",
-            f"All struts: {_name(series)}",
+            f"All struts: {_write_name(series)}",
             "Percent from the first level of each strut, without what covariates and the common trend explain."
             if number == 1
             else "",
@@ -102,10 +103,13 @@ def _list_details(result: Fleet) -> Iterator[Block]:
     changed.sort(key=lambda each: each[1].changes[-1].date, reverse=True)
     for number, (series, strut) in enumerate(changed[:_MOST_DRAWN], start=1):
         yield Figure(
-            f"strut_{number}", f"{strut.tail or 'aircraft'}: {_name(series)}", "", partial(draw_strut, series, strut)
+            f"strut_{number}",
+            f"{strut.tail or 'aircraft'}: {_write_name(series)}",
+            "",
+            partial(draw_strut, series, strut),
         )
     effects = tuple(
-        (_name(series), name, _format_percent(each), _format_percent(Estimate(each.std)))
+        (_write_name(series), name, _format_percent(each), _format_percent(Estimate(each.std, each.std)))
         for series in result.series
         for name, each in series.covariates.items()
     )
@@ -113,32 +117,53 @@ def _list_details(result: Fleet) -> Iterator[Block]:
         heads = build_columns("", "covariate", "effect, %", "std. dev.", left=(0, 1))
         yield Table(heads, effects, "Covariates", note="The effect is that of one standard deviation of the covariate.")
     heads = build_columns(
-        "tail", "", "flights", "last flight", "latest", "expected", "trend, % a year", "changes, %", left=(0, 1, 3)
+        "tail",
+        "quantity",
+        "changes, %",
+        "trend, % a year",
+        "std. dev.",
+        "flights",
+        "last flight",
+        "latest",
+        "expected",
+        left=(0, 1, 2),
+        elastic=(2,),
     )
-    rows = tuple(_build_row(series, strut) for series in result.series for strut in series.struts)
-    yield Table(heads, rows, "Struts", is_filtered=True)
+    pairs = [(series, strut) for series in result.series for strut in series.struts]
+    pairs.sort(key=lambda each: not each[1].changes)
+    yield Table(
+        heads,
+        tuple(_build_row(*each) for each in pairs),
+        "Struts",
+        is_filtered=True,
+        links=tuple(find_page(strut.flights[-1].result) for _, strut in pairs),
+        note="A tail number leads to its last flight. Latest and expected are in the unit of the figures.",
+    )
 
 
 def _build_row(series: FleetSeries, strut: Strut) -> Row:
-    last = strut.flights[-1]
+    last, trend = strut.flights[-1], strut.trend_per_year
     std = last.estimate.std
-    trend = strut.trend_per_year
     return (
         strut.tail or "-",
-        _name(series),
+        _write_name(series),
+        ", ".join(f"{100 * (each.fraction.value or 0.0):+.1f} since {each.date}" for each in strut.changes) or "-",
+        _format_percent(trend),
+        _format_percent(Estimate(trend.std, trend.std)),
         str(len(strut.flights)),
         str(last.date),
         rounded(last.estimate.value, std),
         rounded(last.expected.value, std),
-        f"{_format_percent(trend)} ± {_format_percent(Estimate(trend.std))}",
-        ", ".join(f"{100 * (each.fraction.value or 0.0):+.1f} since {each.date}" for each in strut.changes) or "-",
     )
 
 
-def _name(series: FleetSeries) -> str:
+def _write_name(series: FleetSeries) -> str:
     quantity = series.quantity
     return " ".join(filter(None, (quantity.gear, quantity.label.split(" (")[0])))
 
 
 def _format_percent(estimate: Estimate) -> str:
-    return "-" if estimate.value is None else f"{100 * estimate.value:.2g}"
+    """A fraction in percent, rounded as its standard deviation says."""
+    if estimate.value is None:
+        return "-"
+    return rounded(100 * estimate.value, None if estimate.std is None else 100 * estimate.std)

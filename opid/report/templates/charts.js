@@ -48,6 +48,25 @@ function thin(x, y, low, high) {
   return { x: xs, y: ys };
 }
 
+// ---- dates ----
+
+const DAY = 864e5; // ms
+
+// days since 1970, as the figures have them, to the ms of Plotly
+function toDates(chart) {
+  for (const [key, axis] of Object.entries(chart.layout)) {
+    if (!axis || !axis.days) continue;
+    const name = key.replace("axis", ""), own = (each) => each === name || each === `${name} domain`;
+    axis.type = "date", axis.range = axis.range.map((end) => end * DAY);
+    for (const trace of chart.data) if (trace.xaxis === name) trace.x = Float64Array.from(trace.x, (each) => each * DAY);
+    for (const shape of chart.layout.shapes || []) if (shape.xref === name) shape.x0 *= DAY, shape.x1 *= DAY;
+    for (const note of chart.layout.annotations || []) if (note.xref === name) note.x *= DAY;
+  }
+}
+
+// the end of an axis as a number: Plotly writes those of dates as texts
+const numberOf = (end) => (typeof end === "string" ? Date.parse(`${end.replace(" ", "T")}${end.includes(" ") ? "Z" : ""}`) : end);
+
 // ---- colours ----
 
 function recolor(value) {
@@ -122,6 +141,7 @@ class Chart {
         trace.x = Float64Array.from(trace.y, (_, k) => trace.x0 + k * trace.dx);
         delete trace.x0, delete trace.dx;
       }
+    toDates(chart);
     this.full = chart.data.map((trace) =>
       trace.type === "scatter" && /lines/.test(trace.mode) && trace.x.length > MOST_POINTS && rises(trace.x) ? { x: trace.x, y: trace.y } : null);
     this.plot = document.createElement("div");
@@ -134,7 +154,7 @@ class Chart {
   }
   ends(name) {
     const key = (name || "x").replace("x", "xaxis"), axis = (this.plot.layout || this.chart.layout)[key] || {};
-    const ends = (axis.range || [-Infinity, Infinity]).map((end) => (axis.type === "log" ? 10 ** end : end));
+    const ends = (axis.range || [-Infinity, Infinity]).map((end) => (axis.type === "log" ? 10 ** end : numberOf(end)));
     return [Math.min(...ends), Math.max(...ends)];
   }
   layout() {
@@ -171,7 +191,8 @@ class Chart {
     Plotly.restyle(this.plot, { x: parts.map((part) => part.x), y: parts.map((part) => part.y) }, long);
   }
   zoom(factor) {
-    const ranges = Object.entries(this.axes()).map(([key, [low, high]]) => {
+    const ranges = Object.entries(this.axes()).map(([key, ends]) => {
+      const [low, high] = ends.map(numberOf);
       const middle = (low + high) / 2, half = ((high - low) / 2) * factor;
       return [key, [middle - half, middle + half]];
     });
@@ -242,16 +263,17 @@ function swatch(entry) {
 function csv(chart) {
   const quoted = (text) => `"${String(text).replaceAll('"', '""')}"`, plain = (html) => (html || "").replace(/<[^>]*>/g, " ");
   const axis = (trace, letter) => plain((chart.layout[(trace[`${letter}axis`] || letter).replace(letter, `${letter}axis`)] || {}).label);
+  const abscissa = (trace, x) => ((chart.layout[(trace.xaxis || "x").replace("x", "xaxis")] || {}).days ? new Date(x).toISOString().slice(0, 10) : x);
   const rows = [["curve", "x is", "y is", "x", "y"].map(quoted).join(",")];
   for (const trace of chart.data) {
     if (trace.type === "heatmap" || trace.type === "mesh3d") continue;
     for (let k = 0; k < trace.x.length; k++)
       if (Number.isFinite(trace.x[k]) && Number.isFinite(trace.y[k]))
-        rows.push([quoted(plain(trace.name)), quoted(axis(trace, "x")), quoted(axis(trace, "y")), trace.x[k], trace.y[k]].join(","));
+        rows.push([quoted(plain(trace.name)), quoted(axis(trace, "x")), quoted(axis(trace, "y")), abscissa(trace, trace.x[k]), trace.y[k]].join(","));
   }
   for (const trace of chart.data.filter((each) => each.type === "heatmap"))
     trace.z.forEach((row, j) => row.forEach((value, k) => Number.isFinite(value) &&
-      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), (trace.x[k] + trace.x[k + 1]) / 2, (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
+      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), abscissa(trace, (trace.x[k] + trace.x[k + 1]) / 2), (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
   return rows.join("\r\n") + "\r\n";
 }
 

@@ -167,7 +167,11 @@ class FleetDataset:
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether a folder is a dataset of flights, or that of a campaign, which holds one."""
+    """Whether a folder is a dataset of flights, or that of a campaign, which holds one.
+
+    Args:
+        path: of the folder; it need not exist.
+    """
     return next(find_dataset(path).glob("tail=*/part-*.parquet"), None) is not None
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import date, timedelta
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from opid.suspensions.flights.fleet_model import (
     fit_population,
     judge_flights,
 )
-from opid.suspensions.flights.result_file import Quantity
+from opid.suspensions.flights.result_file import RESULT_FILE, Quantity
 
 SCHEMA = "opid.fleet/1"
 
@@ -48,7 +49,7 @@ class StrutFlight:
         expected: what the flights before it say, at the covariates of this flight; None for the first flight.
         departure: (value - expected) in standard deviations of the difference; None where it is not judged.
         level: index of its level: 0 up to the first change, then 1, ...
-        folder: of its results.
+        result: path of its result.
     """
 
     flight: str
@@ -57,7 +58,7 @@ class StrutFlight:
     expected: Estimate
     departure: float | None
     level: int
-    folder: str
+    result: Path
 
 
 @dataclass(frozen=True)
@@ -197,6 +198,7 @@ class Fleet(Result):
                 "n_flights": self.n_flights,
                 "years": self.years,
                 "alarms_per_year": self.alarms_per_year,
+                "settings": asdict(self.settings),
                 "series": [
                     {
                         **_describe(series.quantity),
@@ -233,7 +235,6 @@ class Fleet(Result):
                     for each in self.changes
                 ],
                 "warnings": self.warnings,
-                "settings": asdict(self.settings),
             }
         )
 
@@ -302,7 +303,12 @@ def compare_fleet(
         int(np.maximum(0, values.is_there.sum(axis=1) - w).sum()) for _, _, values, _ in laid for w in settings.windows
     )
     chance = min(0.5, alarms * years / n_tests)
-    series = tuple(_compare_struts(*each, settings, chance) for each in laid)
+    series = tuple(_compare_struts(*each, settings, chance, dataset.path.parent) for each in laid)
+    if not any(each.n_tests for each in series):
+        raise NotDeterminedError(
+            f"no strut in {dataset.path} has enough flights to be compared with its own past: give flights of more "
+            "days, or more aircraft"
+        )
     warnings += _list_warnings(dataset, tables, series)
     return Fleet(str(dataset.path), series, dataset.n_flights, years, alarms, tuple(warnings), settings, dataset.files)
 
@@ -368,6 +374,7 @@ def _compare_struts(
     places: Mapping[str, tuple[int, ...]],
     settings: FleetSettings,
     chance: float,
+    folder: Path,
 ) -> FleetSeries:
     used = values.is_there.copy()
     for _ in range(settings.rounds):
@@ -378,7 +385,7 @@ def _compare_struts(
         if (before == used).all():
             break
         used = before
-    struts = tuple(_build_strut(table, row, s, judged) for s, row in enumerate(rows))
+    struts = tuple(_build_strut(table, row, s, judged, folder) for s, row in enumerate(rows))
     return FleetSeries(
         table.quantity,
         struts,
@@ -395,7 +402,7 @@ def _estimate_coefficient(population: Population, index: int) -> Estimate:
     return Estimate.normal(float(population.coefficients[index]), math.sqrt(population.covariance[index, index]))
 
 
-def _build_strut(table: FleetTable, row: FloatArray, s: int, judged: Judged) -> Strut:
+def _build_strut(table: FleetTable, row: FloatArray, s: int, judged: Judged, folder: Path) -> Strut:
     tail = str(table.tail[row[0]])
     n = int((row >= 0).sum())
     level = np.cumsum(judged.changed_at[s])
@@ -415,7 +422,7 @@ def _build_strut(table: FleetTable, row: FloatArray, s: int, judged: Judged) -> 
                 Estimate.normal(mean, mean * std) if is_judged else Estimate(),
                 float(departure) if is_judged else None,
                 int(level[k]),
-                str(table.folder[r]),
+                folder / str(table.folder[r]) / RESULT_FILE,
             )
         )
     for start, end in pairwise(starts):

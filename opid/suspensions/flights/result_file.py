@@ -107,9 +107,24 @@ class Flight:
     strut_laws: Mapping[str, StrutLaw] = field(default_factory=dict)
     file: ReadFile | None = None
 
+    @property
+    def page(self) -> Path:
+        """Its report, or its result where that has none."""
+        return find_page(self.path)
+
+
+def find_page(result: Path) -> Path:
+    """Return the report beside a result; the result itself where it has none."""
+    page = result.with_name("report.html")
+    return page if page.exists() else result
+
 
 def read_flight(path: Path, name: str) -> Flight:
     """Read a result.json as the flight that is called `name`.
+
+    Args:
+        path: the file.
+        name: of the flight.
 
     Raises:
         InputError: it cannot be read, is no result, or lacks a value of every result; all errors in one message.
@@ -260,9 +275,7 @@ def _flight(path: Path, name: str, document: _Table) -> Flight:
     return Flight(name, path, day, method, kind, laws, values, per_mass, is_recommended, doubt, forces, read_file(path))
 
 
-def _read_strut_laws(
-    document: _Table, gears: Iterable[str], *, is_one_gear: bool
-) -> Iterator[tuple[str, StrutLaw]]:
+def _read_strut_laws(document: _Table, gears: Iterable[str], *, is_one_gear: bool) -> Iterator[tuple[str, StrutLaw]]:
     """Yield the force of each suspension whose linear part is known, and whose runs tell how far it travelled."""
     alike = {part: gear for gear in gears for part in gear.split(", ")}
     for interface in document.tables("interfaces", is_needed=False):
