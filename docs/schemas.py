@@ -34,8 +34,10 @@ from opid.suspensions.answer.model_error import LeftOutSpectrum, Limit
 from opid.suspensions.bench.law import SCHEMA as BENCH, BenchLaw
 from opid.suspensions.bench.memory import Memory
 from opid.suspensions.bench.simulation import Simulation
+from opid.suspensions.flights.campaign import SCHEMA as CAMPAIGN, Campaign, Outcome, Verdict
 from opid.suspensions.flights.comparison import SCHEMA as COMPARISON, Change, Comparison
 from opid.suspensions.flights.departures import Point, Series
+from opid.suspensions.flights.fleet import SCHEMA as FLEET, Fleet, FleetSeries, Strut, StrutChange, StrutFlight
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.own_structure import SCHEMA as STRUCTURE, StructureIdentification
 from opid.suspensions.result import (
@@ -247,6 +249,33 @@ def _comparison() -> Json:
     }
 
 
+def _campaign() -> Json:
+    flight = fields_of(Outcome, "name", "tail", "verdict", "reason", "folder", "covariates")
+    flight["date"] = or_null(TEXT) | {"format": "date", "description": "of the flight"}
+    counts = keys({verdict.value: COUNT for verdict in Verdict}) | {"description": "flights of each verdict"}
+    return fields_of(Campaign, "title") | {
+        "source": TEXT | {"description": "the campaign file, or the folder of studies"},
+        "counts": counts,
+        "flights": array(keys(flight)),
+    }
+
+
+def _fleet() -> Json:
+    what = {"gear": TEXT, "quantity": TEXT, "kind": TEXT, "unit": TEXT}
+    at = {"date": TEXT | {"format": "date"}}
+    expected = NUMBER | {"description": "what the flights before it say; null where it is not judged"}
+    latest = fields_of(StrutFlight, "flight", "departure") | at | fields_of(Estimate) | {"expected": expected}
+    strut = fields_of(Strut, "tail", "trend_per_year") | {"n_flights": COUNT, "latest": keys(latest)}
+    of_all = fields_of(FleetSeries, "scatter", "level", "trend_per_year", "covariates", "threshold", "n_tests")
+    own = fields_of(StrutChange, "tail", "flight", "fraction", "departure", "n_needed", "n_flights")
+    return fields_of(Fleet, "source", "n_flights", "years", "alarms_per_year", "warnings") | {
+        "flagged": FLAG,
+        "series": array(keys(what | of_all | {"struts": array(keys(strut))})),
+        "changes": array(keys(what | own | at | {"statement": TEXT})),
+        "settings": {"type": "object"},
+    }
+
+
 def _health() -> Json:
     define(ChannelHealth, fields_of(ChannelHealth, *_names(ChannelHealth, "overview")))
     log = keys(fields_of(Health, *_names(Health, "rms_history", "files")))
@@ -320,6 +349,8 @@ FILES = (
     (STRUCTURE, "a structure of your own (opid.suspensions.identify_structure)", _structure, ()),
     (BENCH, "the law of a damper or spring on a test bench (opid law)", _bench, ()),
     (COMPARISON, "what changed from flight to flight (opid compare)", _comparison, ()),
+    (CAMPAIGN, "what became of each of many flights (opid campaign)", _campaign, ()),
+    (FLEET, "which struts of a fleet changed (opid compare CAMPAIGN)", _fleet, ()),
     (HEALTH, "what is wrong with logs (opid inspect)", _health, ()),
     (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
     (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),

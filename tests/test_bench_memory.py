@@ -15,7 +15,7 @@ from opid.mechanics.memory import Motion, gradient_along, recorded_motion
 from opid.suspensions.bench.intervals import cycle_of
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.fitting.least_squares import fit_separable, start_laws
+from opid.suspensions.fitting.least_squares import _solve_linear, fit_separable, start_laws
 
 FS, N = 500.0, 4000
 STIFFNESS, DAMPING = 2e4, 500.0
@@ -261,3 +261,23 @@ def test_an_energy_that_the_force_could_not_take_is_not_told():
     told = replace(found, cycle=vague)
     assert "does not determine the energy of a cycle" in " ".join(opid.text(told).split())
     assert told.to_dict()["cycle"]["area_j"]["value"] is None
+
+
+def test_a_start_that_no_counted_sample_remembers_has_no_force_in_the_others():
+    """Rounding gave a column of zeros a weight of 1e287, which the other samples of the record showed."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        basis = rng.standard_normal((300, 6))
+        basis[:, 3] = 0.0
+        basis[:, 4] = 0.9 * basis[:, 2] + 0.1 * basis[:, 4]
+        _, weights = _solve_linear(basis, rng.standard_normal(300))
+        assert abs(weights[3]) < 1e-9
+
+
+def test_a_start_is_forgotten_where_it_has_faded():
+    v = np.full(1000, 0.05)
+    whole = recorded_motion(np.cumsum(v) / FS, v, FS)
+    friction = law("dahl_friction", amplitude_n=1.0, scale_m=1e-3)
+    assert np.abs(whole.start_columns(friction)).max() > 0.1
+    # after 300 samples 30 scales are covered
+    assert not np.any(whole.part(np.arange(300, 1000)).start_columns(friction))

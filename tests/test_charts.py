@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 from matplotlib.ticker import StrMethodFormatter
+from matplotlib.transforms import offset_copy
 
 from opid.plots.charts.artists import UnknownArtistError
 from opid.plots.charts.figure import build_chart
@@ -160,3 +161,16 @@ def test_what_has_no_counterpart_is_an_error():
     ax.add_patch(Circle((0.5, 0.5), 0.2))
     (trace,) = build_chart(ax.figure)["data"]
     assert np.nanmax(decoded(trace["x"])) == pytest.approx(0.7, abs=0.01)
+
+
+def test_points_beside_their_place_are_points_at_their_place():
+    """A line across the panel knows only its ends; a point that stands some points beside its date is still a point."""
+    ((ax,),) = axes()
+    ax.set(xlim=(0, 10), ylim=(0, 5))
+    for shift in (0.0, 3.0):
+        ax.plot([4.0], [2.0], marker="o", transform=offset_copy(ax.transData, ax.figure, x=shift, units="points"))
+    ax.vlines([4.0], [1.0], [3.0], transform=offset_copy(ax.transData, ax.figure, x=3.0, units="points"))
+    ax.plot([0.2], [0.5], marker="o", transform=ax.transAxes)
+    chart = build_chart(ax.figure)
+    assert [trace["mode"].split("+")[-1] for trace in chart["data"]] == ["markers", "markers", "lines"]
+    assert len(chart["layout"]["shapes"]) == 1

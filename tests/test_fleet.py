@@ -1,6 +1,7 @@
 """Fleets: the hierarchical model against closed forms, what is flagged, what is not, and what a reader sees of it."""
 
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,6 +92,13 @@ def test_the_likelihood_has_its_maximum_where_the_truth_is():
     assert abs(found.coefficients[1] + 0.01) < 3 * np.sqrt(found.covariance[1, 1])
 
 
+def test_the_fit_does_not_depend_on_the_unit():
+    values = build_values(np.random.default_rng(4), n_struts=6, n_flights=12)
+    one, other = (fit_population(replace(values, y=values.y + unit), values.is_there) for unit in (0.0, np.log(4e5)))
+    assert [other.scatter, other.level, other.trend] == pytest.approx([one.scatter, one.level, one.trend], abs=1e-5)
+    assert other.coefficients - [np.log(4e5), 0, 0] == pytest.approx(one.coefficients, abs=1e-4)
+
+
 def test_departures_of_unharmed_flights_are_standard_normal_and_independent():
     dataset, _ = draw_fleet(np.random.default_rng(4), **USUAL)
     found = compare_fleet(dataset)
@@ -120,7 +128,8 @@ def test_three_percent_in_one_of_two_hundred_struts_is_found_within_three_flight
 def test_unharmed_fleets_of_any_kind_and_seasons_raise_hardly_an_alarm():
     alarms, years = np.sum([try_unharmed(seed, 0.1) for seed in range(12)], axis=0)
     assert alarms <= 2 + 0.4 * years
-    assert sum(try_season(seed, True)[0] for seed in range(3)) <= 2
+    # one flight far off is two changes, there and back
+    assert sum(try_season(seed, True)[0] > 0 for seed in range(3)) <= 1
 
 
 def test_the_size_of_a_change_and_its_flight_are_told():
@@ -165,12 +174,8 @@ def test_a_young_strut_is_judged_with_what_the_others_tell():
 def test_one_strut_with_few_flights_alone_is_no_ground_for_an_alarm():
     for seed in range(20):
         dataset, _ = draw_fleet(np.random.default_rng(seed), **USUAL | {"n_struts": 1, "n_flights": 4})
-        try:
-            found = compare_fleet(dataset)
-        except NotDeterminedError as error:
-            assert "enough flights to be compared with its own past" in str(error)
-        else:
-            assert not found.changes
+        with suppress(NotDeterminedError):  # no flight can be compared
+            assert not compare_fleet(dataset).changes
 
 
 def test_a_strut_that_drifts_is_told_by_its_trend():

@@ -3,16 +3,14 @@
 import json
 import os
 import re
-import shutil
 
 import numpy as np
 import pytest
+from chromium import Reader, needs_chromium, start_chromium
 
 import opid
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium: install its package")
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope="module")
@@ -22,37 +20,7 @@ def page_file(identified, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
-    with playwright.sync_playwright() as started:
-        flags = ["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"]
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=flags)
-        yield chromium
-        chromium.close()
-
-
-class Reader:
-    """A page that is open, with every chart drawn, and what the browser said meanwhile."""
-
-    def __init__(self, browser, file, **settings):
-        self.page = browser.new_context(accept_downloads=True, **settings).new_page()
-        self.errors, self.requests = [], []
-        self.page.on("console", lambda said: self.errors.append(said.text) if said.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(file.as_uri())
-        self.folder = file.parent
-        self.boxes = self.page.locator("[data-chart]")
-        for k in range(self.boxes.count()):
-            self.boxes.nth(k).scroll_into_view_if_needed()
-            self.boxes.nth(k).locator(".plot").wait_for()
-            self.page.wait_for_function("k => document.querySelectorAll('[data-chart]')[k].dataset.drawn", arg=k)
-
-    def ranges(self, name, axis="xaxis"):
-        return self.page.evaluate(
-            "([name, axis]) => document.querySelector(`[data-chart=${name}] .plot`).layout[axis].range", [name, axis]
-        )
-
-    def press(self, name, button):
-        self.page.locator(f"[data-chart={name}] button", has_text=button).first.click()
+    yield from start_chromium()
 
 
 @pytest.fixture(scope="module", params=["light", "dark"])
@@ -137,14 +105,14 @@ def test_a_chart_is_saved_as_a_table_and_as_a_picture(reader, tmp_path):
 
 
 def test_nothing_reaches_beyond_the_page(reader):
-    assert reader.page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert reader.find_overflow() <= 0
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_telephone_shows_it_without_scrolling_sideways(browser, page_file, scheme):
     narrow = Reader(browser, page_file, color_scheme=scheme, viewport={"width": 480, "height": 900})
     assert narrow.errors == []
-    assert narrow.page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert narrow.find_overflow() <= 0
     # panels that stand beside each other on a wide page stand one below the other
     domains = narrow.page.evaluate(
         "Object.entries(document.querySelector('[data-chart=slices] .plot').layout)"
@@ -154,9 +122,7 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser, page_file, sch
 
 
 def test_accessibility_has_no_serious_fault(reader):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
-    found = axe.Axe().run(reader.page).response["violations"]
-    assert [(each["id"], each["impact"]) for each in found if each["impact"] in ("serious", "critical")] == []
+    assert reader.find_serious_faults() == []
 
 
 def test_every_chart_is_drawn_on_paper(browser, page_file, tmp_path):

@@ -141,7 +141,10 @@ def test_every_amplitude_has_a_panel_and_a_gear_without_it_a_dash(result):
     assert grid.shape == (2, 3)
     assert [ax.axison for ax in grid.ravel()] == [True] * 4 + [False] * 2
     last = grid[1, 0]
-    assert (last.get_title(loc="left"), last.get_ylabel()) == ("Cubic stiffness", "stiffness [N/m³]")
+    assert (last.get_title(loc="left"), last.get_xlabel()) == (
+        "Cubic stiffness, stiffness [N/m³]",
+        "from the estimate [%]",
+    )
     assert sum(text.get_text() == "–" for text in last.texts) == 2
     assert not any(line.get_color() == GREEN for line in last.lines)  # the truth has no such term
     assert sum(line.get_color() == GREEN for line in grid[0, 0].lines) == 3

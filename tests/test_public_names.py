@@ -87,6 +87,14 @@ def test_every_name_at_the_top_can_be_reached(name):
     assert getattr(opid, name) is not None
 
 
+def test_campaigns_are_a_namespace_with_an_import_of_its_own():
+    """There is no room for it at the top."""
+    campaigns = namespace("campaigns")
+    assert "campaigns" not in opid.__all__
+    assert {"read_campaign", "run_campaign", "CampaignPlan", "TaskSettings"} < set(campaigns.__all__)
+    assert all(getattr(campaigns, each) is not None for each in campaigns.__all__)
+
+
 def test_a_name_is_public_in_one_place():
     """And no file of a folder is called as a public name there: its module would take the name's place."""
     places = {}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from made_body import small_body
+from made_fleet import draw_fleet, make_campaign
 from made_flights import body_result, write_result
 from made_health import sound_health
 from made_modal import small_decay, small_result
@@ -32,6 +33,7 @@ from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.fitting.repeatability import Repeatability
 from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.fleet import compare_fleet
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.identification import identify
 from opid.suspensions.own_structure import StructureIdentification
@@ -89,6 +91,14 @@ def flights(request, folder):
     return compare(read_flights([write_result(folder / f"flight {i}", body_result(rng)) for i in range(4)]))
 
 
+def campaign(request, folder):
+    return make_campaign(folder)
+
+
+def fleet(request, folder):
+    return compare_fleet(draw_fleet(harm=-0.05)[0])
+
+
 def health(request, folder):
     return replace(sound_health(), log="logs/heavy taxi.csv")
 
@@ -109,7 +119,7 @@ def inspection(request, folder):
     return Inspection((health(request, folder), replace(sound_health(), log="light.csv")), ("heavy taxi", "light"))
 
 
-MAKERS = (gear, body, by_paper, structure, bench, flights, health, inspection, decay, modal, updating)
+MAKERS = (gear, body, by_paper, structure, bench, flights, campaign, fleet, health, inspection, decay, modal, updating)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)
@@ -126,7 +136,7 @@ class Pieces(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        if tag not in ("meta", "img", "br"):
+        if tag not in ("meta", "img", "br", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -148,6 +158,11 @@ def test_text_and_page_are_made_of_it(result, tmp_path):
     assert pieces.inside["h1"] == pieces.inside["title"]
     figures = set(re.findall(r'data-chart="([^"]+)"', page.read_text(encoding="utf-8")))
     assert {step.removeprefix("figure ") for step in said} == figures
+    # no part of a formula is left that a browser or a terminal cannot show, and no number that is none
+    words = [each for tag, parts in pieces.inside.items() if tag not in ("script", "style") for each in parts]
+    for each in (text, *words):
+        assert not re.search("[\ue000-\uf8ff]", each)
+        assert not re.search(r"(?i)\b(nan|inf|infinity)\b", each)
     (data,) = tmp_path.glob("*.json")
     assert data.read_text(encoding="utf-8") == json_text(traced(result.to_dict(), result.files))
     assert data.name in page.read_text(encoding="utf-8")
@@ -299,7 +314,7 @@ def test_a_truth_is_refused_where_nothing_is_compared_with_it():
         opid.text(small_result(), UpdatingTruth({}, law("linear")))
 
 
-@pytest.mark.parametrize("maker", [bench, flights, health, modal, updating], ids=lambda maker: maker.__name__)
+@pytest.mark.parametrize("maker", [bench, flights, campaign, health, modal, updating], ids=lambda maker: maker.__name__)
 def test_the_command_of_a_page_is_quoted_for_the_shell(maker, request, tmp_path):
     """Names with blanks and quotes come out of the shell as they went in."""
     found, odd = maker(request, tmp_path / "in"), "it's a log.csv"
@@ -309,6 +324,8 @@ def test_the_command_of_a_page_is_quoted_for_the_shell(maker, request, tmp_path)
         found = replace(found, log=odd)
     elif maker in (modal, updating):
         found = replace(found, settings={**found.settings, "study": odd})
+    elif maker is campaign:
+        odd = str(found.source)
     else:
         odd = str(found.flights[0].path)
         assert " " in odd

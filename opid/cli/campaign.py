@@ -79,6 +79,8 @@ def campaign(
         page = write_report(found, directory, progress=say)
     if not quiet:
         click.echo(text(found))
+        if found.n_done_before:
+            click.echo(f"{found.n_done_before} of {len(found.outcomes)} flights were done by an earlier run.")
         click.echo(f"Index: {page} (open it in a browser)")
     if not found.counts[Verdict.IDENTIFIED]:
         raise NotDetermined("no flight has an answer: the reasons stand above")

@@ -15,6 +15,9 @@ from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidat
 # number of evaluations that a recorded motion keeps; a fit of three or four inner parameters repeats as many
 _N_KEPT = 8
 
+# Below this fraction of its first force the start of a memory is forgotten: no record is that exact.
+_FORGOTTEN = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -120,9 +123,17 @@ class RecordedMotion(Motion):
         return gradient
 
     def start_columns(self, law: Law) -> FloatArray:
-        """Return the forces of memories that are not zero at the start, (m, n_memories), in any unit."""
-        columns = [self._interpolate_at_samples(term)[:, -1] for term in law.terms if term.kind.memory is not None]
+        """Return the forces of memories that are not zero at the start, (m, n_memories), in any unit.
+
+        A start that is forgotten before the first of these samples has a column of zeros: the samples do not tell it.
+        """
+        columns = [self._find_start_column(term) for term in law.terms if term.kind.memory is not None]
         return np.stack(columns, axis=1) if columns else super().start_columns(law)
+
+    def _find_start_column(self, term: Term) -> FloatArray:
+        column = self._interpolate_at_samples(term)[:, -1]
+        whole = np.abs(self.path.follow(term)[:, -1]).max()
+        return column if np.abs(column).max(initial=0.0) > _FORGOTTEN * whole else np.zeros_like(column)
 
     def part(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> RecordedMotion:
         """Return some of the samples."""

@@ -52,6 +52,8 @@ FARTHEST_DRAWN = 1e4
 SMOOTHING_HZ = 0.5
 # measured and predicted accelerations are shown over a stretch of this length
 SHOWN_S = 4.0
+# an estimate of so many standard deviations is clearly different from zero
+_CLEAR = 5.0
 
 
 def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None = None) -> Axes:
@@ -123,12 +125,12 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
 
 
 def suspension_parameters(result: Identification, axes: Any = None, *, truth: BodyTruth | None = None) -> np.ndarray:
-    """Draw stiffness, damping and the amplitudes of the laws of all suspensions, with 95 % intervals.
+    """Draw stiffness, damping and the amplitudes of the laws of all suspensions, with 95 % intervals about them.
 
     Args:
         result: the identification.
         axes: as many Axes as there are quantities, or None for a new figure.
-        truth: of a simulated aircraft: drawn as bars.
+        truth: of a simulated aircraft: drawn as diamonds.
 
     Returns:
         (n_rows, n_columns) Axes, those of the last row that are not needed switched off.
@@ -138,7 +140,7 @@ def suspension_parameters(result: Identification, axes: Any = None, *, truth: Bo
     rows = -(-len(quantities) // columns)
     names = [interface.name for interface in result.interfaces]
     with house_style():
-        grid = panels_in_rows(axes, len(quantities), columns, height_in=0.5 + 2.9 * rows)
+        grid = panels_in_rows(axes, len(quantities), columns, height_in=0.7 + (1.1 + 0.45 * len(names)) * rows)
         for ax, quantity in zip(grid.ravel(), quantities, strict=False):
             _draw_quantity(ax, quantity, names)
         bar = Line2D([], [], color=BLUE, marker="o", markersize=4, label="95 % interval; ± one standard deviation")
@@ -465,34 +467,42 @@ def _list_quantities(result: Identification, truth: BodyTruth | None) -> Iterato
 
 
 def _draw_quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
+    """Draw intervals and truths about each estimate, in percent of it: beside values of 470 kN/m they would vanish.
+
+    Where an estimate is not clearly different from zero, they are in its unit.
+    """
+    known = [each for each in quantity.estimates if each.value is not None]
+    is_percent = bool(known) and all(abs(each.value or 0.0) > _CLEAR * (each.std or 0.0) for each in known)
     is_labelled = False
     for index, (estimate, true) in enumerate(zip(quantity.estimates, quantity.true, strict=True)):
+        if estimate.value is None:
+            text = "–" if true is None else f"–, truth {quantity.scale * true:.4g}"
+            write_note(ax, text, (0.5, index), (0, 0), xycoords=("axes fraction", "data"), color=GREY, ha="center")
+            continue
+        factor = 100 / abs(estimate.value) if is_percent and estimate.value else quantity.scale
+        ends = [0.0]
+        if estimate.interval95 is not None:
+            ends = [factor * (end - estimate.value) for end in estimate.interval95]
+            ax.plot(ends, [index, index], color=BLUE, linewidth=2)
+            ax.plot(ends, [index, index], color=BLUE, marker="|", markersize=8, linestyle="none")
+        ax.plot([0.0], [index], color=BLUE, marker="o", markersize=4, linestyle="none")
         if true is not None:
             label = None if is_labelled else "truth"
-            height = [quantity.scale * true] * 2
-            bar = [index - 0.32, index + 0.32]
-            ax.plot(bar, height, color=GREEN, linewidth=5, alpha=0.4, solid_capstyle="butt", label=label, zorder=1)
+            here = [factor * (true - estimate.value)]
+            ax.plot(here, [index], color=GREEN, marker="D", markersize=6, linestyle="none", label=label, zorder=4)
             is_labelled = True
-        if estimate.value is None:
-            write_note(ax, "–", (index, 0.5), (0, 0), xycoords=("data", "axes fraction"), color=GREY, ha="center")
-            continue
-        value = quantity.scale * estimate.value
-        ends = [value]
-        if estimate.interval95 is not None:
-            ends = [quantity.scale * end for end in estimate.interval95]
-            ax.plot([index, index], ends, color=BLUE, linewidth=2)
-            ax.plot([index, index], ends, color=BLUE, marker="_", markersize=8, linestyle="none")
-        ax.plot([index], [value], color=BLUE, marker="o", markersize=4, linestyle="none")
-        text = _format_spread(estimate, quantity.scale).replace(" ± ", "\n± ")
-        write_note(ax, text, (index, max(ends)), (0, 8), ha="center", fontsize=7.5)
-    ax.set_xticks(range(len(names)), names)
-    ax.set_xlim(-0.6, len(names) - 0.4)
-    ax.margins(y=0.25)
-    ax.grid(False, axis="x")
-    ax.set_title(quantity.title)
-    ax.set_ylabel(quantity.label)
-    if all(value is None for value in (*quantity.true, *(estimate.value for estimate in quantity.estimates))):
-        ax.set_yticks([])
+        text = _format_spread(estimate, quantity.scale)
+        write_note(ax, text, (0.0, index), (0, 7), ha="center", fontsize=8)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.5, -0.8)
+    ax.margins(x=0.15)
+    ax.grid(False, axis="y")
+    what, _, rest = quantity.label.partition("[")
+    unit = rest.rstrip("]")
+    ax.set_title(f"{quantity.title}{f', {what.strip()}' if what else ''} [{unit}]")
+    ax.set_xlabel(f"from the estimate [{'%' if is_percent else unit}]")
+    if not known:
+        ax.set_xticks([])
 
 
 def _format_spread(estimate: Estimate, scale: float) -> str:

@@ -82,7 +82,8 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
             Paragraph(_say_basis(result)),
             *(table for table in tables if table.rows),
             Remarks("Reduction", say_reductions(result)),
-            build_warnings(result.all_warnings),
+            build_warnings(text for text in result.all_warnings if text not in result.warnings_of_rejected),
+            Remarks("Rejected", tuple(result.warnings_of_rejected)),
         ),
         lambda: list_figures(result, truth),
         _write_command(result),
@@ -345,25 +346,29 @@ def _say_modes(numbers: Sequence[int]) -> str:
 
 def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figure]:
     """Yield the figures, in the order of the work, for which the result has data."""
-    for mode in sorted({curve.mode for curve in result.measured}):
-        yield _build_measured_figure(result, mode)
+    modes = sorted({curve.mode for curve in result.measured})
+    for mode in modes:
+        yield _build_measured_figure(result, mode, is_first=mode == modes[0])
     if result.linear is not None:
         yield from _list_linear_figures(result.linear, truth)
     if result.reductions:
         yield _build_reduction_figure(result)
     if result.classes:
         yield from _list_all_class_figures(result, truth)
-    for mode in sorted({band.mode for band in result.prediction}):
-        yield _build_predicted_figure(result, mode)
+    predicted = sorted({band.mode for band in result.prediction})
+    for mode in predicted:
+        yield _build_predicted_figure(result, mode, is_first=mode == predicted[0])
 
 
-def _build_measured_figure(result: Updating, mode: int) -> Figure:
+def _build_measured_figure(result: Updating, mode: int, *, is_first: bool) -> Figure:
     return Figure(
         f"measured_mode_{mode}",
         f"Mode {mode}: what was measured",
         "Amplitude of the first harmonic over the frequency of phase resonance, one curve a test. They should lie on "
         "each other: how far they do not is what the likelihood takes for errors. A loop or a peak is a modal "
-        "interaction, of which one harmonic knows nothing.",
+        "interaction, of which one harmonic knows nothing."
+        if is_first
+        else "",
         lambda: plots.measured_backbones(result.measured, mode, sensors=_choose_sensors(result, mode)),
     )
 
@@ -423,18 +428,25 @@ def _list_all_class_figures(result: Updating, truth: UpdatingTruth | None) -> It
         "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be distinguished by these data.",
         lambda: _draw_forces(result, truth),
     )
-    for number, posterior in enumerate(result.classes, start=1):
-        yield from _list_class_figures(number, posterior, truth)
+    rejected = {each.model_class.name for each in result.rejected}
+    kept = [pair for pair in enumerate(result.classes, start=1) if pair[1].model_class.name not in rejected]
+    for number, posterior in kept:
+        yield from _list_class_figures(number, posterior, truth, is_first=number == kept[0][0])
 
 
-def _list_class_figures(number: int, posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Figure]:
+def _list_class_figures(
+    number: int, posterior: ClassPosterior, truth: UpdatingTruth | None, *, is_first: bool
+) -> Iterator[Figure]:
     name = posterior.model_class.name
     labels = posterior.labels
     yield Figure(
         f"class_{number}_samples",
         f"{name}, {posterior.model_class.law_in_words}: parameters",
         "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
-        "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
+        "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not. "
+        "Classes that the data rule out are not drawn."
+        if is_first
+        else "",
         lambda: plots.parameter_samples(
             posterior.samples, labels, truth=find_true_theta(posterior, truth) if truth else None
         ),
@@ -442,20 +454,24 @@ def _list_class_figures(number: int, posterior: ClassPosterior, truth: UpdatingT
     yield Figure(
         f"class_{number}_running",
         f"{name}, {posterior.model_class.law_in_words}: have they converged?",
-        "Mean and standard deviation of the samples so far.",
+        "Mean and standard deviation of the samples so far." if is_first else "",
         lambda: plots.running_moments(posterior.samples, labels),
     )
 
 
-def _build_predicted_figure(result: Updating, mode: int) -> Figure:
+def _build_predicted_figure(result: Updating, mode: int, *, is_first: bool) -> Figure:
     n_missing = sum(band.n_missing for band in result.prediction if band.mode == mode)
     gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
     return Figure(
         f"predicted_mode_{mode}",
         f"Mode {mode}: what the best class predicts",
-        "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
-        "the fraction within the band is no test on new data. Points that leave the band on one side, and more of them "
-        f"with the amplitude, ask for another law.{gap}",
+        (
+            "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these "
+            "points: the fraction within the band is no test on new data. Points that leave the band on one side, and "
+            f"more of them with the amplitude, ask for another law.{gap}"
+            if is_first
+            else gap.strip()
+        ),
         lambda: plots.predicted_backbones(_choose_bands(result, mode), result.measured, mode),
     )
 

@@ -19,6 +19,7 @@ from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, short_kind
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
+from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import ReductionErrors
 
 SCHEMA = "opid.updating/1"
@@ -210,6 +211,18 @@ class Updating(Result):
             named += [(f"class {name!r}: {text}", f"{name}: {text}") for text in each.warnings]
         others = [of_part for of_whole, of_part in named if of_whole not in self.warnings]
         return list(dict.fromkeys([*self.warnings, *others]))
+
+    @property
+    def rejected(self) -> tuple[ClassPosterior, ...]:
+        """The classes that the data rule out: their log evidence is far below that of the best."""
+        best = max((each.log_evidence for each in self.classes), default=0.0)
+        return tuple(each for each in self.classes if best - each.log_evidence > UPDATING.ruled_out)
+
+    @property
+    def warnings_of_rejected(self) -> list[str]:
+        """Those of all warnings that are about a class that the data rule out."""
+        said = (f"class {each.model_class.name!r}: {text}" for each in self.rejected for text in each.warnings)
+        return [text for text in dict.fromkeys(said) if text in self.warnings]
 
     @property
     def reached_extension(self) -> dict[int, float]:

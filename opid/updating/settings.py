@@ -71,6 +71,7 @@ class UpdatingThresholds:
     n_checked: int = 200  # samples at which the convergence of the model is checked, ...
     far_out: float = 3.0  # ... and factor of their distance from the best theta at which it is checked, too
     too_close: float = 1.0  # difference of log evidence below which two classes cannot be distinguished
+    ruled_out: float = 10.0  # log evidence below that of the best, odds of 22,000 to 1, of a class that data rule out
     # fraction of the measured points in a 95 % band below which law or linear structure are wrong
     poor_coverage: float = 0.8
 

@@ -117,6 +117,18 @@ class Panel:
         labels = (getattr(each, f"get_{letter}label")() for each in (ax, *shared.get_siblings(ax)))
         return next(filter(None, labels), "")
 
+    def is_in_data(self, transform: Transform) -> bool:
+        """Whether coordinates behind a transform are those of the data, where points may stand beside their place.
+
+        A chart draws such points at their place: the distance would not be the same at another zoom.
+        """
+        contained = transform.contains_branch_seperately(self.ax.transData)
+        if any(contained):
+            return all(contained)
+        corners = self.ax.viewLim.get_points()
+        shift = transform.transform(corners) - self.ax.transData.transform(corners)
+        return bool(np.allclose(shift[0], shift[1], atol=1e-6))
+
     def describe_references(self, transform: Transform) -> Json:
         """Return what the coordinates behind a transform refer to: the data, or the panel from 0 to 1."""
         in_x, in_y = transform.contains_branch_seperately(self.ax.transData)
@@ -176,7 +188,7 @@ def _add_line(panel: Panel, line: Line2D) -> None:
     transform = line.get_transform()
     if not x.size or not (has_line(line) or has_marker(line)):
         return
-    if not all(transform.contains_branch_seperately(panel.ax.transData)):
+    if not panel.is_in_data(transform):
         # a line across the panel: of one axis it knows only the ends
         ends = panel.find_coordinates(np.stack([x, y], axis=1)[[0, -1]], transform)
         panel.add_shape(
@@ -201,7 +213,7 @@ def _add_segments(panel: Panel, artist: LineCollection) -> None:
     parts = [np.asarray(each, dtype=float) for each in artist.get_segments()]
     shades, widths = np.atleast_2d(artist.get_edgecolor()), np.atleast_1d(artist.get_linewidth())
     transform = artist.get_transform()
-    is_in_data = all(transform.contains_branch_seperately(panel.ax.transData))
+    is_in_data = panel.is_in_data(transform)
     groups: dict[tuple[str, float], list[np.ndarray]] = {}
     for k, part in enumerate(parts):
         look = format_color(shades[k % len(shades)]), round(float(widths[k % len(widths)]) * PX_PER_PT, 2)

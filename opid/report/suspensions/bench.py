@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from opid.estimate import rounded
 from opid.report.document import Document, Figure, Paragraph, Row, build_warnings, write_options, write_sentence
 from opid.report.estimates import (
     INTERVAL,
@@ -131,7 +132,9 @@ def _say_loop(result: BenchLaw) -> str:
         f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
     )
     is_friction = friction.value is not None and friction.value > 0
-    words += f"the energy of a dry friction of {friction.value:.3g} N" if is_friction else "no energy"
+    words += (
+        f"the energy of a dry friction of {rounded(friction.value, friction.std)} N" if is_friction else "no energy"
+    )
     if result.loop is None:
         return words + "."
     return f"{words}. The loop area is what the part that remembers takes of it."

@@ -149,8 +149,8 @@ def _list_body_figures(result: Identification, truth: BodyTruth | None) -> Itera
     yield Figure(
         "suspensions",
         "Suspension by suspension",
-        "Stiffness, damping and the amplitudes of the laws beside one another; bars are 95 % intervals, ± is one "
-        "standard deviation.",
+        "Stiffness, damping and the amplitudes of the laws: 95 % intervals about each estimate, whose value stands "
+        "above; ± is one standard deviation.",
         lambda: plots.suspension_parameters(result, truth=truth),
     )
     yield Figure(

@@ -396,7 +396,9 @@ def _compare_with_prior(search: _Search, inner: FloatArray, noise: float) -> tup
 
 
 def _solve_linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
+    rms = np.sqrt(np.mean(basis**2, axis=0))
+    # Rounding gives a column of zeros a weight, which a tiny scale would make huge.
+    scale = np.where(rms > 0.0, rms, 1.0)
     q, r = np.linalg.qr(basis / scale)
     return q, np.linalg.lstsq(r, q.T @ y, rcond=1e-12)[0] / scale
 

@@ -12,7 +12,7 @@ the other struts say, so that the population informs a strut of which little is 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,9 @@ def fit_population(values: FleetValues, is_used: BoolArray) -> Population:
         is_used: the flights that are fitted, (S, N).
     """
     used = is_used & values.is_there
+    # the logarithm of a stiffness in N/m is about 13, whose square would drown the gradient of the misfit in rounding
+    middle = float(values.y[used].mean())
+    values = replace(values, y=values.y - middle)
     typical = float(np.median(values.std[used]))
     n, p, n_struts = int(used.sum()), values.fixed.shape[-1], int(used.any(axis=1).sum())
     floor = 2 * math.log(1e-3 * typical)
@@ -141,12 +144,14 @@ def fit_population(values: FleetValues, is_used: BoolArray) -> Population:
     scatter, level, trend = variances(found.x)
     sums = _sum_over_flights(values, used, scatter, level, trend)
     covariance = np.linalg.inv(sums.xx.sum(axis=0) + np.eye(p) / _VAGUE)
+    coefficients = covariance @ sums.xy.sum(axis=0)
+    coefficients[0] += middle
     freedom = max(1.0, n - p - n_struts)
     return Population(
         math.sqrt(scatter),
         math.sqrt(level),
         math.sqrt(trend),
-        covariance @ sums.xy.sum(axis=0),
+        coefficients,
         covariance,
         freedom if scatter > 2 * math.exp(floor) else math.inf,
     )

@@ -1,0 +1,54 @@
+"""Chromium as tests drive it: a page that is open, with every chart drawn, and what the browser said meanwhile."""
+
+import shutil
+
+import pytest
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium: install its package")
+
+
+def start_chromium():
+    """Yield a browser, which ends with the tests of a file: while it runs, its thread has a loop of events."""
+    with playwright.sync_playwright() as started:
+        flags = ["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"]
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=flags)
+        yield chromium
+        chromium.close()
+
+
+class Reader:
+    """A page that is open, with every chart drawn, and what the browser said meanwhile."""
+
+    def __init__(self, browser, file, **settings):
+        self.page = browser.new_context(accept_downloads=True, **settings).new_page()
+        self.errors, self.requests = [], []
+        self.page.on("console", lambda said: self.errors.append(said.text) if said.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(file.as_uri())
+        self.folder = file.parent
+        self.boxes = self.page.locator("[data-chart]")
+        for k in range(self.boxes.count()):
+            self.boxes.nth(k).scroll_into_view_if_needed()
+            self.boxes.nth(k).locator(".plot").wait_for()
+            self.page.wait_for_function("k => document.querySelectorAll('[data-chart]')[k].dataset.drawn", arg=k)
+
+    def ranges(self, name, axis="xaxis"):
+        return self.page.evaluate(
+            "([name, axis]) => document.querySelector(`[data-chart=${name}] .plot`).layout[axis].range", [name, axis]
+        )
+
+    def press(self, name, button):
+        self.page.locator(f"[data-chart={name}] button", has_text=button).first.click()
+
+    def find_serious_faults(self):
+        """Return what axe finds that is serious for a reader who does not see or point."""
+        axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is missing")
+        found = axe.Axe().run(self.page).response["violations"]
+        return [(each["id"], each["impact"]) for each in found if each["impact"] in ("serious", "critical")]
+
+    def find_overflow(self):
+        """Return by how many pixels the page is wider than its window."""
+        return self.page.evaluate("document.documentElement.scrollWidth - innerWidth")
