@@ -10,10 +10,13 @@ import pytest
 from made_body import small_body
 from made_updating import small_updating
 
+from opid.campaigns.campaign_file import CampaignPlan
+from opid.campaigns.engine import run_campaign
 from opid.errors import InputError
 from opid.signals.exchange import frame_of, xarray_of
 from opid.signals.logs import formats
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.flights.dataset import read_dataset
 from opid.updating.chain_files import write_chains
 from opid.updating.sampling.samplers import ensemble
 from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
@@ -32,9 +35,11 @@ def walkers():
 
 NEEDED = {
     "arviz": ("bayes", "arviz", lambda folder: write_chains(small_updating(), folder)),
+    "distributed": ("campaign", "distributed", lambda folder: run_campaign(CampaignPlan("none", ()), folder)),
     "emcee": ("ensemble", "emcee", lambda folder: walkers()),
     "pandas": ("tables", "pandas", lambda folder: small_body().to_frame()),
     "pandas of a recording": ("tables", "pandas", lambda folder: frame_of(recording())),
+    "pyarrow": ("campaign", "pyarrow", read_dataset),
     "skfem": ("wing", "scikit-fem", lambda folder: wing_engine_structure()),
     "xarray": ("tables", "xarray", lambda folder: xarray_of(recording())),
 }
@@ -67,5 +72,5 @@ def test_the_extras_that_are_named_have_these_libraries():
 def test_all_has_every_extra_that_a_user_needs():
     (every,) = EXTRAS["all"]
     assert {*every.removeprefix("opid[").removesuffix("]").split(",")} == EXTRAS.keys() - {
-        *("all", "bayes", "dev", "docs", "fuzz", "notebooks", "test"),
+        *("all", "bayes", "campaign", "dev", "docs", "fuzz", "notebooks", "test"),
     }

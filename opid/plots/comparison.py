@@ -105,7 +105,7 @@ def _draw_series(
     for point, height in zip(known, scale * value, strict=True):
         face = color if point in bars else "white"
         page = str(result.flights[point.flight].page)
-        ax.plot([positions[point.flight]], [height], color=color, markerfacecolor=face, url=page, **dot)
+        ax.plot([positions[point.flight]], [height], color=color, markerfacecolor=face, url=page, gid=name, **dot)
     ends = np.array([point.estimate.interval95 for point in bars], dtype=float).reshape(-1, 2)
     at = [positions[point.flight] for point in bars]
     ax.vlines(at, scale * ends[:, 0], scale * ends[:, 1], color=color, label=name, transform=beside)

@@ -69,6 +69,7 @@ def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
         _format_dates(ax)
         ax.set_ylim(len(struts) - 0.5, -0.5)
         names = [strut.tail or "all" for strut in struts]
+        ax.fmt_ydata = lambda y: names[round(y)]
         if len(names) <= _MOST_NAMES:
             ax.set_yticks(range(len(names)), names)
         else:
@@ -108,11 +109,12 @@ def draw_strut(series: FleetSeries, strut: Strut, ax: Any = None) -> Axes:
             label="limit for one flight",
         )
         ax.plot(at[judged], expected, color=BLUE, linewidth=1, linestyle="--", label="expected")
-        ax.vlines(at, ends[:, 0], ends[:, 1], color=INK, linewidth=1)
         dot: dict[str, Any] = {"color": INK, "marker": "o", "markersize": 3.5, "linestyle": "none"}
+        name = "value, 95 % interval"
+        ax.vlines(at, ends[:, 0], ends[:, 1], color=INK, linewidth=1, gid=name)
         for k, flight in enumerate(strut.flights):
-            label = "value, 95 % interval" if k == 0 else ""
-            ax.plot(at[k : k + 1], values[k : k + 1], label=label, url=str(find_page(flight.result)), **dot)
+            label = name if k == 0 else ""
+            ax.plot(at[k : k + 1], values[k : k + 1], label=label, gid=name, url=str(find_page(flight.result)), **dot)
         for number, change in enumerate(strut.changes):
             text = format_minus(f"{100 * (change.fraction.value or 0.0):+.1f} %")
             ax.axvline(at[change.first], color=VERMILION, linewidth=1, label="change" if number == 0 else "")

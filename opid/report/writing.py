@@ -28,6 +28,9 @@ from opid.report.formulas import write_html
 from opid.result import Result
 from opid.signals.files import write_together
 
+_LEVEL = 6
+"""Of the compression of the script: 9 takes a third longer and saves 3 kB of 1.47 MB."""
+
 Chart = dict[str, Any]
 """A chart of Plotly as JSON: traces, axes, shapes and the entries of its legend."""
 
@@ -242,4 +245,4 @@ def find_places(blocks: Sequence[Block]) -> dict[int, str]:
 def pack_script() -> str:
     """Return the script of Plotly, compressed: the page unpacks it, which makes it three times as small."""
     path = Path(str(files("plotly"))) / "package_data" / "plotly.min.js"
-    return base64.b64encode(gzip.compress(path.read_bytes(), mtime=0)).decode()
+    return base64.b64encode(gzip.compress(path.read_bytes(), _LEVEL, mtime=0)).decode()

@@ -327,7 +327,13 @@ def _add_cells(panel: Panel, artist: Any, x: np.ndarray, y: np.ndarray) -> None:
         # colours follow the logarithm; the reader is shown the value itself
         trace = {"customdata": encode_matrix(values)}
         values, limits = np.log10(np.where(values > 0, values, np.nan)), np.log10(limits)
-    shown = f"{panel.abscissa}, %{{y:.4g}}{panel.units[1]}: %{{{'customdata' if trace else 'z'}:.4g}}"
+    ordinate = f"%{{y:.4g}}{panel.units[1]}"
+    name_row = panel.ax.fmt_ydata
+    if name_row is not None:
+        # rows have names: the page shows them where there is no room for them beside the cells
+        trace["rows"] = [name_row(each) for each in (y[:-1] + y[1:]) / 2]
+        ordinate = "%{text}"
+    shown = f"{panel.abscissa}, {ordinate}: %{{{'customdata' if 'customdata' in trace else 'z'}:.4g}}"
     panel.add_trace(
         artist,
         type="heatmap",

@@ -80,9 +80,9 @@ def find_unit(label: str) -> str:
 
 
 def find_label(artist: Artist) -> str:
-    """Return the label of an artist; empty if it has none of its own."""
+    """Return the label of an artist, or of the curve that its `gid` names; empty if it belongs to none."""
     text = str(artist.get_label() or "")
-    return "" if text.startswith("_") else text
+    return str(artist.get_gid() or "") if not text or text.startswith("_") else text
 
 
 def has_line(artist: Line2D) -> bool:

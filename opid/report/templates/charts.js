@@ -85,7 +85,7 @@ function recolored(node) {
   if (node === null || typeof node !== "object" || ArrayBuffer.isView(node)) return recolor(node);
   if (node.keep) return node;
   return Object.fromEntries(Object.entries(node).map(([key, value]) =>
-    [key, ["x", "y", "z", "text", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata"].includes(key) ? value : recolored(value)]));
+    [key, ["x", "y", "z", "text", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata", "rows"].includes(key) ? value : recolored(value)]));
 }
 
 // a text in lines of at most so many letters
@@ -141,6 +141,8 @@ class Chart {
         trace.x = Float64Array.from(trace.y, (_, k) => trace.x0 + k * trace.dx);
         delete trace.x0, delete trace.dx;
       }
+    // rows with names: those of a map of struts
+    for (const trace of chart.data) if (trace.rows) trace.text = trace.z.map((row, j) => Array.from(row, () => trace.rows[j]));
     toDates(chart);
     this.full = chart.data.map((trace) =>
       trace.type === "scatter" && /lines/.test(trace.mode) && trace.x.length > MOST_POINTS && rises(trace.x) ? { x: trace.x, y: trace.y } : null);
@@ -264,7 +266,8 @@ function csv(chart) {
   const quoted = (text) => `"${String(text).replaceAll('"', '""')}"`, plain = (html) => (html || "").replace(/<[^>]*>/g, " ");
   const axis = (trace, letter) => plain((chart.layout[(trace[`${letter}axis`] || letter).replace(letter, `${letter}axis`)] || {}).label);
   const abscissa = (trace, x) => ((chart.layout[(trace.xaxis || "x").replace("x", "xaxis")] || {}).days ? new Date(x).toISOString().slice(0, 10) : x);
-  const rows = [["curve", "x is", "y is", "x", "y"].map(quoted).join(",")];
+  const hasCells = chart.data.some((trace) => trace.type === "heatmap");
+  const rows = [["curve", "x is", "y is", "x", "y", ...(hasCells ? ["value"] : [])].map(quoted).join(",")];
   for (const trace of chart.data) {
     if (trace.type === "heatmap" || trace.type === "mesh3d") continue;
     for (let k = 0; k < trace.x.length; k++)
@@ -273,7 +276,7 @@ function csv(chart) {
   }
   for (const trace of chart.data.filter((each) => each.type === "heatmap"))
     trace.z.forEach((row, j) => row.forEach((value, k) => Number.isFinite(value) &&
-      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), abscissa(trace, (trace.x[k] + trace.x[k + 1]) / 2), (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
+      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), abscissa(trace, (trace.x[k] + trace.x[k + 1]) / 2), trace.rows ? quoted(trace.rows[j]) : (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
   return rows.join("\r\n") + "\r\n";
 }
 
