@@ -154,7 +154,7 @@ def test_a_ground_spring_that_holds_a_fit_in_a_worse_minimum_is_taken_out():
 
 @pytest.mark.parametrize("gain", [0.8, 1.2])
 def test_a_fault_that_is_not_let_in_is_told_and_takes_the_intervals(gain):
-    result = identify(study_of(seed=3, upper_sensor=Sensor(gain=gain)), law=LAW)
+    result = identify(study_of(seed=3, duration_s=12, upper_sensor=Sensor(gain=gain)), law=LAW)
     (evidence,) = result.evidence
     (implausible,) = evidence.implausible
     assert implausible.name == "gain_sprung"
@@ -191,11 +191,11 @@ def misread(channels, **faults):
     """The short runs of the aircraft, some channels read once more by a sensor with a fault."""
     sensor, runs = Sensor(noise_m_per_s2=0.0, **faults), []
     for run in short_runs():
-        samples = np.array(run.recording.samples)
+        samples, fs = np.array(run.recording.samples), run.recording.fs
         for name in channels:
             place = run.recording.names.index(name)
-            samples[:, place] = measure(samples[:, place], fs=FS, sensor=sensor, rng=np.random.default_rng(0))
-        recording = Recording(samples, fs=FS, channels=run.recording.channels)
+            samples[:, place] = measure(samples[:, place], fs=fs, sensor=sensor, rng=np.random.default_rng(0))
+        recording = Recording(samples, fs=fs, channels=run.recording.channels)
         runs.append(replace(run, recording=recording))
     return study(runs=tuple(runs))
 

@@ -206,7 +206,8 @@ def test_a_recording_that_is_cut_off(tmp_path):
 @pytest.mark.parametrize("text", [b"9**9**9*9", b"__doc__ ", b"1,2,3"])
 def test_a_scale_of_the_stamps_that_is_no_number(tmp_path, monkeypatch, text):
     """The scale is a text of arithmetic, which the maker's library computes."""
-    monkeypatch.setattr(apart, "BOUNDS", apart.ReadingBounds(seconds=5))
+    open_log(DAQ)  # loads the library
+    monkeypatch.setattr(apart, "BOUNDS", apart.ReadingBounds(seconds=1, bytes_per_s=5e6))
     whole = DAQ.read_bytes()
     path = tmp_path / "scale.IDE"
     path.write_bytes(whole.replace(b"1.0/32768", text.ljust(9)))

@@ -18,7 +18,7 @@ from opid.mechanics.memory import Loop, loop_area, sine_like
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Sliders, Structure, iwan
 from opid.mechanics.truth import GearNumbers, GearTruth
-from opid.report.estimates import format_formula
+from opid.report.formulas import format_formula
 from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
@@ -288,8 +288,8 @@ def _holds_loops(result, truth):
     return [each.area_j.holds(area) for each, area in zip(loops, true, strict=True)], max(widths)
 
 
-def _study_of(gear, seed=0):
-    test = taxi_test(gear, rng=np.random.default_rng(seed), duration_s=20, fs=256, lowest_step_rate_hz=16384.0)
+def _study_of(gear, seed=0, duration_s=20):
+    test = taxi_test(gear, rng=np.random.default_rng(seed), duration_s=duration_s, fs=256, lowest_step_rate_hz=16384.0)
     return gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
 
 
@@ -338,7 +338,7 @@ def test_presliding_within_a_sample_is_not_told_from_damping():
 def test_two_memories_at_once_are_no_damping():
     """A searched law has one of them: what the other leaves must not pass for a damper that is known well."""
     both = default_law("dahl_friction") + law("maxwell_arm", stiffness_n_per_m=8e4, relaxation_s=0.03)
-    found = identify(_study_of(replace(LandingGear(), law=both)), law="dahl_friction")
+    found = identify(_study_of(replace(LandingGear(), law=both), duration_s=12), law="dahl_friction")
     assert found.residual_over_noise > 2.0
     assert any("the force with memory is only partly this one" in each for each in found.warnings)
     assert found.parameters.suspension_damping_n_s_per_m.interval95 is None
@@ -425,7 +425,7 @@ def joint():
     """A gear with forty sliders and a damper, and what two runs of it tell."""
     sliders = iwan(stiffness_n_per_m=6e5, slip_force_n=400.0, chi=-0.4, beta=0.5)
     gear = replace(LandingGear(), law=LINEAR, sliders=sliders)
-    test = taxi_test(gear, rng=np.random.default_rng(4), lowest_step_rate_hz=32768.0)
+    test = taxi_test(gear, rng=np.random.default_rng(4), fs=256, lowest_step_rate_hz=32768.0)
     runs = Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg)
     return gear, gear_study(*runs)
 

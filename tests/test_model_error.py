@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -108,6 +109,7 @@ def rolling_run(mass_kg, inertia_kg_m2, rng, *, coherent):
     return readings(motion[:, 0], motion[:, 2] + HALF_TRACK_M * motion[:, 3], noise_rng)
 
 
+@cache
 def rolling(seed, *, coherent=False):
     """Half the mass rests on either gear, and half the mass change."""
     rngs = np.random.default_rng(seed).spawn(2)
@@ -121,7 +123,7 @@ def rolling(seed, *, coherent=False):
 # ---- a strut with memory --------------------------------------------------------------------------
 
 
-def hysteretic_run(mass_kg, rng, amplitude_n=400.0, travel_m=0.5e-3, pushed_share=0.0):
+def hysteretic_run(mass_kg, rng, amplitude_n, travel_m, pushed_share):
     """A Bouc-Wen element beside the springs: F = a w, travel_m w' = z' - (0.5 |z'| w + 0.5 z' |w|), by Runge-Kutta.
 
     A force of a flat spectrum on the body moves it by a share of what two metres a second squared would be.
@@ -159,10 +161,21 @@ def hysteretic_run(mass_kg, rng, amplitude_n=400.0, travel_m=0.5e-3, pushed_shar
     return readings(acceleration[:, 0], acceleration[:, 1], noise_rng)
 
 
-def hysteretic(seed, **settings):
+def hysteretic(seed, amplitude_n=400.0, travel_m=0.5e-3, pushed_share=0.0):
+    return _hysteretic(seed, amplitude_n, travel_m, pushed_share)
+
+
+@cache
+def _hysteretic(seed, *settings):
     rngs = np.random.default_rng(seed).spawn(2)
     masses = (MASS_KG, MASS_KG + CHANGE_KG)
-    return study_of(*(hysteretic_run(mass, rng, **settings) for mass, rng in zip(masses, rngs, strict=True)))
+    return study_of(*(hysteretic_run(mass, rng, *settings) for mass, rng in zip(masses, rngs, strict=True)))
+
+
+@cache
+def damper_for_memory(seed):
+    """What is identified where friction with memory is taken for a damper."""
+    return identify(hysteretic(seed, amplitude_n=1500.0, travel_m=2e-3), law="linear")
 
 
 def evaluations(monkeypatch, study, **settings):
@@ -282,7 +295,7 @@ def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_law_that_is_not_known_limits_the_answer_to_equivalents(seed):
     """Friction with memory, taken for a damper: what it leaves goes with the motion, and no mass is told."""
-    result = identify(hysteretic(seed, amplitude_n=1500.0, travel_m=2e-3), law="linear")
+    result = damper_for_memory(seed)
     assert result.limited_by == "model"
     assert result.evidence[0].error.departure > 2
     assert "an error of the model biases the parameters" in result.not_determined
@@ -307,10 +320,9 @@ def test_the_damping_of_friction_that_remembers_is_what_it_dissipates_over_the_m
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_where_the_model_is_the_limit_the_free_motion_of_the_answer_leaves_less(monkeypatch, seed):
     """Readings that correct the motion hide what the model lacks; without them another damper follows it best."""
-    study = hysteretic(seed, amplitude_n=1500.0, travel_m=2e-3)
-    followed = identify(study, law="linear")
+    followed = damper_for_memory(seed)
     monkeypatch.setattr(candidates, "follow_freely", lambda fit, error: (fit, error))
-    corrected = identify(study, law="linear")
+    corrected = identify(followed.study, law="linear")
     left, left_before = (np.array([run.unexplained for run in each.runs]) for each in (followed, corrected))
     assert np.sum(left**2) < np.sum(left_before**2)
     for after, before in zip(followed.equivalents, corrected.equivalents, strict=True):

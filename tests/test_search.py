@@ -11,7 +11,7 @@ from law_runs import DAMPING, MASS_KG, STIFFNESS, fitted, gear_model, runs_of, s
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.signals.recording import Recording
-from opid.suspensions import candidates
+from opid.suspensions import candidates, identification
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
 from opid.suspensions.fitting import search
 from opid.suspensions.fitting.search import Question, find_model, is_hopeless, judge_search, measure_folded_power
@@ -399,9 +399,12 @@ def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(f
 
 
 @pytest.mark.parametrize(("fs", "is_told"), [(512, True), (256, False)])
-def test_friction_that_turns_over_within_a_step_is_fitted_with_shorter_ones(fs, is_told):
+def test_friction_that_turns_over_within_a_step_is_fitted_with_shorter_ones(monkeypatch, fs, is_told):
     """Where it turns over between two samples, too, no step helps: damping is told without an interval."""
     gear = LandingGear(law=law("coulomb_friction", amplitude_n=3000.0, scale_m_per_s=0.005))
+    # of all kinds it takes four times as long
+    kinds = ("coulomb_friction", "arctan_velocity", "dahl_friction", "cubic_stiffness")
+    monkeypatch.setattr(identification, "library", lambda: kinds)
     result = identify(study_of(gear, fs=fs, duration_s=12))
     (evidence,) = result.evidence
     assert evidence.fit.model.runs[0].finer > 1
