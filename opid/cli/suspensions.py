@@ -368,5 +368,5 @@ def compare(
             found = compare_flights(read_flights(results), false_alarm=false_alarm)
         notes = output.write(found, command=["opid", "compare", *map(str, results)], progress=say)
     output.show(found, notes=notes)
-    if found.changes:
+    if found.has_flags:
         click.get_current_context().exit(CHANGED)

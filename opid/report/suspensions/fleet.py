@@ -37,12 +37,11 @@ def build_document(result: Fleet) -> Document:
     return Document(
         "Health of a fleet",
         f"{format_count(result.n_flights, 'flight')} of {n_aircraft} aircraft over {result.years:.1f} years",
-        write_sentence(
-            f"{format_count(len(changes), 'change')} flagged" if changes else "no change exceeds its uncertainty"
-        ),
+        write_sentence(result.verdict),
         None,
         (
             Remarks("Change", (*changes[:_MOST_SAID], *more), is_warning=True),
+            Remarks("Drift", tuple(write_sentence(each.statement) for each in result.drifts), is_warning=True),
             _tabulate_common(result),
             Paragraph(_say_basis(result)),
             build_warnings(result.warnings),

@@ -92,6 +92,11 @@ class Comparison(Result):
         return tuple(rows)
 
     @property
+    def has_flags(self) -> bool:
+        """Whether a change is flagged."""
+        return bool(self.changes)
+
+    @property
     def files(self) -> tuple[ReadFile, ...]:
         """The results that are compared, as they were when they were read."""
         return tuple(each.file for each in self.flights if each.file is not None)

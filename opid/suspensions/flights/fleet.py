@@ -21,10 +21,15 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.flights.dataset import FleetDataset, FleetTable
 from opid.suspensions.flights.fleet_model import (
     DEFAULTS,
+    BoolArray,
+    CommonStep,
     FleetSettings,
     FleetValues,
     Judged,
     Population,
+    add_step,
+    find_common_step,
+    find_tempers,
     find_threshold,
     fit_population,
     judge_flights,
@@ -34,6 +39,15 @@ from opid.suspensions.flights.result_file import RESULT_FILE, Quantity
 SCHEMA = "opid.fleet/1"
 
 _DAYS_A_YEAR = 365.25
+_SETTLED = 0.02
+"""The fit is repeated until no variance of a strut moves by more than this fraction."""
+
+_MOST_STEPS = 3
+"""Steps of all struts that are looked for, one after the other."""
+
+_MAD_OF_NORMAL = 0.6745
+"""Median absolute deviation of the standard normal distribution."""
+
 _LEAST_YEARS = 1 / 12
 """Flights of a few days count as those of a month, or hardly any alarm would be allowed among them."""
 
@@ -88,15 +102,52 @@ class StrutChange:
     n_flights: int
 
     @property
-    def statement(self) -> str:
-        """The change in a sentence."""
+    def subject(self) -> str:
+        """What changed, and by how much."""
         low, high = self.fraction.interval95 or (math.nan, math.nan)
         of = f" of {self.quantity.gear!r}" if self.quantity.gear else ""
         return (
             f"{self.quantity.label}{of} of {self.tail or 'the aircraft'}: {100 * (self.fraction.value or 0.0):+.1f} % "
-            f"({100 * low:+.1f} to {100 * high:+.1f} %) since {self.flight!r} ({self.date}), flagged at "
+            f"({100 * low:+.1f} to {100 * high:+.1f} %)"
+        )
+
+    @property
+    def statement(self) -> str:
+        """The change in a sentence."""
+        return (
+            f"{self.subject} since {self.flight!r} ({self.date}), flagged at "
             f"{abs(self.departure):.1f} standard deviations after {_count_flights(self.n_needed)}; "
             f"{_count_flights(self.n_flights)} at the new level"
+        )
+
+
+@dataclass(frozen=True)
+class StrutDrift:
+    """A strut that changes slowly, and unlike the others.
+
+    Args:
+        quantity: the quantity that drifts.
+        tail: tail number of the aircraft.
+        per_year: its relative change in a year.
+        usual_per_year: that of the others, in the middle; 0 where there are too few others.
+        departure: of its trend from that of the others, in standard deviations.
+    """
+
+    quantity: Quantity
+    tail: str
+    per_year: Estimate
+    usual_per_year: float
+    departure: float
+
+    @property
+    def statement(self) -> str:
+        """The drift in a sentence."""
+        low, high = self.per_year.interval95 or (math.nan, math.nan)
+        of = f" of {self.quantity.gear!r}" if self.quantity.gear else ""
+        return (
+            f"{self.quantity.label}{of} of {self.tail or 'the aircraft'} drifts by "
+            f"{100 * (self.per_year.value or 0.0):+.1f} % a year ({100 * low:+.1f} to {100 * high:+.1f} %), where "
+            f"{100 * self.usual_per_year:+.1f} % is usual: {abs(self.departure):.1f} standard deviations"
         )
 
 
@@ -109,12 +160,14 @@ class Strut:
         flights: in the order of their dates.
         trend_per_year: relative change in a year, of the flights since the last change.
         changes: the flagged changes, the earliest first.
+        lone: flights that stand alone: they were flagged, and the values after them are as before.
     """
 
     tail: str
     flights: tuple[StrutFlight, ...]
     trend_per_year: Estimate
     changes: tuple[StrutChange, ...]
+    lone: tuple[StrutChange, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -130,6 +183,8 @@ class FleetSeries:
         covariates: {name: relative change for one standard deviation of the covariate}.
         threshold: departure above which a flight is flagged, in standard deviations.
         n_tests: comparisons that were made.
+        common_steps: days on which all struts changed at once, each with the change as a fraction.
+        drifts: struts whose trend is unlike that of the others.
     """
 
     quantity: Quantity
@@ -140,6 +195,8 @@ class FleetSeries:
     covariates: Mapping[str, Estimate]
     threshold: float
     n_tests: int
+    common_steps: tuple[tuple[date, Estimate], ...] = ()
+    drifts: tuple[StrutDrift, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,6 +230,27 @@ class Fleet(Result):
         return tuple(sorted(found, key=lambda each: each.date, reverse=True))
 
     @property
+    def drifts(self) -> tuple[StrutDrift, ...]:
+        """The struts that drift, the fastest first."""
+        found = (drift for series in self.series for drift in series.drifts)
+        return tuple(sorted(found, key=lambda each: abs(each.departure), reverse=True))
+
+    @property
+    def has_flags(self) -> bool:
+        """Whether a strut changed or drifts."""
+        return bool(self.changes or self.drifts)
+
+    @property
+    def verdict(self) -> str:
+        """What was found, in a few words."""
+        said = [
+            f"{len(found)} {word}{'s' * (len(found) != 1)}"
+            for found, word in ((self.changes, "change"), (self.drifts, "drift"))
+            if found
+        ]
+        return f"{' and '.join(said)} flagged" if said else "no change exceeds its uncertainty"
+
+    @property
     def files(self) -> tuple[ReadFile, ...]:
         """The files of the dataset, as they were when they were read."""
         return self.read
@@ -193,7 +271,7 @@ class Fleet(Result):
         return plain(
             {
                 "schema": SCHEMA,
-                "flagged": bool(self.changes),
+                "flagged": self.has_flags,
                 "source": self.source,
                 "n_flights": self.n_flights,
                 "years": self.years,
@@ -208,6 +286,19 @@ class Fleet(Result):
                         "covariates": {name: asdict(each) for name, each in series.covariates.items()},
                         "threshold": series.threshold,
                         "n_tests": series.n_tests,
+                        "common_steps": [
+                            {"date": day.isoformat(), "fraction": asdict(each)} for day, each in series.common_steps
+                        ],
+                        "drifts": [
+                            {
+                                "tail": each.tail,
+                                "per_year": asdict(each.per_year),
+                                "usual_per_year": each.usual_per_year,
+                                "departure": each.departure,
+                                "statement": each.statement,
+                            }
+                            for each in series.drifts
+                        ],
                         "struts": [
                             {
                                 "tail": strut.tail,
@@ -239,10 +330,8 @@ class Fleet(Result):
         )
 
     def _headline(self) -> str:
-        n = len(self.changes)
-        flagged = f"{n} change{'s' * (n != 1)} flagged" if n else "no change exceeds its uncertainty"
         tails = {strut.tail for series in self.series for strut in series.struts}
-        return f"{_count_flights(self.n_flights)} of {len(tails)} aircraft, {flagged}"
+        return f"{_count_flights(self.n_flights)} of {len(tails)} aircraft, {self.verdict}"
 
 
 def _count_flights(number: int) -> str:
@@ -297,13 +386,17 @@ def compare_fleet(
             "identify them by the usual method"
         )
     days = np.concatenate([table.day for table in tables])
-    first, years = float(days.min()), max(_LEAST_YEARS, float(np.ptp(days)) / _DAYS_A_YEAR)
+    first = float(days.min())
+    # The months in which there are flights count: one mistyped date must not make a century of allowed alarms.
+    years = max(_LEAST_YEARS, np.unique(days * 12 // _DAYS_A_YEAR).size / 12)
     laid = [(table, *_lay_out(table, first, settings)) for table in tables]
     n_tests = sum(
         int(np.maximum(0, values.is_there.sum(axis=1) - w).sum()) for _, _, values, _ in laid for w in settings.windows
     )
+    # each strut has a trend, too, and each quantity a common step
+    n_tests += sum(rows.shape[0] + settings.candidates for _, rows, *_ in laid)
     chance = min(0.5, alarms * years / n_tests)
-    series = tuple(_compare_struts(*each, settings, chance, dataset.path.parent) for each in laid)
+    series = tuple(_compare_struts(*each, settings, chance, dataset.path.parent, first) for each in laid)
     if not any(each.n_tests for each in series):
         raise NotDeterminedError(
             f"no strut in {dataset.path} has enough flights to be compared with its own past: give flights of more "
@@ -375,16 +468,16 @@ def _compare_struts(
     settings: FleetSettings,
     chance: float,
     folder: Path,
+    first_day: float,
 ) -> FleetSeries:
-    used = values.is_there.copy()
-    for _ in range(settings.rounds):
-        population = fit_population(values, used)
-        judged = judge_flights(values, population, used, settings, chance)
-        # what follows a change does not tell about the trend and the scatter of an unchanged strut
-        before = values.is_there & ~np.logical_or.accumulate(judged.changed_at, axis=1)
-        if (before == used).all():
+    steps: list[CommonStep] = []
+    for _ in range(_MOST_STEPS + 1):
+        population, judged, used = _judge_all(values, settings, chance)
+        step = find_common_step(values, population, used, settings, chance)
+        if step is None or len(steps) == _MOST_STEPS:
             break
-        used = before
+        steps.append(step)
+        values = add_step(values, step)
     struts = tuple(_build_strut(table, row, s, judged, folder) for s, row in enumerate(rows))
     return FleetSeries(
         table.quantity,
@@ -395,7 +488,57 @@ def _compare_struts(
         {name: _estimate_coefficient(population, several[0]) for name, several in places.items()},
         find_threshold(chance, population.freedom),
         judged.n_tests,
+        tuple(_build_step(step, first_day) for step in steps),
+        tuple(_find_drifts(table.quantity, struts, settings, chance)),
     )
+
+
+def _find_drifts(
+    quantity: Quantity, struts: Sequence[Strut], settings: FleetSettings, chance: float
+) -> Iterator[StrutDrift]:
+    """Yield the struts whose trend departs from that of the others by more than these differ among each other."""
+    known = [each for each in struts if each.trend_per_year.value is not None and len(each.flights) > 2]
+    value = np.array([each.trend_per_year.value for each in known], dtype=float)
+    std = np.array([each.trend_per_year.std for each in known], dtype=float)
+    usual, spread, freedom = 0.0, 0.0, math.inf
+    if value.size >= settings.few:
+        usual = float(np.median(value))
+        # The spread beyond the standard deviations, from the median so that a strut that drifts does not hide itself.
+        square = (float(np.median(np.abs(value - usual))) / _MAD_OF_NORMAL) ** 2 - float(np.median(std)) ** 2
+        spread, freedom = math.sqrt(max(0.0, square)), float(value.size - 1)
+    departure = (value - usual) / np.sqrt(std**2 + spread**2)
+    limit = find_threshold(chance, freedom)
+    for strut, each in zip(known, departure, strict=True):
+        if abs(each) > limit:
+            yield StrutDrift(quantity, strut.tail, strut.trend_per_year, usual, float(each))
+
+
+def _judge_all(values: FleetValues, settings: FleetSettings, chance: float) -> tuple[Population, Judged, BoolArray]:
+    """Fit the fleet and judge its flights, until neither the flags nor the scatter of the struts move any more."""
+    used, tempers = values.is_there.copy(), None
+    for _ in range(settings.rounds):
+        population = fit_population(values, used)
+        judged = judge_flights(values, population, used, settings, chance, tempers)
+        again = find_tempers(judged, tempers, settings)
+        # What follows a change does not tell about the trend and the scatter of an unchanged strut.
+        before = values.is_there & ~np.logical_or.accumulate(judged.changed_at, axis=1)
+        is_settled = tempers is not None and np.allclose(again.factor, tempers.factor, rtol=_SETTLED)
+        if (before == used).all() and is_settled:
+            break
+        used, tempers = before, again
+    return population, judged, used
+
+
+def _build_step(step: CommonStep, first_day: float) -> tuple[date, Estimate]:
+    """The day of a step of all struts, and its size as a fraction."""
+    day = date(1970, 1, 1) + timedelta(days=round(first_day + step.years * _DAYS_A_YEAR))
+    return day, _convert_to_fraction(step.size, step.std)
+
+
+def _convert_to_fraction(size: float, std: float) -> Estimate:
+    """A change of the logarithm as a fraction, with its interval."""
+    ends = math.expm1(size - 1.96 * std), math.expm1(size + 1.96 * std)
+    return Estimate(math.expm1(size), math.exp(size) * std, ends)
 
 
 def _estimate_coefficient(population: Population, index: int) -> Estimate:
@@ -427,9 +570,7 @@ def _build_strut(table: FleetTable, row: FloatArray, s: int, judged: Judged, fol
         )
     for start, end in pairwise(starts):
         size, std = float(judged.size[s, start]), float(judged.size_std[s, start])
-        fraction = Estimate(
-            math.expm1(size), math.exp(size) * std, (math.expm1(size - 1.96 * std), math.expm1(size + 1.96 * std))
-        )
+        fraction = _convert_to_fraction(size, std)
         first = flights[start]
         changes.append(
             StrutChange(
@@ -445,7 +586,27 @@ def _build_strut(table: FleetTable, row: FloatArray, s: int, judged: Judged, fol
             )
         )
     trend = Estimate.normal(float(judged.trend[s]), float(judged.trend_std[s]))
-    return Strut(tail, tuple(flights), trend, tuple(changes))
+    return Strut(tail, tuple(flights), trend, *_set_lone_apart(changes))
+
+
+def _set_lone_apart(changes: Sequence[StrutChange]) -> tuple[tuple[StrutChange, ...], tuple[StrutChange, ...]]:
+    """Return the changes, and apart from them those of one flight after which the values come back."""
+    lasting, lone = [], []
+    rest = list(changes)
+    while rest:
+        change = rest.pop(0)
+        if change.n_flights == 1 and rest and _comes_back(change, rest[0]):
+            lone.append(change)
+            rest.pop(0)
+        else:
+            lasting.append(change)
+    return tuple(lasting), tuple(lone)
+
+
+def _comes_back(change: StrutChange, following: StrutChange) -> bool:
+    there, back = change.fraction, following.fraction
+    left = math.log1p(there.value or 0.0) + math.log1p(back.value or 0.0)
+    return abs(left) < 1.96 * math.hypot(there.std or 0.0, back.std or 0.0)
 
 
 def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: Sequence[FleetSeries]) -> Iterator[str]:
@@ -466,14 +627,23 @@ def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: 
                 "or no covariate, or are not clearly positive"
             )
     for each in series:
-        of_day: dict[tuple[date, bool], int] = {}
-        for strut in each.struts:
-            for change in strut.changes:
-                key = change.date, change.departure > 0
-                of_day[key] = of_day.get(key, 0) + 1
-        for (day, rises), n in of_day.items():
-            if n > max(2, 0.2 * len(each.struts)):
-                yield (
-                    f"{each.quantity.label} {'rises' if rises else 'falls'} in {n} struts on {day}: the cause is "
-                    "probably common to them (temperature, loading, a sensor) and not the struts"
-                )
+        yield from (
+            f"{change.subject} in {change.flight!r} ({change.date}) alone: the flights after it "
+            "are as those before, so it is no change of the strut"
+            for strut in each.struts
+            for change in strut.lone
+        )
+        what = each.quantity.label + (f" of {each.quantity.gear!r}" if each.quantity.gear else "")
+        for day, fraction in each.common_steps:
+            low, high = fraction.interval95 or (math.nan, math.nan)
+            by = f"{100 * (fraction.value or 0.0):+.1f} % ({100 * low:+.1f} to {100 * high:+.1f} %)"
+            yield (
+                f"{what} changes by {by} in all struts about {day}: the cause is common to them (temperature, loading, a sensor, a new track) and no "
+                "strut is flagged for it"
+            )
+        trend = each.trend_per_year
+        if len(each.struts) > 1 and abs(trend.value or 0.0) > each.threshold * (trend.std or math.inf):
+            yield (
+                f"{what} changes by {100 * (trend.value or 0.0):+.1f} % a year in all struts: the cause is common to "
+                "them (age, or what no covariate tells) and no strut is flagged for it"
+            )

@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
+from scipy.special import digamma, polygamma
 from scipy.stats import norm, t as student
 
 from opid.signals.recording import FloatArray
@@ -34,6 +36,10 @@ class FleetSettings:
             small one.
         step_std: standard deviation of a change, as a logarithm, once it is flagged: the new level is as good as
             unknown.
+        most_uncertain: nor where its departure has more than so many times the standard deviation of the mean itself:
+            what is expected of it is then hardly known, and an error in it would be taken for a change.
+        candidates: days at which a step of all struts is looked for, and again around the best of them.
+        few: fewer struts do not show how much struts differ in scatter or trend.
         most_std: a mean is not judged where its departure has a larger standard deviation, as a logarithm.
         values_per_coefficient: a covariate gets a square, too, where there are at least so many values for each
             coefficient.
@@ -45,8 +51,11 @@ class FleetSettings:
     windows: tuple[int, ...] = (1, 2, 3)
     step_std: float = 1.0
     most_std: float = 0.3
+    most_uncertain: float = 4.0
+    few: int = 5
+    candidates: int = 40
     values_per_coefficient: int = 20
-    rounds: int = 5
+    rounds: int = 8
     clear_std: float = 5.0
 
 
@@ -119,9 +128,9 @@ def fit_population(values: FleetValues, is_used: BoolArray) -> Population:
         is_used: the flights that are fitted, (S, N).
     """
     used = is_used & values.is_there
-    # the logarithm of a stiffness in N/m is about 13, whose square would drown the gradient of the misfit in rounding
-    middle = float(values.y[used].mean())
-    values = replace(values, y=values.y - middle)
+    # The logarithm of a stiffness in N/m is about 13; its square over that of 0.005 would drown the misfit in rounding.
+    offset, *_ = np.linalg.lstsq(values.fixed[used], values.y[used], rcond=None)
+    values = replace(values, y=values.y - values.fixed @ offset)
     typical = float(np.median(values.std[used]))
     n, p, n_struts = int(used.sum()), values.fixed.shape[-1], int(used.any(axis=1).sum())
     floor = 2 * math.log(1e-3 * typical)
@@ -140,12 +149,16 @@ def fit_population(values: FleetValues, is_used: BoolArray) -> Population:
 
     start = 2 * np.log([typical, max(typical, 1e-2), max(typical, 1e-2)])[: 3 if has_trend else 2]
     bounds = [(floor, 2 * math.log(10.0))] * start.size
-    found = min((minimize(misfit, start + shift, method="L-BFGS-B", bounds=bounds) for shift in (0.0, -4.0)), key=_cost)
+    # A simplex needs no gradient, and what rounding leaves of one ends a descent far from the minimum.
+    accuracy = {"xatol": 1e-3, "fatol": 1e-4, "maxiter": 2000}
+    found = min(
+        (minimize(misfit, start + s, method="Nelder-Mead", bounds=bounds, options=accuracy) for s in (0.0, -4.0)),
+        key=_find_cost,
+    )
     scatter, level, trend = variances(found.x)
     sums = _sum_over_flights(values, used, scatter, level, trend)
     covariance = np.linalg.inv(sums.xx.sum(axis=0) + np.eye(p) / _VAGUE)
-    coefficients = covariance @ sums.xy.sum(axis=0)
-    coefficients[0] += middle
+    coefficients = offset + covariance @ sums.xy.sum(axis=0)
     freedom = max(1.0, n - p - n_struts)
     return Population(
         math.sqrt(scatter),
@@ -157,8 +170,8 @@ def fit_population(values: FleetValues, is_used: BoolArray) -> Population:
     )
 
 
-def _cost(found: object) -> float:
-    return float(found.fun)  # type: ignore[attr-defined]
+def _find_cost(found: Any) -> float:
+    return float(found.fun)
 
 
 def _sum_over_flights(values: FleetValues, used: BoolArray, scatter: float, level: float, trend: float) -> _Sums:
@@ -179,6 +192,72 @@ def _sum_over_flights(values: FleetValues, used: BoolArray, scatter: float, leve
         np.einsum("sn,sn->s", y, weight * y) - np.einsum("si,sij,sj->s", own_y, shrink, own_y),
         log_det + np.where(used, np.log(variance), 0.0).sum(axis=1),
     )
+
+
+@dataclass(frozen=True)
+class CommonStep:
+    """A step of all struts at once.
+
+    Args:
+        years: when it happens, years after the first flight of all.
+        size: as a logarithm.
+        std: its standard deviation.
+    """
+
+    years: float
+    size: float
+    std: float
+
+
+def find_common_step(
+    values: FleetValues, population: Population, is_used: BoolArray, settings: FleetSettings, chance: float
+) -> CommonStep | None:
+    """Find the day on which all struts change at once by more than chance explains; None where there is none.
+
+    Each candidate is a further coefficient that all struts have in common, beside those of trend and covariates.
+
+    Args:
+        values: of the fleet.
+        population: from `fit_population`.
+        is_used: the flights that are fitted, (S, N).
+        settings: the tuned numbers.
+        chance: two-sided chance of each comparison to be flagged if nothing changed.
+    """
+    used = is_used & values.is_there
+    days = np.unique(values.years[used])[1:]
+    if values.y.shape[0] < settings.few or days.size < 2:
+        return None
+    limit = find_threshold(chance, population.freedom)
+    variances = population.scatter**2, population.level**2, population.trend**2
+    centred = replace(values, y=values.y - values.fixed @ population.coefficients)
+    found: dict[int, CommonStep] = {}
+
+    def try_days(first: int, last: int) -> int:
+        for k in map(int, np.unique(np.linspace(first, last, settings.candidates).round())):
+            step = (values.years >= days[k]).astype(float)
+            both = (used & (step > 0)).any(axis=1) & (used & (step == 0)).any(axis=1)
+            if k in found or both.sum() < settings.few:
+                continue
+            more = replace(centred, fixed=np.concatenate([values.fixed, step[..., None]], axis=-1))
+            sums = _sum_over_flights(more, used, *variances)
+            covariance = np.linalg.inv(sums.xx.sum(axis=0) + np.eye(more.fixed.shape[-1]) / _VAGUE)
+            size = float((covariance @ sums.xy.sum(axis=0))[-1])
+            found[k] = CommonStep(float(days[k]), size, math.sqrt(covariance[-1, -1]))
+        return max(found, key=lambda k: abs(found[k].size) / found[k].std, default=-1)
+
+    best = try_days(0, days.size - 1)
+    if best < 0:
+        return None
+    width = days.size // settings.candidates + 1
+    best = try_days(max(0, best - width), min(days.size - 1, best + width))
+    step = found[best]
+    return step if abs(step.size) > limit * step.std else None
+
+
+def add_step(values: FleetValues, step: CommonStep) -> FleetValues:
+    """Return the flights with a step that all struts have in common as a further coefficient."""
+    column = (values.years >= step.years).astype(float)
+    return replace(values, fixed=np.concatenate([values.fixed, column[..., None]], axis=-1))
 
 
 # ---- one flight after the other ------------------------------------------------------------------------
@@ -231,16 +310,24 @@ class _State:
         self.mean[rows], self.covariance[rows] = other.mean[rows], other.covariance[rows]
 
     def update(self, h: FloatArray, y: FloatArray, variance: FloatArray, rows: BoolArray) -> None:
-        """Take a flight of some struts into account (Kalman 1960)."""
+        """Take a flight of some struts into account (Kalman 1960), in the form of Joseph, which stays positive."""
         ph = np.einsum("sij,sj->si", self.covariance, h)
         gain = ph / (np.einsum("si,si->s", h, ph) + variance)[:, None]
         step = gain * (y - np.einsum("si,si->s", h, self.mean))[:, None]
+        kept = np.eye(h.shape[1]) - gain[:, :, None] * h[:, None, :]
+        after = kept @ self.covariance @ kept.transpose(0, 2, 1)
+        after += variance[:, None, None] * gain[:, :, None] * gain[:, None, :]
         self.mean[rows] += step[rows]
-        self.covariance[rows] -= (gain[:, :, None] * ph[:, None, :])[rows]
+        self.covariance[rows] = after[rows]
 
 
 def judge_flights(
-    values: FleetValues, population: Population, is_used: BoolArray, settings: FleetSettings, chance: float
+    values: FleetValues,
+    population: Population,
+    is_used: BoolArray,
+    settings: FleetSettings,
+    chance: float,
+    tempers: Tempers | None = None,
 ) -> Judged:
     """Compare each flight of each strut with its flights before and with the other struts.
 
@@ -255,11 +342,15 @@ def judge_flights(
         is_used: the flights from which the common coefficients are taken, (S, N).
         settings: the tuned numbers.
         chance: two-sided chance of each comparison to be flagged if nothing changed.
+        tempers: how much each strut scatters; all alike if None.
     """
-    limit = find_threshold(chance, population.freedom)
+    limit = np.full(values.y.shape[0], find_threshold(chance, population.freedom))
     n_struts, n_flights, p = values.fixed.shape
     h = np.concatenate([values.fixed, values.own], axis=-1)
     variance = values.std**2 + population.scatter**2
+    if tempers is not None:
+        limit = np.maximum(limit, student.isf(chance / 2, np.minimum(tempers.freedom, 1e6)))
+        variance = variance * tempers.factor[:, None]
     state = _State(*_find_priors(values, population, is_used))
     shape = (n_struts, n_flights)
     expected, spread, departure, strongest, window, size, size_std = (np.full(shape, np.nan) for _ in range(7))
@@ -285,7 +376,8 @@ def judge_flights(
                 continue
             part = slice(start, n + 1)
             mean, std = _compare(before[start], h[:, part], values.y[:, part], variance[:, part])
-            can &= std < settings.most_std
+            own = np.sqrt(1 / (1 / variance[:, part]).sum(axis=1))
+            can &= (std < settings.most_std) & (std < settings.most_uncertain * own)
             n_tests += int(can.sum())
             now = can & (np.abs(mean) > limit * std)
             for s in map(int, np.flatnonzero(now)):
@@ -313,6 +405,64 @@ def judge_flights(
     return Judged(
         expected, spread, departure, changed, strongest, window, size, size_std, n_tests, state.mean @ slope, trend_std
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Tempers:
+    """How much each strut scatters beside the others, and how often a flight is far off.
+
+    Args:
+        factor: of the variance of each strut, (S,).
+        freedom: of Student's distribution of its departures, (S,).
+    """
+
+    factor: FloatArray
+    freedom: FloatArray
+
+
+def find_tempers(judged: Judged, before: Tempers | None, settings: FleetSettings) -> Tempers:
+    """Find the scatter of each strut, moderated by that of all (Smyth 2004), and the tails that all have in common.
+
+    The variances of the struts are draws of one distribution, found by its moments, and each is drawn towards their
+    mean as far as its flights are few. The tails are those of Student's distribution, fitted to all departures.
+
+    Args:
+        judged: the flights as they were judged.
+        before: with which they were judged.
+        settings: the tuned numbers.
+    """
+    n_struts = judged.departure.shape[0]
+    factor, freedom = np.ones(n_struts), np.full(n_struts, np.inf)
+    scale = np.ones(n_struts) if before is None else before.factor
+    z = np.where(judged.changed_at, np.nan, judged.departure) * np.sqrt(scale)[:, None]
+    n = np.isfinite(z).sum(axis=1).astype(float)
+    square = np.nansum(z**2, axis=1) / np.maximum(n, 1.0)
+    known = (n >= 2) & (square > 0)
+    if known.sum() >= settings.few:
+        centred = np.log(square[known]) - digamma(n[known] / 2) + np.log(n[known] / 2)
+        by_chance = float(polygamma(1, n[known] / 2).mean())
+        excess = float(centred.var(ddof=1)) - by_chance
+        # chance alone spreads the variances of struts, and the spread has an error of its own
+        if excess > 2 * by_chance * math.sqrt(2 / known.sum()):
+            own = brentq(lambda each: float(polygamma(1, each / 2)) - excess, 1e-3, 1e6)
+            typical = math.exp(float(centred.mean()) + float(digamma(own / 2)) - math.log(own / 2))
+            factor = np.maximum(1.0, (own * typical + n * square) / (own + n))
+            freedom = own + n
+    left = z / np.sqrt(factor)[:, None]
+    left = left[np.isfinite(left)]
+    if left.size >= settings.values_per_coefficient:
+        width = float(left.std())
+        start, bounds = [math.log(8.0), math.log(width)], [(math.log(2.1), math.log(200.0)), (-3.0, 3.0)]
+        found = minimize(_misfit_of_tails, start, (left,), method="L-BFGS-B", bounds=bounds)
+        normal = left.size * math.log(width) - float(norm.logpdf(left / width).sum())
+        if normal - found.fun > 2.0:
+            freedom = np.minimum(freedom, math.exp(found.x[0]))
+            factor = factor * math.exp(2 * found.x[1])
+    return Tempers(factor, freedom)
+
+
+def _misfit_of_tails(theta: FloatArray, values: FloatArray) -> float:
+    return float(values.size * theta[1] - student.logpdf(values / np.exp(theta[1]), np.exp(theta[0])).sum())
 
 
 def find_threshold(chance: float, freedom: float) -> float:
