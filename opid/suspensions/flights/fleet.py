@@ -598,9 +598,17 @@ def _set_lone_apart(changes: Sequence[StrutChange]) -> tuple[tuple[StrutChange, 
         if change.n_flights == 1 and rest and _comes_back(change, rest[0]):
             lone.append(change)
             rest.pop(0)
+        elif change.n_flights > change.n_needed and not _lasts(change):
+            lone.append(change)
         else:
             lasting.append(change)
     return tuple(lasting), tuple(lone)
+
+
+def _lasts(change: StrutChange) -> bool:
+    """Whether the flights since a change, taken together, are still unlike those before it."""
+    low, high = change.fraction.interval95 or (math.nan, math.nan)
+    return low > 0 or high < 0
 
 
 def _comes_back(change: StrutChange, following: StrutChange) -> bool:
@@ -638,8 +646,8 @@ def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: 
             low, high = fraction.interval95 or (math.nan, math.nan)
             by = f"{100 * (fraction.value or 0.0):+.1f} % ({100 * low:+.1f} to {100 * high:+.1f} %)"
             yield (
-                f"{what} changes by {by} in all struts about {day}: the cause is common to them (temperature, loading, a sensor, a new track) and no "
-                "strut is flagged for it"
+                f"{what} changes by {by} in all struts about {day}: the cause is common to them (temperature, loading, "
+                "a sensor, a new track) and no strut is flagged for it"
             )
         trend = each.trend_per_year
         if len(each.struts) > 1 and abs(trend.value or 0.0) > each.threshold * (trend.std or math.inf):
