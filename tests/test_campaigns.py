@@ -150,6 +150,34 @@ def test_semicolons_come_with_decimal_commas_and_names_stay_text(fleet):
     assert (flight.tail, flight.covariates) == ("007", {"change_kg": -220.5, "temperature_c": 12.5})
 
 
+def test_only_what_is_written_as_a_date_is_one(fleet):
+    """A serial number like 20260101, which date.fromisoformat takes, stays what it is."""
+    (fleet / "template.toml").write_text(TEMPLATE.replace("{flight}", "{log}"))
+    (fleet / "flights.csv").write_text("flight,tail,log,change_kg,serial\n20260101,2026-W01,f1,-220,20260101\n")
+    (flight,) = read_campaign(fleet / "fleet.toml").flights
+    assert (flight.name, flight.tail, flight.covariates["serial"]) == ("20260101", "2026-W01", 20260101.0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("flight,change_kg\nf1,-220,5", "3 cells in row 1 where the head has 2"),
+        ('flight,change_kg\nf1,"-220\nf2,-220', "line 3"),
+        ("flight,change_kg,change_kg\nf1,-220,-220", "the column 'change_kg' 2 times"),
+        ("flight,change_kg,\nf1,-220,1", "a column without a name"),
+        ("flight,change_kg\nf1," + "9" * 400, "give a finite one"),
+        ("flight,change_kg\nf1,inf", "give a finite one"),
+        ("flight,change_kg\nf1," + "x" * 200_000, "field larger than field limit"),
+        ("flight,change_kg\n" + "f" * 300 + ",-220", "cannot name its log"),
+    ],
+)
+def test_a_table_that_would_be_misread_is_refused(fleet, rows, said):
+    (fleet / "flights.csv").write_text(rows + "\n")
+    with pytest.raises(InputError) as error:
+        read_campaign(fleet / "fleet.toml")
+    assert said in str(error.value)
+
+
 # ---- one flight --------------------------------------------------------------------------------------
 
 
@@ -181,6 +209,19 @@ def test_a_flight_is_identified_again_after_a_change_of_its_log_or_of_the_option
     lines = log.read_text().splitlines()
     log.write_text("\n".join(lines[:-1]) + "\n")
     assert run_task(task).is_new
+
+
+def test_a_result_outlives_its_logs_and_is_made_again_where_it_was_edited(fleet, tmp_path):
+    task = build_task(fleet, tmp_path)
+    first = run_task(task).outcome
+    shutil.move(fleet / "f1", fleet / "archive")
+    kept = run_task(task)
+    assert (kept.is_new, kept.outcome.flight.values) == (False, first.flight.values)
+    shutil.move(fleet / "archive", fleet / "f1")
+    result = task.folder / "result.json"
+    result.write_text(result.read_text().replace('"value": 1', '"value": 2'))
+    again = run_task(task)
+    assert (again.is_new, again.outcome.flight.values) == (True, first.flight.values)
 
 
 def test_a_flight_without_its_logs_has_failed_and_is_tried_again(fleet, tmp_path):
@@ -347,8 +388,35 @@ def test_bad_campaigns_are_refused_before_any_work(logs, tmp_path):
         run_campaign(replace(plan, flights=(named,)), tmp_path)
     with pytest.raises(InputError, match="2 flights would write into flights/D-1/f1"):
         run_campaign(replace(plan, flights=plan.flights[:1] * 2), tmp_path)
+    beside = replace(plan.flights[0], name="D-1", tail="")
+    with pytest.raises(InputError, match="'D-1' is the name of a flight without a tail number, and a tail number"):
+        run_campaign(replace(plan, flights=(plan.flights[0], beside)), tmp_path)
+    none = replace(plan.flights[0], tail="__HIVE_DEFAULT_PARTITION__")
+    with pytest.raises(InputError, match="cannot be a tail number"):
+        run_campaign(replace(plan, flights=(none,)), tmp_path)
     with pytest.raises(InputError, match=r"there is no scheduler at 'tcp://127.0.0.1:1'"):
         run_campaign(plan, tmp_path, scheduler="tcp://127.0.0.1:1", engine=EngineSettings(connection_s=1.0))
+
+
+def test_a_scheduler_without_workers_is_refused(logs, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    from opid.campaigns.engine import EngineSettings, run_campaign
+
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster:
+        address = cluster.scheduler_address
+        with pytest.raises(InputError, match="has no worker: start some with `dask worker"):
+            run_campaign(
+                read_campaign(logs / "fleet.toml"), tmp_path, scheduler=address, engine=EngineSettings(connection_s=1.0)
+            )
+
+
+def test_the_folder_of_another_campaign_is_not_replaced(tmp_path):
+    from opid.campaigns.engine import refuse_another
+
+    (tmp_path / "campaign.json").write_text('{"title": "Other flights"}')
+    with pytest.raises(InputError, match="holds the campaign 'Other flights', and this one is 'Three flights'"):
+        refuse_another("Three flights", tmp_path)
+    refuse_another("Other flights", tmp_path)
 
 
 def test_a_dataset_that_is_none_is_refused(tmp_path):

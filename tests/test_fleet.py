@@ -284,3 +284,13 @@ def test_a_flight_that_stands_alone_is_no_change():
     found = compare_fleet(replace(dataset, tables=(replace(table, value=value),)))
     assert not found.changes
     assert any("alone: the flights after it are as those before" in each for each in found.warnings)
+
+
+def test_a_copy_of_a_flight_is_no_further_flight():
+    dataset, _ = draw_fleet(np.random.default_rng(16), **USUAL)
+    (table,) = dataset.tables
+    arrays = {name: np.tile(getattr(table, name), 2) for name in ("tail", "flight", "day", "value", "std", "folder")}
+    doubled = replace(table, covariates={name: np.tile(x, 2) for name, x in table.covariates.items()}, **arrays)
+    once, twice = (compare_fleet(replace(dataset, tables=(each,))) for each in (table, doubled))
+    assert twice.series[0].n_tests == once.series[0].n_tests
+    assert any("copies of others" in each for each in twice.warnings)

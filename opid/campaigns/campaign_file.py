@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,6 +24,11 @@ Cell = str | int | float | date
 
 NAME, TAIL, DATE, STUDY = "flight", "tail", "date", "study"
 """Columns of the table of flights that have a meaning of their own."""
+
+_LARGEST = 1e100
+"""Numbers beyond it are slips, and their squares would overflow."""
+
+_MOST_FAULTS = 6
 
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _OF_STUDIES = {"run"}
@@ -132,42 +139,74 @@ def read_campaign(path: str | os.PathLike[str]) -> CampaignPlan:
 
 
 def read_rows(path: Path) -> list[dict[str, Cell]]:
-    """Read a table of flights: a CSV file with a head; cells become numbers or dates where they are such.
+    """Read a table of flights: a CSV file with a head; its cells stay texts, and empty ones are left out.
 
     Args:
         path: the file; its columns stand apart by commas, or by semicolons (numbers may then have decimal commas).
 
     Raises:
-        InputError: it cannot be read, or has no row below its head.
+        InputError: it cannot be read, has no row below its head, a head without a name or with one twice, a row with
+            more cells than the head, or a quotation mark that is not closed.
     """
     try:
-        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(
             f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
         ) from error
     except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
         raise InputError(f"the table of flights {path} is no UTF-8 text: give a CSV file") from error
-    delimiter = ";" if lines and ";" in lines[0] else ","
-    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
-    if not rows:
-        raise InputError(f"the table of flights {path} has no row below its head: give one for each flight")
-    is_comma = delimiter == ";"
-    return [
-        {name: _read_cell(cell, is_comma=is_comma) for name, cell in zip(head, row, strict=False) if cell}
-        for row in rows
+    is_comma = ";" in text.partition("\n")[0]
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if is_comma else ",", strict=True)
+    try:
+        head, *rows = [[cell.strip() for cell in row] for row in reader if any(map(str.strip, row))] or [[]]
+    except csv.Error as error:
+        raise InputError(f"the table of flights {path}, line {reader.line_num}: {error}: mend this line") from error
+    faults = ["a column without a name in its head"] if "" in head else []
+    faults += [f"the column {name!r} {n} times" for name, n in Counter(head).items() if n > 1 and name]
+    faults += [
+        f"{len(row)} cells in row {number} where the head has {len(head)} (put a number with a decimal comma in "
+        "quotation marks)"
+        for number, row in enumerate(rows, start=1)
+        if len(row) > len(head)
     ]
+    if not rows:
+        faults.append("no row below its head")
+    if faults:
+        raise InputError(f"the table of flights {path} has {'; '.join(faults[:_MOST_FAULTS])}: mend it")
+    mend = _with_decimal_point if is_comma else str
+    return [{name: mend(cell) for name, cell in zip(head, row, strict=False) if cell} for row in rows]
 
 
-def _read_cell(text: str, *, is_comma: bool) -> Cell:
-    with suppress(ValueError):
-        return date.fromisoformat(text)
-    number = text.replace(",", ".") if is_comma else text
-    # a name like 007 or 1e5 in the place of a name is taken back as text by whoever needs one
-    for kind in (int, float):
+def _with_decimal_point(text: str) -> str:
+    """A number with a decimal comma as one with a point; any other text as it is."""
+    return text.replace(",", ".") if re.fullmatch(r"[+-]?\d*,\d+", text) else text
+
+
+def _find_number(cell: Cell) -> int | float | None:
+    """The number of a cell, which is a text in a CSV file and has a type in TOML; None if it is none.
+
+    Raises:
+        InputError: a number without an end.
+    """
+    if isinstance(cell, bool) or not isinstance(cell, str | int | float):
+        return None
+    number: int | float | None = cell if not isinstance(cell, str) else None
+    for kind in (int, float) if number is None else ():
         with suppress(ValueError):
-            return kind(number) if str(int(number) if kind is int else number) == number else text
-    return text
+            number = kind(cell)
+            break
+    if number is not None and not abs(number) < _LARGEST:
+        raise InputError(f"has the number {str(cell)[:40]}: give a finite one, below {_LARGEST:g}")
+    return number
+
+
+def _find_date(cell: Cell) -> date | None:
+    """The date of a cell; None if it is none."""
+    if isinstance(cell, str) and re.fullmatch(r"\d{4}-\d\d-\d\d", cell):
+        with suppress(ValueError):
+            return date.fromisoformat(cell)
+    return cell if type(cell) is date else None
 
 
 # ---- rows -> flights ----------------------------------------------------------------------------------
@@ -202,17 +241,16 @@ def _plan_flights(
 
 
 def _plan_flight(name: str, tail: str, row: Mapping[str, Cell], document: Document, source: Path) -> PlannedFlight:
-    day = row.get(DATE)
-    if day is not None and type(day) is not date:
-        raise InputError(f"has the {DATE} {day!r}: give one like 2026-03-01")
+    day = None if DATE not in row else _find_date(row[DATE])
+    if DATE in row and day is None:
+        raise InputError(f"has the {DATE} {str(row[DATE])!r}: give one like 2026-03-01")
     filled = _fill_in(document, row)
     filled.setdefault("title", name)
     if day is not None:
         filled["date"] = day
     stated = filled.get("date")
-    numbers = {
-        key: float(cell) for key, cell in row.items() if isinstance(cell, int | float) and key not in (NAME, TAIL)
-    }
+    cells = {key: _find_number(cell) for key, cell in row.items() if key not in (NAME, TAIL, STUDY, DATE)}
+    numbers = {key: float(cell) for key, cell in cells.items() if cell is not None}
     return PlannedFlight(
         name=name,
         tail=tail,
@@ -236,7 +274,9 @@ def _fill_in(value: Any, row: Mapping[str, Cell]) -> Any:
             raise InputError(f"has no cell for {{{name}}} in the study ({nearest(name, row)})")
     whole = _PLACEHOLDER.fullmatch(value)
     if whole and whole[1] in row:
-        return row[whole[1]]  # a number stays a number
+        cell = row[whole[1]]
+        # A text that is a number or a date as a whole becomes one, as the study needs it.
+        return next((each for each in (_find_date(cell), _find_number(cell)) if each is not None), cell)
     return _PLACEHOLDER.sub(lambda found: str(row.get(found[1], found[0])), value)
 
 

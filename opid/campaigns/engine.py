@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import secrets
@@ -17,8 +18,8 @@ from opid.campaigns.campaign_file import CampaignPlan, PlannedFlight
 from opid.campaigns.flight_task import Done, FlightTask, TaskSettings, run_task
 from opid.errors import InputError, require
 from opid.signals.files import make_directory
-from opid.suspensions.flights.campaign import DATASET, Campaign, Outcome, Verdict
-from opid.suspensions.flights.dataset import columns, require_dataset, write_part
+from opid.suspensions.flights.campaign import DATASET, INDEX_FILE, Campaign, Outcome, Verdict
+from opid.suspensions.flights.dataset import RESERVED_TAILS, columns, require_dataset, write_part
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -48,6 +49,26 @@ class EngineSettings:
 
 
 DEFAULTS = EngineSettings()
+
+
+def refuse_another(title: str, directory: Path) -> None:
+    """Refuse a folder that holds another campaign, whose dataset would be replaced.
+
+    Args:
+        title: of the campaign; it stays where a campaign is moved.
+        directory: of the results.
+
+    Raises:
+        InputError: it holds a campaign of another title.
+    """
+    other = title
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        other = json.loads((directory / INDEX_FILE).read_text(encoding="utf-8"))["title"]
+    if other != title:
+        raise InputError(
+            f"{directory} holds the campaign {other!r}, and this one is {title!r}: choose another folder, or overwrite "
+            "with --force"
+        )
 
 
 def run_campaign(
@@ -113,6 +134,11 @@ def _plan_tasks(plan: CampaignPlan, target: Path, settings: TaskSettings, is_for
     for folder, n in folders.items():
         if n > 1:
             raise InputError(f"{n} flights would write into flights/{folder}: give each a name of its own")
+    above = {flight.tail for flight in plan.flights} & folders.keys()
+    for name in sorted(above - {""}):
+        raise InputError(f"{name!r} is the name of a flight without a tail number, and a tail number: rename one")
+    for name in sorted({flight.tail for flight in plan.flights} & RESERVED_TAILS):
+        raise InputError(f"{name!r} cannot be a tail number: readers of the dataset take it for none")
     order: dict[str, list[PlannedFlight]] = {}
     for flight in plan.flights:
         order.setdefault(flight.tail, []).append(flight)
@@ -170,6 +196,12 @@ def connect(workers: int | None, scheduler: str | None, engine: EngineSettings =
                 "tcp://10.0.0.1:8786"
             ) from error
         with client:
+            try:
+                client.wait_for_workers(1, timeout=engine.connection_s)
+            except TimeoutError as error:
+                raise InputError(
+                    f"the scheduler at {scheduler!r} has no worker: start some with `dask worker {scheduler}`"
+                ) from error
             yield client
         return
     if workers is not None and workers < 1:
@@ -181,6 +213,8 @@ def connect(workers: int | None, scheduler: str | None, engine: EngineSettings =
             {
                 "distributed.scheduler.allowed-failures": engine.most_deaths,
                 "distributed.admin.log-format": "%(message)s",
+                # Ctrl-C is for the campaign, which ends its workers; each of them would print where it was.
+                "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
             }
         ),
         LocalCluster(

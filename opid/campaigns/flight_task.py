@@ -123,8 +123,12 @@ def _find_outcome(task: FlightTask) -> Outcome | None:
         said = json.loads((task.folder / OUTCOME_FILE).read_text(encoding="utf-8"))
         files = tuple(ReadFile(**each) for each in said["files"])
         is_same = said["task_sha256"] == task.digest and not said["is_to_be_repeated"]
+        if said["result_sha256"] is not None:
+            is_same = is_same and read_file(task.folder / RESULT_FILE).sha256 == said["result_sha256"]
         has_more_time = said["time_limit_s"] is not None and said["time_limit_s"] < task.settings.time_limit_s
-        if is_same and not has_more_time and all(read_file(Path(each.name)) == each for each in files):
+        # A log that is no longer there, because it was archived or its disk is not mounted, has not changed.
+        there = [each for each in files if Path(each.name).exists()]
+        if is_same and not has_more_time and all(read_file(Path(each.name)) == each for each in there):
             return _build_outcome(task, Verdict(said["verdict"]), said["reason"], files)
     except (OSError, ValueError, KeyError, TypeError):
         pass  # there is none, or it is not whole
@@ -187,6 +191,7 @@ def _leave(
         "is_to_be_repeated": is_to_be_repeated,
         "time_limit_s": time_limit_s,
         "task_sha256": task.digest,
+        "result_sha256": hashlib.sha256(contents[RESULT_FILE]).hexdigest() if RESULT_FILE in contents else None,
         "files": [asdict(each) for each in files],
     }
     # a result of an earlier run is no longer that of this task

@@ -53,7 +53,7 @@ def campaign(
     Exit status 0: each flight was tried. 1: none of them has an answer. 2: bad input.
     """
     from opid.campaigns.campaign_file import read_campaign
-    from opid.campaigns.engine import run_campaign
+    from opid.campaigns.engine import refuse_another, run_campaign
     from opid.campaigns.flight_task import TaskSettings
     from opid.cli.group import NotDetermined, progress, result_name
     from opid.report import text, write_report
@@ -65,6 +65,8 @@ def campaign(
         raise InputError(f"--time-limit is {time_limit_s:g}: give a positive number of seconds")
     plan = read_campaign(source)
     directory = out or Path(f"{result_name(source)}_campaign")
+    if not overwrite:
+        refuse_another(plan.title, directory)
     with progress(quiet=quiet) as say:
         found = run_campaign(
             plan,

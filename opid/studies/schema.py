@@ -33,6 +33,9 @@ Document = dict[str, Any]
 Say = Callable[[str], None]
 T = TypeVar("T")
 
+_LONGEST_NAME = 200
+"""Bytes of a name of a file: systems take 255, and endings are added."""
+
 NO_KEY = object()
 """`Annotated[type, NO_KEY]` marks a field that is no key; a field `given` gets the names of the keys in the table."""
 
@@ -324,5 +327,6 @@ def require_plain(what: str, name: str) -> None:
     Raises:
         InputError: it is empty, or has parts.
     """
-    if name in ("", ".", "..") or Path(name).name != name:
+    is_long = len(name.encode("utf-8", "replace")) > _LONGEST_NAME
+    if name in ("", ".", "..") or not name.isprintable() or is_long or Path(name).name != name:
         raise InputError(f"the {what} {name!r} cannot name its log: call it by one plain word")

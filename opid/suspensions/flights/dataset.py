@@ -27,6 +27,9 @@ COVARIATES = "opid.covariates"
 """Key of the metadata of each file: the names of its columns of covariates, separated by line feeds."""
 
 _NO_TAIL = "__HIVE_DEFAULT_PARTITION__"
+
+RESERVED_TAILS = frozenset({_NO_TAIL})
+"""Tail numbers that readers of partitioned datasets take for none."""
 _WHOLE = Quantity("", "", "")
 
 

@@ -409,6 +409,7 @@ def compare_fleet(
 def _keep_judged(table: FleetTable, settings: FleetSettings) -> FleetTable | None:
     """Return the values that have a date, all covariates, and a logarithm; None if no strut has two."""
     is_kept = np.isfinite(table.day) & (table.std > 0) & (table.value > settings.clear_std * table.std)
+    is_kept &= ~_find_copies(table)
     # a covariate that most flights lack explains nothing
     covariates = {name: x for name, x in table.covariates.items() if np.isfinite(x).mean() > 0.5}
     for x in covariates.values():
@@ -426,6 +427,17 @@ def _keep_judged(table: FleetTable, settings: FleetSettings) -> FleetTable | Non
         {name: x[is_kept] for name, x in covariates.items()},
         table.folder[is_kept],
     )
+
+
+def _find_copies(table: FleetTable) -> BoolArray:
+    """The flights of a strut that hold the same numbers as one before them on the same day: they are no new ones."""
+    seen: set[tuple[str, float, float, float]] = set()
+    copies = np.zeros(table.value.size, dtype=bool)
+    rows = zip(map(str, table.tail), table.day.tolist(), table.value.tolist(), table.std.tolist(), strict=True)
+    for k, row in enumerate(rows):
+        copies[k] = row in seen
+        seen.add(row)
+    return copies
 
 
 _Laid = tuple[np.ndarray, FleetValues, dict[str, tuple[int, ...]]]
@@ -625,14 +637,14 @@ def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: 
             f"{n_lost} of {dataset.n_flights} flights have no values and are left out; the index page of the campaign "
             "gives the reasons"
         )
-    kept = {(table.quantity, *each) for table in tables for each in zip(table.tail, table.flight, strict=True)}
+    kept = {table.quantity: table.value.size for table in tables}
     for table in dataset.tables:
-        n_left = sum((table.quantity, *each) not in kept for each in zip(table.tail, table.flight, strict=True))
+        n_left = table.value.size - kept.get(table.quantity, 0)
         if n_left:
             of = f" of {table.quantity.gear!r}" if table.quantity.gear else ""
             yield (
                 f"{n_left} of {table.value.size} values of {table.quantity.label}{of} are left out: they have no date "
-                "or no covariate, or are not clearly positive"
+                "or no covariate, are not clearly positive, or are copies of others"
             )
     for each in series:
         yield from (

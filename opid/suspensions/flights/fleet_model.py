@@ -251,7 +251,9 @@ def find_common_step(
     width = days.size // settings.candidates + 1
     best = try_days(max(0, best - width), min(days.size - 1, best + width))
     step = found[best]
-    return step if abs(step.size) > limit * step.std else None
+    # What is smaller than the scatter of one flight is no change of a strut either, and what is left of a season is so.
+    of_flight = math.hypot(population.scatter, float(np.median(values.std[used])))
+    return step if abs(step.size) > max(limit * step.std, of_flight) else None
 
 
 def add_step(values: FleetValues, step: CommonStep) -> FleetValues:
