@@ -113,7 +113,7 @@ def time_campaign(
         run_campaign(plan, directory, workers=workers, progress=lambda step: moments.append(time.perf_counter()))
     largest = [max(each, default=0.0) for each in memory]
     tenths = [max(part) for part in np.array_split(largest, 10) if len(part)]
-    return moments[-1] - moments[1], tenths
+    return moments[-1] - moments[0], tenths
 
 
 def read_rows(directory: Path) -> list[dict[str, object]]:

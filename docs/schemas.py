@@ -37,7 +37,15 @@ from opid.suspensions.bench.simulation import Simulation
 from opid.suspensions.flights.campaign import SCHEMA as CAMPAIGN, Campaign, Outcome, Verdict
 from opid.suspensions.flights.comparison import SCHEMA as COMPARISON, Change, Comparison
 from opid.suspensions.flights.departures import Point, Series
-from opid.suspensions.flights.fleet import SCHEMA as FLEET, Fleet, FleetSeries, Strut, StrutChange, StrutFlight
+from opid.suspensions.flights.fleet import (
+    SCHEMA as FLEET,
+    Fleet,
+    FleetSeries,
+    Strut,
+    StrutChange,
+    StrutDrift,
+    StrutFlight,
+)
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.own_structure import SCHEMA as STRUCTURE, StructureIdentification
 from opid.suspensions.result import (
@@ -268,9 +276,11 @@ def _fleet() -> Json:
     strut = fields_of(Strut, "tail", "trend_per_year") | {"n_flights": COUNT, "latest": keys(latest)}
     of_all = fields_of(FleetSeries, "scatter", "level", "trend_per_year", "covariates", "threshold", "n_tests")
     own = fields_of(StrutChange, "tail", "flight", "fraction", "departure", "n_needed", "n_flights")
+    steps = array(keys(at | {"fraction": ESTIMATE})) | {"description": "days on which all struts changed at once"}
+    drifts = array(keys(fields_of(StrutDrift, *_names(StrutDrift, "quantity")) | {"statement": TEXT}))
     return fields_of(Fleet, "source", "n_flights", "years", "alarms_per_year", "warnings") | {
         "flagged": FLAG,
-        "series": array(keys(what | of_all | {"struts": array(keys(strut))})),
+        "series": array(keys(what | of_all | {"struts": array(keys(strut)), "common_steps": steps, "drifts": drifts})),
         "changes": array(keys(what | own | at | {"statement": TEXT})),
         "settings": {"type": "object"},
     }

@@ -308,14 +308,15 @@ def ran(logs, tmp_path_factory):
     from opid.campaigns.engine import run_campaign
 
     out, said = tmp_path_factory.mktemp("out"), []
-    found = run_campaign(read_campaign(logs / "fleet.toml"), out, workers=1, progress=said.append)
+    plan = read_campaign(logs / "fleet.toml")
+    found = run_campaign(plan, out, workers=1, announce=said.append, progress=said.append)
     return found, out, said
 
 
 def test_a_campaign_identifies_what_can_be_identified(ran):
     found, out, said = ran
     assert found.counts == {Verdict.IDENTIFIED: 2, Verdict.NOT_DETERMINED: 0, Verdict.FAILED: 1}
-    assert said[0].startswith("dashboard: http")
+    assert said[0].startswith("http")
     assert said[-1].startswith("3 of 3 flights")
     assert (out / "flights" / "D-1" / "f2" / "result.json").is_file()
     assert found.to_dict()["flights"][2]["reason"]

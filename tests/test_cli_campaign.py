@@ -58,7 +58,8 @@ def test_the_help_ends_with_an_example():
 
 def test_a_campaign_writes_an_index_a_dataset_and_a_folder_for_each_flight(ran):
     done, out = ran
-    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.exit_code == 0
+    assert re.fullmatch(r"Dashboard: http\S+\n", done.stderr)
     assert "2 identified." in done.stdout
     assert max(len(line) for line in done.stdout.splitlines() if "Index" not in line) <= 80
     assert f"Index: {out / 'index.html'}" in done.stdout
@@ -147,7 +148,8 @@ def test_the_page_on_fleets_runs_as_written(tmp_path):
     run = {"sh": "{}", "python": f"\"{sys.executable}\" - <<'END'\n{{}}END\n"}
     script = "set -eu\n" + shim + "".join(run[language].format(text) for language, text in shown if language in run)
     done = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, encoding="utf-8")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"Dashboard: http\S+\n", done.stderr)
     assert "6 identified, 1 failed." in done.stdout
     assert done.stdout.count("No change exceeds its uncertainty.") == 2
     assert (tmp_path / "health" / "fleet.json").is_file()

@@ -81,6 +81,7 @@ def run_campaign(
     task_settings: TaskSettings | None = None,
     engine: EngineSettings = DEFAULTS,
     is_forced: bool = False,
+    announce: Say | None = None,
     progress: Say | None = None,
 ) -> Campaign:
     """Identify the flights of a campaign, each as one task of Dask, and write the dataset of their values.
@@ -98,7 +99,8 @@ def run_campaign(
         task_settings: time limit and pages.
         engine: the tuned numbers.
         is_forced: whether flights are identified again although an earlier run has done it.
-        progress: called with what is done and what is left, and at first with the address of the dashboard.
+        announce: called with the address of the dashboard, as soon as there is one.
+        progress: called with what is done and what is left.
 
     Raises:
         InputError: no flight, a covariate with the name of another column, a directory that cannot be written to, a
@@ -113,7 +115,8 @@ def run_campaign(
     parts = _Parts(target / DATASET, tasks, engine.flights_per_part)
     began, n_before = time.monotonic(), 0
     with connect(workers, scheduler, engine) as client:
-        say(f"dashboard: {client.dashboard_link}")
+        if announce is not None:
+            announce(client.dashboard_link)
         for number, (index, done) in enumerate(_run_tasks(client, tasks, engine), start=1):
             parts.add(index, done.outcome)
             n_before += not done.is_new

@@ -76,9 +76,11 @@ def campaign(
             scheduler=scheduler,
             task_settings=TaskSettings(time_limit_s=time_limit_s, with_pages=with_pages),
             is_forced=overwrite,
+            announce=_ignore if quiet else _print_dashboard,
             progress=say,
         )
-        page = write_report(found, directory, progress=say)
+        command = ["opid", "campaign", str(source), "--out", str(directory)]
+        page = write_report(found, directory, command=command, progress=say)
     if not quiet:
         click.echo(text(found))
         if found.n_done_before:
@@ -86,3 +88,11 @@ def campaign(
         click.echo(f"Index: {page} (open it in a browser)")
     if not found.counts[Verdict.IDENTIFIED]:
         raise NotDetermined("no flight has an answer: the reasons stand above")
+
+
+def _print_dashboard(address: str) -> None:
+    click.echo(f"Dashboard: {address}", err=True)
+
+
+def _ignore(address: str) -> None:
+    pass

@@ -148,6 +148,7 @@ class Document:
         source: what the command reads: "log", "logs", "record", "study" or "results".
         reference: a sentence that names the paper.
         data_file: name of the file beside the page that holds all numbers.
+        numbers: where all numbers stand, in a sentence; that they stand in `data_file` if empty.
         page_file: name of the page.
     """
 
@@ -162,6 +163,7 @@ class Document:
     source: str = "logs"
     reference: str = ""
     data_file: str = "result.json"
+    numbers: str = ""
     page_file: str = "report.html"
 
     @property

@@ -47,6 +47,8 @@ def build_document(result: Campaign) -> Document:
         ["opid", "campaign", str(result.source)],
         source="studies and logs",
         data_file=INDEX_FILE,
+        numbers=f"Verdicts and reasons stand in {INDEX_FILE}, all numbers in the folder {DATASET} beside this page, in "
+        "SI units.",
         page_file="index.html",
     )
 

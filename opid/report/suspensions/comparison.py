@@ -68,7 +68,7 @@ def _list_details(result: Comparison) -> Iterator[Block]:
         yield build_figure(number, label)
     yield from overlay_laws({flight.name: flight for flight in result.flights})
     yield Table(
-        build_columns("flight", "date", "method"),
+        build_columns("flight", "date", "method", left=(0, 1, 2)),
         tuple((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights),
         "Flights",
         is_filtered=True,

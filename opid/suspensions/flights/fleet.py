@@ -634,7 +634,7 @@ def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: 
     n_lost = sum(dataset.without_values.values())
     if n_lost:
         yield (
-            f"{n_lost} of {dataset.n_flights} flights have no values and are left out; the index page of the campaign "
+            f"without values, and left out: {n_lost} of {dataset.n_flights} flights; the index page of the campaign "
             "gives the reasons"
         )
     kept = {table.quantity: table.value.size for table in tables}
@@ -643,7 +643,7 @@ def _list_warnings(dataset: FleetDataset, tables: Sequence[FleetTable], series: 
         if n_left:
             of = f" of {table.quantity.gear!r}" if table.quantity.gear else ""
             yield (
-                f"{n_left} of {table.value.size} values of {table.quantity.label}{of} are left out: they have no date "
+                f"left out: {n_left} of {table.value.size} values of {table.quantity.label}{of}, which have no date "
                 "or no covariate, are not clearly positive, or are copies of others"
             )
     for each in series:
