@@ -12,7 +12,12 @@ from cli_runs import CHANNELS, commands, opid, refused
 
 from opid.cli.group import progress
 
-WRITING = {words: each for words, each in commands() if any(option.name == "out" for option in each.params)}
+# a campaign goes on where an earlier run ended, in the same folder
+WRITING = {
+    words: each
+    for words, each in commands()
+    if any(option.name == "out" for option in each.params) and words[1] != "campaign"
+}
 REPORTING = {words: each for words, each in WRITING.items() if words[1] != "simulate"}
 GIVEN = {
     "compare": ("flight_1", "flight_2", "--out"),

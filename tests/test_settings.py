@@ -15,6 +15,7 @@ from opid.signals.segments import SegmentSettings
 from opid.suspensions import settings
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.flights.departures import FlightSettings
+from opid.suspensions.flights.fleet_model import FleetSettings
 from opid.suspensions.identification import identify
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.settings import RegressionSettings, RunSettings, Settings, Verdicts
@@ -74,7 +75,7 @@ def parts_of(record):
 
 def test_every_record_of_the_wing_can_be_passed_and_is_printed():
     """It is part of the settings of the estimator, the paper's chain, the bench or flights, which results hold."""
-    reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings(), FlightSettings()]
+    reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings(), FlightSettings(), FleetSettings()]
     while waiting:
         record = waiting.pop()
         reached.add(type(record))

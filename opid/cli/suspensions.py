@@ -320,13 +320,13 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
     "--false-alarm",
     type=float,
     metavar="P",
-    help="Of results: chance of any flag in the whole comparison if nothing changed.  [default: 0.001]",
+    help="Chance of any flag among results if nothing changed.  [default: 0.001]",
 )
 @click.option(
     "--alarms-per-year",
     type=float,
     metavar="N",
-    help="Of a campaign: false alarms to be expected in a year of the whole fleet.  [default: 0.1]",
+    help="Expected false alarms of a campaign in a year of the whole fleet.  [default: 0.1]",
 )
 @with_output
 def compare(

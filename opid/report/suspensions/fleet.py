@@ -98,8 +98,14 @@ def _list_details(result: Fleet) -> Iterator[Block]:
             else "",
             partial(draw_fleet_map, series),
         )
-    changed = [(series, strut) for series in result.series for strut in series.struts if strut.changes]
-    changed.sort(key=lambda each: each[1].changes[-1].date, reverse=True)
+    drifting = {(id(series), drift.tail) for series in result.series for drift in series.drifts}
+    changed = [
+        (series, strut)
+        for series in result.series
+        for strut in series.struts
+        if strut.changes or (id(series), strut.tail) in drifting
+    ]
+    changed.sort(key=lambda each: (each[1].changes or each[1].flights)[-1].date, reverse=True)
     for number, (series, strut) in enumerate(changed[:_MOST_DRAWN], start=1):
         yield Figure(
             f"strut_{number}",

@@ -280,6 +280,9 @@ def _read_strut_laws(document: _Table, gears: Iterable[str], *, is_one_gear: boo
     alike = {part: gear for gear in gears for part in gear.split(", ")}
     for interface in document.tables("interfaces", is_needed=False):
         gear = ONE_GEAR if is_one_gear else alike.get(interface.text("name"), "")
+        tables = [interface.optional(name) for name in ("stiffness", "damping", "law")]
+        if None in tables:  # an older result
+            continue
         stiffness, damping = (interface.estimate(name).value for name in ("stiffness", "damping"))
         ends = [end for each in interface.tables("at_rest", is_needed=False) for end in each.numbers("travelled_m")]
         if gear and ends and stiffness is not None and damping is not None:
