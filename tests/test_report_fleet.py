@@ -14,6 +14,7 @@ import opid
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.dataset import read_dataset
 from opid.suspensions.flights.fleet import compare_fleet
+from opid.suspensions.flights.result_file import StrutLaw
 from opid.suspensions.flights.results import read_flights
 
 
@@ -68,6 +69,21 @@ def test_the_index_has_a_row_for_each_flight_that_leads_to_its_files(tmp_path):
     ]
     assert all((tmp_path / each).is_file() for several in links for each in several)
     assert "there is no file B/f2/heavy.csv" in rows[3]
+
+
+def test_without_figures_no_flight_can_be_ticked(tmp_path):
+    found = make_campaign(tmp_path)
+    strut = {"gear": StrutLaw(4e5, 6e3, None, (-0.01, 0.01))}
+    told = [
+        each if each.flight is None else replace(each, flight=replace(each.flight, strut_laws=strut))
+        for each in found.outcomes
+    ]
+    found = replace(found, outcomes=tuple(told))
+    with_figures = opid.write_report(found, tmp_path).read_text(encoding="utf-8")
+    assert 'data-curve="' in with_figures
+    without = opid.write_report(found, tmp_path, figures=False).read_text(encoding="utf-8")
+    assert 'data-curve="' not in without
+    assert "data-overlay" not in without
 
 
 def test_names_of_flights_cannot_be_markup(tmp_path):
