@@ -136,6 +136,22 @@ def test_a_faulty_campaign_file_is_refused_in_a_sentence(fleet, text, said):
         read_campaign(fleet / "fleet.toml")
 
 
+def test_a_study_in_the_place_of_a_campaign_is_told_so(fleet):
+    with pytest.raises(InputError, match="is a study, which `opid identify` takes: name it as the template"):
+        read_campaign(fleet / "template.toml")
+
+
+def test_a_missing_template_is_told_once_and_few_of_many_faults_are_listed(fleet):
+    (fleet / "fleet.toml").write_text('flights = "flights.csv"\nstudy = "templat.toml"\n')
+    with pytest.raises(InputError) as error:
+        read_campaign(fleet / "fleet.toml")
+    assert str(error.value).count("did you mean 'template.toml'?") == 1
+    (fleet / "fleet.toml").write_text(CAMPAIGN)
+    (fleet / "flights.csv").write_text("flight,tail\n" + "".join(f"f{k},D\n" for k in range(900)))
+    with pytest.raises(InputError, match="and 894 more"):
+        read_campaign(fleet / "fleet.toml")
+
+
 def test_a_missing_campaign_and_an_empty_folder_are_refused(tmp_path):
     with pytest.raises(InputError, match="there is no campaign file or folder"):
         read_campaign(tmp_path / "none.toml")

@@ -30,6 +30,9 @@ _LARGEST = 1e100
 
 _MOST_FAULTS = 6
 
+_OF_A_STUDY = "runs"
+"""A table that every study of suspensions has, and no campaign."""
+
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _OF_STUDIES = {"run"}
 """Placeholders that a study file has anyway: the name of a run in the file of a channel."""
@@ -129,12 +132,19 @@ def read_campaign(path: str | os.PathLike[str]) -> CampaignPlan:
         return CampaignPlan(source.resolve().name, tuple(_find_studies(source)))
     if not source.exists():
         raise InputError(f"there is no campaign file or folder {source}{nearest_beside(source, ('.toml',))}")
-    tables, faults = read_tables(_CampaignTables, load(source))
+    document = load(source)
+    if _OF_A_STUDY in document:
+        raise InputError(
+            f"{source} is a study, which `opid identify` takes: name it as the template of a campaign, study = "
+            f'"{source.name}", in a file that also has flights'
+        )
+    tables, faults = read_tables(_CampaignTables, document)
     refuse(faults, source)
     rows = read_rows(source.parent / tables.flights) if isinstance(tables.flights, str) else tables.flights
     template = None if tables.study is None else source.parent / tables.study
     flights = _plan_flights(rows, template, source, faults)
-    refuse(faults, source)
+    more = [f"and {len(faults) - _MOST_FAULTS} more"] if len(faults) > _MOST_FAULTS else []
+    refuse([*faults[:_MOST_FAULTS], *more], source)
     return CampaignPlan(source.stem if tables.title is None else tables.title, flights, tables.identify)
 
 
@@ -216,6 +226,7 @@ def _plan_flights(
     rows: Sequence[Mapping[str, Cell]], template: Path | None, source: Path, faults: list[str]
 ) -> tuple[PlannedFlight, ...]:
     documents: dict[Path, Document] = {}
+    broken: set[Path] = set()
     flights: dict[tuple[str, str], PlannedFlight] = {}
     for number, row in enumerate(rows, start=1):
         name, tail = str(row.get(NAME, "")), str(row.get(TAIL, ""))
@@ -232,8 +243,12 @@ def _plan_flights(
                 raise InputError("stands in the table twice: give each flight of an aircraft a name of its own")
             if study is None:
                 raise InputError("has no study: give a template, study = \"study.toml\", or a column 'study'")
+            if study in broken:
+                continue
             if study not in documents:
+                broken.add(study)  # its faults are told once, and not for each flight
                 documents[study] = _load_study(study)
+                broken.remove(study)
             flights[tail, name] = _plan_flight(name, tail, row, documents[study], study)
         except InputError as error:
             faults.append(f"{where} {error}" if str(error).startswith(("has ", "stands ")) else f"{where}: {error}")
