@@ -48,8 +48,7 @@ CHANGED = 3
     type=click.Choice(METHODS),
     default=METHODS[0],
     show_default=True,
-    help="One gear: model (fits the driven suspension), classical (the paper's chain mended), or paper (its printed "
-    "formula).",
+    help="One gear: model (fits the driven suspension), classical (the paper's chain mended), or paper (as printed).",
 )
 @click.option("--law", help="The law to fit, one of `opid laws`; sums joined by +.  [default: searched]")
 @click.option(
@@ -102,6 +101,24 @@ CHANGED = 3
     help="Without a study: by how much springs, damping and friction differ from run to run; 0 for not at all.  "
     "[default: 0.01]",
 )
+@click.option(
+    "--window",
+    metavar="NAME",
+    help="Without a study: window of the transmissibility, like hann or flattop.  [default: hann, paper flattop]",
+)
+@click.option(
+    "--overlap",
+    type=Number("a fraction, 0.3 for 30 %"),
+    metavar="FRACTION",
+    help="Without a study: overlap of its blocks.  [default: 0.5, paper 0.3]",
+)
+@click.option("--estimator", metavar="H1|H2|Hv", help="Without a study: its estimator.  [default: H1]")
+@click.option(
+    "--block",
+    type=Number("s, 32 for lines of 1/32 Hz"),
+    metavar="S",
+    help="Without a study: length of its blocks, s.  [default: 8, paper 32]",
+)
 @unit_option
 @time_unit_option
 @with_output
@@ -120,6 +137,10 @@ def identify(
     axis: str | None,
     piston_area: float | None,
     repeatability: float | None,
+    window: str | None,
+    overlap: float | None,
+    estimator: str | None,
+    block: float | None,
     unit: str | None,
     time_unit: str | None,
     output: Output,
@@ -140,6 +161,10 @@ def identify(
         "--axis": axis,
         "--piston-area": piston_area,
         "--repeatability": repeatability,
+        "--window": window,
+        "--overlap": overlap,
+        "--estimator": estimator,
+        "--block": block,
         "--unit": unit,
         "--time-unit": time_unit,
     }
@@ -203,6 +228,7 @@ def _refuse_beside_study(study: Path, options: Sequence[str]) -> None:
 def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
     from opid.signals.files import nearest_beside
     from opid.signals.log import LogSettings
+    from opid.signals.spectra import TransmissibilitySettings
     from opid.studies.study_file import read_study
     from opid.studies.suspension_study import study_from_logs
     from opid.suspensions.study import Study
@@ -234,6 +260,9 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[
         axis=of_logs["--axis"] or "up",
         piston_area_m2=of_logs["--piston-area"],
         repeatability=of_logs["--repeatability"],
+        transmissibility=TransmissibilitySettings(
+            of_logs["--window"], of_logs["--overlap"], of_logs["--estimator"], of_logs["--block"]
+        ),
         settings=LogSettings(unit=of_logs["--unit"], time_unit=of_logs["--time-unit"]),
         progress=say,
     )

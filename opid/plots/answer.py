@@ -24,7 +24,7 @@ from opid.plots.style import (
     panels,
     write_note,
 )
-from opid.suspensions.paper.chain import PaperChain, PeakPair
+from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.spectral_equation import RATIOS
 from opid.suspensions.result import GearRatios
@@ -47,8 +47,8 @@ class _Mark:
 
 
 _METHODS = (
-    "peak formula,\nas printed",
-    "peak formula,\nsign restored",
+    "the paper\nas printed",
+    "the same,\nsign restored",
     "complex\nleast squares",
     "errors in variables,\none run",
     "errors in variables,\nall runs",
@@ -103,7 +103,7 @@ def _list_marks(result: AnyIdentification) -> Iterator[_Mark]:
     runs = result.paper_chain.runs
     colors = choose_run_colors(len(runs))
     shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
-    for i, pair in enumerate(_choose_pairs(result.paper_chain)):
+    for i, pair in enumerate(result.paper_chain.table_3):
         for row, mass in enumerate((pair.as_printed, pair.sign_restored)):
             if mass.sprung_mass_kg == 0:
                 continue
@@ -142,14 +142,6 @@ def _find_estimates(result: AnyIdentification) -> tuple[Estimate, list[Estimate]
     assert isinstance(ratios, GearRatios)  # a body has no such chain
     over_mass = [ratios.stiffness_per_mass, ratios.damping_per_mass, ratios.ground_stiffness_per_mass]
     return mass, over_mass, 1 / mass.value if mass.value else 0.0
-
-
-def _choose_pairs(chain: PaperChain) -> list[PeakPair]:
-    """Return the pairs with the largest |T|, credible ones first: few averages give dozens of pairs by chance."""
-    by_weight = sorted(
-        chain.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True
-    )
-    return by_weight[: len(_PAIR_MARKERS)]
 
 
 def _list_true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tuple[float, str]]]:
@@ -211,7 +203,7 @@ def _draw_legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: b
     ]
     if has_mass:
         handles.append(Line2D([], [], color=INK, label="all runs", **dot))
-    for pair, marker in zip(_choose_pairs(chain), _PAIR_MARKERS, strict=False):
+    for pair, marker in zip(chain.table_3, _PAIR_MARKERS, strict=False):
         match = pair.match
         label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"
         face, doubt = (GREY, "") if match.credible else ("white", " (not credible)")

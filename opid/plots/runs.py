@@ -83,7 +83,7 @@ def integration(run: RunEvidence, axes: Any = None) -> np.ndarray:
     Returns:
         (2, 1) Axes.
     """
-    literal, sound = run.motion_mean_removed, run.motion
+    literal, sound = run.printed.motion, run.motion
     inside = sound.interior
     with house_style():
         grid = panels(axes, 2, height_in=4.2, sharex=True, height_ratios=[3, 2])

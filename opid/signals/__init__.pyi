@@ -36,6 +36,7 @@ from .segments import (
 from .spectra import (
     CrossSpectra as CrossSpectra,
     Transmissibility as Transmissibility,
+    TransmissibilitySettings as TransmissibilitySettings,
     cross_spectra as cross_spectra,
     transmissibility as transmissibility,
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,55 @@ ComplexArray = NDArray[np.complex128]
 Window = str | tuple[str, float]
 Estimator = Literal["H1", "H2", "Hv"]
 ESTIMATORS: tuple[Estimator, ...] = ("H1", "H2", "Hv")
+WINDOWS = ("hann", "hamming", "blackman", "blackmanharris", "nuttall", "flattop", "boxcar", "bartlett", "cosine")
+"""Names of the windows that a study can state."""
+
+
+@dataclass(frozen=True)
+class TransmissibilitySettings:
+    """How a transmissibility is estimated; what is None is chosen by the method that estimates it.
+
+    Args:
+        window: window of a block, one of `WINDOWS`.
+        overlap: fraction of a block that it shares with the next one.
+        estimator: "H1", "H2" or "Hv", see `transmissibility`.
+        block_s: length of a block, s; the lines are 1/`block_s` apart.
+
+    Raises:
+        InputError: an unknown window or estimator, an overlap outside 0 to 0.95, or a length that is not positive.
+
+    >>> TransmissibilitySettings(window="flattop").completed_by(TransmissibilitySettings("hann", 0.5, "H1", 8.0))
+    TransmissibilitySettings(window='flattop', overlap=0.5, estimator='H1', block_s=8.0)
+    """
+
+    window: str | None = None
+    overlap: float | None = None
+    estimator: Estimator | None = None
+    block_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.window is not None and self.window not in WINDOWS:
+            raise InputError(f"there is no window {self.window!r}: {nearest(str(self.window), WINDOWS)}")
+        if self.estimator is not None and self.estimator not in ESTIMATORS:
+            raise InputError(f"there is no estimator {self.estimator!r}: {nearest(str(self.estimator), ESTIMATORS)}")
+        if self.overlap is not None and not _is_number(self.overlap, 0.0, 0.95):
+            is_percent = _is_number(self.overlap, 1.0, 95.0)
+            percent = f" ({self.overlap:g} % are {self.overlap / 100:g})" if is_percent else ""
+            raise InputError(f"the overlap is {self.overlap!r}: give a fraction of a block, 0 to 0.95{percent}")
+        if self.block_s is not None and not (_is_number(self.block_s, 0.0, 1e6) and self.block_s > 0):
+            raise InputError(f"block_s is {self.block_s!r}: give the length of a block in s, 32 for lines of 1/32 Hz")
+
+    def completed_by(self, usual: TransmissibilitySettings) -> TransmissibilitySettings:
+        """Return these settings with those of a method in the place of what is None.
+
+        Args:
+            usual: the settings of the method.
+        """
+        return replace(usual, **{name: value for name, value in vars(self).items() if value is not None})
+
+
+def _is_number(value: object, least: float, most: float) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most
 
 
 @dataclass(frozen=True, eq=False)

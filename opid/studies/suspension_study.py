@@ -18,6 +18,7 @@ from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
+from opid.signals.spectra import TransmissibilitySettings
 from opid.studies.run_files import (
     CHANNEL,
     ChannelTable,
@@ -61,6 +62,9 @@ from opid.suspensions.study import (
 LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")
 """The columns of a loading table."""
 
+WEIGHED = ("weighed_mass_kg", "weighed_tolerance_kg")
+"""The keys of a run that say what a scale read."""
+
 FACTS = tuple(each.name for each in fields(SensorFacts))
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
@@ -87,6 +91,8 @@ class _Run:
     mass_change_kg: float
     start_s: float | None = None
     stop_s: float | None = None
+    weighed_mass_kg: float | None = None
+    weighed_tolerance_kg: float | None = None
     channels: _Channels = field(default_factory=dict)
 
 
@@ -158,7 +164,10 @@ class _Study:
 
 @dataclass(frozen=True, kw_only=True)
 class _Body(_Study):
-    ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("axis", "piston_area_m2"), OF_ONE_GEAR)
+    ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("axis", "piston_area_m2"), OF_ONE_GEAR) | {
+        "transmissibility": "which belongs to the study of one gear: leave it out"
+    }
+    transmissibility: Annotated[TransmissibilitySettings, NO_KEY] = TransmissibilitySettings()
     channels: _Channels = field(default_factory=dict)
     structure: StructureSettings = field(default_factory=StructureSettings)
     sensors: Annotated[_Sensors, "tables [[sensors.leak]] (further sensors on the body are [[body_sensors]])"] = (
@@ -179,6 +188,7 @@ class _Gear(_Study):
     ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("structure", "body_sensors"), OF_A_BODY)
     axis: Axis = "up"
     piston_area_m2: float | None = None
+    transmissibility: TransmissibilitySettings = TransmissibilitySettings()
     channels: Annotated[_Channels, SUSPENSIONS.needs["channels"]]
     sensors: Annotated[_GearSensors, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"] = _GearSensors()
     runs: Annotated[tuple[_Run, ...], SUSPENSIONS.needs["runs"]]
@@ -298,7 +308,8 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
                 loading = tuple(PointMass(*row) for row in rows)
         with collect_faults(faults, f"run {files.name!r}: "):
             run = read_run(files, fs_hz=study.fs_hz, progress=say)
-            runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside)))
+            weighed = {name: getattr(each, name) for name in WEIGHED}
+            runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside), **weighed))
     refuse(faults, source)
     return recast(
         Study,
@@ -436,6 +447,7 @@ def study_from_logs(
     axis: Axis = "up",
     piston_area_m2: float | None = None,
     repeatability: float | None = None,
+    transmissibility: TransmissibilitySettings = TransmissibilitySettings(),
     settings: LogSettings = AS_WRITTEN,
     progress: Say | None = None,
 ) -> Study:
@@ -451,6 +463,7 @@ def study_from_logs(
         piston_area_m2: what the gas of the strut pushes on; None where it is not known, or no gas carries the gear.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
             where they are known to be the same, None for what is usual.
+        transmissibility: how the transmissibilities are estimated; the method chooses what is left out.
         settings: how the logs are to be read, like their units where they state none.
         progress: called with the name of each log as it is read.
 
@@ -492,6 +505,7 @@ def study_from_logs(
         axis=axis,
         piston_area_m2=piston_area_m2,
         repeatability=repeatability,
+        transmissibility=transmissibility,
     )
 
 
@@ -584,7 +598,8 @@ def _list_further_channels(study: Study, used: Collection[str]) -> dict[str, str
 
 def _tabulate_run(run: Run) -> dict[str, Any]:
     # With a start the whole log is read back; without one a stretch would be searched.
-    return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s}
+    weighed = {name: getattr(run, name) for name in WEIGHED}
+    return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s, **weighed}
 
 
 def _tabulate_body(study: Study) -> _Body:

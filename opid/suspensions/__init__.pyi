@@ -64,6 +64,10 @@ from .paper.identification import (
     identify_by_paper as identify_by_paper,
     search_law as search_law,
 )
+from .paper.printed import (
+    PrintedRun as PrintedRun,
+    run_as_printed as run_as_printed,
+)
 from .paper.restoring_force import (
     binned_surface as binned_surface,
     fit_slice as fit_slice,
@@ -72,7 +76,10 @@ from .paper.restoring_force import (
     slice_curve as slice_curve,
 )
 from .paper.result import PaperIdentification as PaperIdentification
-from .paper.settings import PaperSettings as PaperSettings
+from .paper.settings import (
+    PaperSettings as PaperSettings,
+    PrintedSettings as PrintedSettings,
+)
 from .paper.spectral_equation import (
     JointFit as JointFit,
     equation_lines as equation_lines,
@@ -82,6 +89,7 @@ from .paper.transmissibility import (
     Peak as Peak,
     complex_least_squares as complex_least_squares,
     errors_in_variables as errors_in_variables,
+    estimate_transmissibility as estimate_transmissibility,
     mass_over_stiffness as mass_over_stiffness,
     suspension_transmissibility as suspension_transmissibility,
     transmissibility_peaks as transmissibility_peaks,

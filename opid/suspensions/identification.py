@@ -65,7 +65,7 @@ def identify(
     Args:
         study: interfaces, runs, and what is stated of the structure and the sensors.
         method: "model"; for one gear also "classical", the chain of Iwaniec & Uhl (2007) with every step mended, or
-            "paper", its printed formula for the strongest matched peaks.
+            "paper", that chain as printed.
         law: the law to be fitted at every interface (`opid.laws.LAWS`, sums joined by "+"); it is searched if left out.
         band_hz: lines that are compared, Hz; those of the settings if left out (classical chain: 0.5 to 12 Hz).
         high_pass_hz: corner of the integration of the classical chain, Hz.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 METHODS = ("model", "classical", "paper")
-"""Methods of identification: the driven model, the paper's chain mended, and the paper's printed formula."""
+"""Methods of identification: the driven model, the paper's chain mended, and the paper's chain as printed."""
 
 METHODS_OF_LAW = ("pursuit", "sparse regression", "both")
 """Methods of searching the law of the driven model."""

@@ -19,6 +19,7 @@ from opid.result import first_lines
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.recording import FloatArray, Recording
+from opid.signals.spectra import TransmissibilitySettings
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")
@@ -50,6 +51,9 @@ SYMMETRIC_M = 0.1
 
 MOST_UNLIKE = 0.2
 """The largest repeatability: suspensions that differ more from run to run are not the same suspension."""
+
+LARGEST_MASS_KG = 1e6
+"""The largest mass that a run can be stated to have weighed: no aircraft has 1000 t."""
 
 ONE_PLACE_M = 0.05
 """Interfaces that are nearer to each other than this are at the same position."""
@@ -144,6 +148,10 @@ class Run:
         findings: findings about the logs that it was taken from; those about the recording itself are added later.
         log: the file that it was read from without a study file; None if it came otherwise.
         log_settings: settings with which that file was read.
+        weighed_mass_kg: sprung mass of this run by a scale, kg, loading included: what the gear carries, or the whole
+            body; None if it was not weighed. It is compared with the estimate, not fitted to.
+        weighed_tolerance_kg: standard deviation of that mass, kg; the weighed mass is then prior knowledge of the
+            method "model". None if it is only to be compared.
     """
 
     name: str
@@ -152,6 +160,8 @@ class Run:
     findings: tuple[Finding, ...] = ()
     log: Path | None = None
     log_settings: LogSettings = AS_WRITTEN
+    weighed_mass_kg: float | None = None
+    weighed_tolerance_kg: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.loading, (int, float)):
@@ -203,6 +213,7 @@ class Study:
         source: the study file, None if the study was made otherwise.
         repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
             run to run; 0 if they are known to be the same, None for the usual value.
+        transmissibility: how the transmissibilities of one gear are estimated; the method chooses what is left out.
 
     Raises:
         InputError: all errors of the study in one message: a missing channel, another unit than m/s^2, different rates,
@@ -217,6 +228,7 @@ class Study:
     date: date | None = None
     source: Path | None = None
     repeatability: float | None = None
+    transmissibility: TransmissibilitySettings = TransmissibilitySettings()
 
     def __post_init__(self) -> None:
         for name in ("interfaces", "runs", "sensors"):
@@ -311,6 +323,7 @@ def study_of_gear(
     axis: Axis = "up",
     piston_area_m2: float | None = None,
     repeatability: float | None = None,
+    transmissibility: TransmissibilitySettings = TransmissibilitySettings(),
     date: date | None = None,
     source: Path | None = None,
 ) -> Study:
@@ -328,6 +341,7 @@ def study_of_gear(
             gear.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
             if they are known to be the same, None for the usual value.
+        transmissibility: how the transmissibilities are estimated; the method chooses what is left out.
         date: date of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
 
@@ -342,7 +356,15 @@ def study_of_gear(
     512.0
     """
     gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors, axis=axis, piston_area_m2=piston_area_m2)
-    return Study(title, (gear,), tuple(runs), repeatability=repeatability, date=date, source=source)
+    return Study(
+        title,
+        (gear,),
+        tuple(runs),
+        repeatability=repeatability,
+        transmissibility=transmissibility,
+        date=date,
+        source=source,
+    )
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
@@ -516,6 +538,8 @@ def _is_within(value: object, least: float, most: float) -> bool:
 def _structure_faults(study: Study) -> Iterator[str]:
     settings, names = study.structure, study.names
     yield from repeatability_faults(study.repeatability)
+    if study.transmissibility != TransmissibilitySettings() and not study.is_one_gear:
+        yield "settings of the transmissibility are stated, and only one gear has one: leave them out"
     if settings.kind not in KINDS:
         yield f"the kind of structure is {settings.kind!r}: {nearest(settings.kind, KINDS)}"
     if not (math.isfinite(settings.position_tolerance_m) and 0 <= settings.position_tolerance_m <= 1.0):
@@ -541,6 +565,32 @@ def _structure_faults(study: Study) -> Iterator[str]:
         )
     if settings.kind == "rigid_body" and study.interfaces:
         yield from rigid_faults(study)
+
+
+def _weighing_faults(study: Study, run: Run) -> Iterator[str]:
+    """Yield the errors of the mass that a run is stated to have weighed."""
+    weighed, tolerance = run.weighed_mass_kg, run.weighed_tolerance_kg
+    whose = "this gear carries" if study.is_one_gear else "all suspensions carry"
+    if weighed is None:
+        if tolerance is not None:
+            yield "weighed_tolerance_kg is stated without weighed_mass_kg, give the mass too, or leave it out"
+        return
+    if not (_is_within(weighed, 0.0, LARGEST_MASS_KG) and weighed):
+        yield (
+            f"weighed_mass_kg is {weighed!r}, give the mass that {whose} in this run, more than 0 and at most "
+            f"{LARGEST_MASS_KG:g} kg"
+        )
+        return
+    if weighed <= run.mass_change_kg:
+        yield (
+            f"weighed_mass_kg is {weighed:g} kg and its mass change {run.mass_change_kg:+g} kg, which leaves nothing "
+            f"for the reference: give the whole mass that {whose} in this run, and the change from the reference"
+        )
+    if tolerance is not None and not (_is_within(tolerance, 0.0, weighed) and 0.0 < tolerance < weighed):
+        yield (
+            f"weighed_tolerance_kg is {tolerance!r}, give the standard deviation of the weighed mass, more than 0 and "
+            f"less than {weighed:g} kg; leave it out if the mass is only to be compared"
+        )
 
 
 def rigid_faults(study: Study) -> Iterator[str]:
@@ -579,6 +629,7 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             )
         elif abs(each.x_m) > FARTHEST_M or abs(each.y_m) > FARTHEST_M:
             yield f"the loading of {each.mass_kg:g} kg is at ({each.x_m:g}, {each.y_m:g}) m, give its place in m"
+    yield from _weighing_faults(study, run)
     if run.recording.n_samples < MINIMUM_SAMPLES:
         yield (
             f"it has {run.recording.n_samples} samples ({run.recording.duration_s:.3g} s) and at least "

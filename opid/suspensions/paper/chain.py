@@ -1,14 +1,16 @@
-"""The steps of the paper (Iwaniec & Uhl 2007), each of them mended, on every run of a study.
+"""The steps of the paper (Iwaniec & Uhl 2007), each of them mended, and as printed, on every run of a study.
 
 restoring force -> arctangent -> transmissibility -> direct parameters -> matched peaks
 
-The steps take any law, that of `identify_by_paper` or that of another fit.
+The mended steps take any law, that of `identify_by_paper` or that of another fit. The printed ones (`run_as_printed`)
+find their own; the matched peaks are theirs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +18,9 @@ from opid.mechanics.laws.law import Law
 from opid.signals.health.inspection import Finding, check_channels, remove_spikes
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
-from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
+from opid.signals.spectra import Transmissibility, TransmissibilitySettings, noise_floor
 from opid.suspensions.paper.added_mass import PeakMatch, TwoPeakMass, match_peaks, two_peak_mass
+from opid.suspensions.paper.printed import PrintedRun, run_as_printed
 from opid.suspensions.paper.restoring_force import (
     BinnedSurface,
     LawFit,
@@ -34,8 +37,10 @@ from opid.suspensions.paper.spectral_equation import EquationLines, equation_lin
 from opid.suspensions.paper.transmissibility import (
     DirectParameters,
     Peak,
+    block_of,
     complex_least_squares,
     errors_in_variables,
+    estimate_transmissibility,
     transmissibility_peaks,
     transmissibility_without_force,
 )
@@ -77,21 +82,20 @@ class RunEvidence(PreparedRun):
 
     Args:
         motion: relative motion, integrated with a high-pass filter.
-        motion_mean_removed: relative motion exactly as the paper describes it.
         binned: the restoring-force points, averaged over cells.
         slices: stiffness curve and damping curve.
         slice_fits: an arctangent on each.
         surface_fit: stiffness and damping arctangents on all points.
         T: transmissibility as measured.
         T_without_force: transmissibility of the linear suspension without the law (conditioned).
-        T_subtracted: the paper's transmissibility, with the force of the law subtracted from the acceleration.
-        peaks: peaks of |T|.
+        T_subtracted: transmissibility with the force of the law subtracted from the acceleration (eq. 4).
+        peaks: peaks of |T| as measured.
         complex_fit: complex least squares on `T_without_force`.
         spectral_fit: errors in variables on the run's transform.
+        printed: the printed steps.
     """
 
     motion: Motion
-    motion_mean_removed: Motion
     binned: BinnedSurface
     slices: tuple[SliceCurve, ...]
     slice_fits: tuple[LawFit, ...]
@@ -102,11 +106,12 @@ class RunEvidence(PreparedRun):
     peaks: tuple[Peak, ...]
     complex_fit: DirectParameters
     spectral_fit: DirectParameters
+    printed: PrintedRun
 
 
 @dataclass(frozen=True)
 class PeakPair:
-    """A matched pair of peaks with the masses that the paper's formula gives for it.
+    """A matched pair of peaks of the printed T, with the masses that the paper's formula gives for it.
 
     Args:
         run_name: the run with the changed mass.
@@ -127,11 +132,12 @@ class PaperChain:
 
     Args:
         runs: one for each run.
-        pairs: matched peaks of the reference and each other run.
-        static_transmissibility: T(0) read from the lowest lines, for the peak formula.
+        pairs: matched peaks of the printed T of the reference and of each other run.
+        static_transmissibility: T(0) of the reference as printed, read from the lowest lines.
         noise_floor_m_per_s2: noise of the sprung channel, which dominates the equation above resonance.
         high_pass_hz: corner of the integration, Hz.
         band_hz: lines that were used, Hz.
+        n_pairs: number of pairs in Table 3.
     """
 
     runs: tuple[RunEvidence, ...]
@@ -140,11 +146,30 @@ class PaperChain:
     noise_floor_m_per_s2: float
     high_pass_hz: float
     band_hz: tuple[float, float]
+    n_pairs: int
+
+    @property
+    def reference(self) -> RunEvidence:
+        """The first run without a mass change, or the first run."""
+        return next((run for run in self.runs if run.mass_change_kg == 0), self.runs[0])
+
+    @property
+    def ranked_pairs(self) -> tuple[PeakPair, ...]:
+        """All pairs, credible ones first, then by |T|: few averages give dozens of pairs by chance."""
+        return tuple(
+            sorted(self.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True)
+        )
 
     @property
     def strongest_pair(self) -> PeakPair | None:
         """The credible pair with the largest |T|, or the pair with the largest |T|; None without a pair."""
-        return max(self.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), default=None)
+        return self.ranked_pairs[0] if self.pairs else None
+
+    @property
+    def table_3(self) -> tuple[PeakPair, ...]:
+        """The first pairs, as many as the paper has, by frequency; their numbers are those of the peaks in Fig. 9."""
+        first = self.ranked_pairs[: self.n_pairs]
+        return tuple(sorted(first, key=lambda pair: pair.match.reference.frequency_hz))
 
 
 def compute_chain(
@@ -171,7 +196,7 @@ def compute_chain(
     Raises:
         InputError: two channels that make no pair, or a run that is too short.
     """
-    settings = replace(settings, ground=ground, band_hz=band_hz)
+    settings = replace(settings, ground=ground, band_hz=band_hz).stated_by(study.transmissibility)
     say = progress or (lambda step: None)
     runs = prepare_runs(study, settings, say)
     return chain_of(runs, law_per_mass, inverse_mass, settings, say)
@@ -219,34 +244,34 @@ def chain_of(
     found = tuple(
         _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
     )
-    static = float(np.mean([_static_transmissibility(run.T, settings.static_hz) for run in found]))
+    reference = next((run for run in found if run.mass_change_kg == 0), found[0])
+    static = _static_transmissibility(reference.printed.T, settings.static_hz)
     # The noise of the sprung channel dominates the equation above resonance.
     noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
         runs=found,
-        pairs=_peak_pairs(found, static, settings.largest_mass_fraction),
+        pairs=_peak_pairs(found, reference, static, settings.largest_mass_fraction),
         static_transmissibility=static,
         noise_floor_m_per_s2=float(np.sqrt(np.mean(np.square(noise)))),
         high_pass_hz=settings.high_pass_hz,
         band_hz=runs[0].lines.band_hz,
+        n_pairs=settings.printed.n_pairs,
     )
 
 
 def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvidence:
     fs = run.fs
     motion = relative_motion(run.unsprung, run.sprung, fs=fs, high_pass_hz=settings.high_pass_hz)
-    measured, conditioned, subtracted = _transmissibilities(run, motion, law, settings.block_s)
+    measured, conditioned, subtracted = _transmissibilities(run, motion, law, settings.transmissibility)
     low, high = run.lines.band_hz
     # A block does not resolve lines below two of its own.
-    complex_fit = complex_least_squares(
-        conditioned, band_hz=(max(low, 2 / settings.block_s), high), ground=settings.ground
-    )
+    lowest = max(low, 2 / (settings.transmissibility.block_s or np.inf))
+    complex_fit = complex_least_squares(conditioned, band_hz=(lowest, high), ground=settings.ground)
     width, n, least = settings.slice_half_width, settings.n_cells, settings.least_points_of_cell
     slices = tuple(slice_curve(run.surface, along=along, half_width_std=width) for along in ("travel", "velocity"))
     return RunEvidence(
         **vars(run),
         motion=motion,
-        motion_mean_removed=relative_motion(run.unsprung, run.sprung, fs=fs, method="mean_removed"),
         binned=binned_surface(run.surface, n_travel=n, n_velocity=n, min_count=least),
         slices=slices,
         slice_fits=tuple(fit_slice(curve, settings=settings) for curve in slices),
@@ -264,22 +289,24 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
         spectral_fit=errors_in_variables(
             run.lines, law, start=complex_fit, ground=settings.ground, cluster_hz=settings.cluster_hz
         ),
+        printed=run_as_printed(run.unsprung, run.sprung, fs=fs, settings=settings),
     )
 
 
 def _transmissibilities(
-    run: PreparedRun, motion: Motion, law: Law, block_s: float
+    run: PreparedRun, motion: Motion, law: Law, settings: TransmissibilitySettings
 ) -> tuple[Transmissibility, Transmissibility, Transmissibility]:
     """Return the transmissibility as measured, conditioned on the force of the law, and with it subtracted."""
     inside, fs = motion.interior, run.fs
     unsprung, sprung = run.unsprung[inside], run.sprung[inside]
     force = law.force(motion.displacement, motion.velocity)[inside]
     # Fewer than about five overlapping blocks do not distinguish the force from the motion.
-    nperseg = min(round(block_s * fs), unsprung.size // 3)
+    known: dict[str, Any] = {"fs": fs, "settings": settings, "shortened": 3}
+    taken = block_of(settings, unsprung.size, fs, 3)
     return (
-        transmissibility(unsprung, sprung, fs=fs, nperseg=nperseg),
-        transmissibility_without_force(unsprung, sprung, force, fs=fs, method="conditioned", nperseg=nperseg),
-        transmissibility_without_force(unsprung, sprung, force, fs=fs, method="subtracted", nperseg=nperseg),
+        estimate_transmissibility(unsprung, sprung, **known),
+        transmissibility_without_force(unsprung, sprung, force, fs=fs, method="conditioned", **taken),
+        estimate_transmissibility(unsprung, sprung + force, **known),
     )
 
 
@@ -289,15 +316,16 @@ def _static_transmissibility(T: Transmissibility, up_to_hz: float) -> float:
     return float(np.median(np.abs(T.value[low])))
 
 
-def _peak_pairs(runs: Sequence[RunEvidence], static: float, largest_mass_fraction: float) -> tuple[PeakPair, ...]:
-    reference = next((run for run in runs if run.mass_change_kg == 0), runs[0])
+def _peak_pairs(
+    runs: Sequence[RunEvidence], reference: RunEvidence, static: float, largest_mass_fraction: float
+) -> tuple[PeakPair, ...]:
     pairs = []
     for run in runs:
         change = run.mass_change_kg - reference.mass_change_kg
         if run is reference or change == 0:
             continue
         for match in match_peaks(
-            reference.peaks, run.peaks, mass_change_kg=change, largest_mass_fraction=largest_mass_fraction
+            reference.printed.peaks, run.printed.peaks, mass_change_kg=change, largest_mass_fraction=largest_mass_fraction
         ):
             printed, restored = (
                 two_peak_mass(

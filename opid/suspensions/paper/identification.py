@@ -55,12 +55,14 @@ def identify_by_paper(
     """Identify mass, springs, damping and law of a suspension by the chain of Iwaniec & Uhl (2007).
 
     "classical" mends every step: sound integration, the complex equation, noise on both channels, all runs in one
-    least-squares problem. "paper" gives the result of the printed formula for the strongest matched peaks.
+    least-squares problem. "paper" gives the result of the chain as printed (`opid.suspensions.paper.printed`) for the
+    strongest matched peaks, and the mended chain beside it in figures.
 
     Args:
         study: the runs; the first one with no mass change is the reference.
         method: "classical" or "paper".
-        law: the law to be fitted (`opid.laws.LAWS`, sums joined by "+"); it is searched if left out.
+        law: the law of the mended chain (`opid.laws.LAWS`, sums joined by "+"); it is searched if left out. The chain
+            as printed has its own, the arctangents of eq. (3).
         band_hz: lines of the equation, Hz; cut at 0.4 of the sampling rate.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
         ground: whether a ground spring K3 is fitted (else it is 0).
@@ -78,6 +80,7 @@ def identify_by_paper(
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
     say = progress or (lambda step: None)
     settings = replace(settings, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground)
+    settings = settings.stated_by(study.transmissibility)
     runs = prepare_runs(study, settings, say)
     say("law")
     ladder = _try_laws(runs, settings)
@@ -205,13 +208,21 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
 
 
 def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
-    """Give the result of the printed formula for the strongest pair of peaks: no damping and no intervals."""
-    pair = result.chain.strongest_pair
+    """Give the result of the printed chain for the strongest pair of peaks: no damping and no intervals."""
+    chain = result.chain
+    pair, result = chain.strongest_pair, replace(result, law=chain.reference.printed.law)
     warnings = [
         *warnings_of_logs(result),
-        "the printed formula ignores damping and the sign of T above resonance: it is shown for comparison, and it "
-        "has no intervals; use --method classical for an answer",
+        "the printed chain integrates a parabola into the travel, fixes the amplitude of the force, and its formula "
+        "ignores damping and the sign of T above resonance: it is shown for comparison, and it has no intervals; use "
+        "--method classical for an answer",
     ]
+    averages = min(run.printed.T.spectra.n_averages for run in chain.runs)
+    if averages < result.settings.few_averages:
+        warnings.append(
+            f"each printed transmissibility has only {averages:.1f} independent averages: {len(chain.pairs)} pairs of "
+            "peaks match, most of them by chance"
+        )
     if pair is None:
         has_one_mass = len({run.mass_change_kg for run in result.chain.runs}) == 1
         reason = "the runs have no peak of |T| in common, and the printed formula needs one pair"

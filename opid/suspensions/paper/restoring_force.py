@@ -5,7 +5,7 @@ force per unit mass. Plotted over the travel z and the rate z' it shows the law 
 Caughey 1979).
 
 The paper models both curves by f/M2 = a z + arctan(d b (z + c z')) (eq. 3): a slope, an amplitude and an inner scale.
-There the amplitude is fixed at pi/2 m/s^2; here it is fitted. An arctangent can be seen only if the motion is large
+There the amplitude is fixed at pi/2 m/s^2, see `fit_slice`; the mended chain fits it. An arctangent can be seen only if the motion is large
 enough: below a third of its scale it is a straight line, and only amplitude/scale is known.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError
-from opid.mechanics.laws.law import LAWS, Law, default_law
+from opid.mechanics.laws.law import LAWS, Law, Term, default_law
 from opid.mechanics.memory import Motion, recorded_motion
 from opid.signals.motion import filter_like, relative_motion
 from opid.signals.recording import FloatArray
@@ -267,13 +267,17 @@ class LawFit:
         return float(np.sqrt(np.mean(self.residual**2)))
 
 
-def fit_slice(curve: SliceCurve, *, settings: PaperSettings = DEFAULTS) -> LawFit:
+def fit_slice(
+    curve: SliceCurve, *, amplitude_m_per_s2: float | None = None, settings: PaperSettings = DEFAULTS
+) -> LawFit:
     """Fit slope, amplitude and inner scale of an arctangent to a slice curve (Figs. 6 and 7 of the paper).
 
-    -x2'' = offset + slope u + A (2/pi) arctan(u/s), u the travel or the velocity.
+    -x2'' = offset + slope u + A (2/pi) arctan(u/s), u the travel or the velocity. In eq. (3) of the paper A is
+    pi/2 m/s^2, the slope is a and 1/s is d b.
 
     Args:
         curve: the points of the slice.
+        amplitude_m_per_s2: A if it is known, m/s^2; it is fitted if left out.
         settings: the time over which residuals are correlated, and the significance of a term.
 
     >>> u = np.linspace(-0.2, 0.2, 4000)
@@ -290,7 +294,10 @@ def fit_slice(curve: SliceCurve, *, settings: PaperSettings = DEFAULTS) -> LawFi
         z, v, name, column = zero, u, "arctan_velocity", "damping_per_mass"
     straight = {column: u, "offset": np.ones_like(u)}
     cluster = curve.sample / (settings.cluster_s * curve.fs)
-    return _fit(straight, default_law(name), Motion(z, v), curve.force_per_mass, cluster, settings)
+    motion, y, fit = Motion(z, v), curve.force_per_mass, None
+    if amplitude_m_per_s2 is not None:
+        fit = _fit_scale(np.stack([u, np.ones_like(u)], axis=1), name, amplitude_m_per_s2, motion, y, settings)
+    return _fit(straight, default_law(name), motion, y, cluster, settings, fit)
 
 
 def fit_surface(
@@ -333,13 +340,20 @@ def _fit(
     y: FloatArray,
     cluster: FloatArray,
     settings: PaperSettings,
+    given: SeparableFit | None = None,
 ) -> LawFit:
-    """Fit by separable least squares; standard deviations and verdicts hold for a correlated residual."""
+    """Fit by separable least squares; standard deviations and verdicts hold for a correlated residual.
+
+    `given` is a fit in which the amplitudes of the law are known.
+    """
     columns = np.stack(list(straight.values()), axis=1)
     n_straight = columns.shape[1]
-    fit = fit_separable(columns, law, motion, y)
+    fit = given or fit_separable(columns, law, motion, y)
     starts = motion.start_columns(fit.law)
-    jacobian = np.concatenate([columns, motion.parameter_gradient(fit.law), starts], axis=1)
+    slopes = motion.parameter_gradient(fit.law)
+    if given is not None:
+        slopes = slopes * [parameter.role != "amplitude" for parameter in fit.law.parameter_list]
+    jacobian = np.concatenate([columns, slopes, starts], axis=1)
     covariance = clustered_covariance(jacobian, fit.residual, np.floor(cluster).astype(np.int64))
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
     names = list(straight)
@@ -351,6 +365,30 @@ def _fit(
         residual=fit.residual,
         verdicts=_verdicts(np.concatenate([columns, starts], axis=1), fit, motion, y, settings),
     )
+
+
+def _fit_scale(
+    columns: FloatArray, name: str, amplitude: float, motion: Motion, y: FloatArray, settings: PaperSettings
+) -> SeparableFit:
+    """Fit the inner scale of one term of known amplitude beside columns that enter linearly."""
+    from scipy import optimize
+
+    q = np.linalg.qr(columns)[0]
+    rms = float(np.sqrt(np.mean(columns[:, 0] ** 2)))
+    grid = np.log(rms * np.geomspace(*settings.printed.scales_over_rms, settings.printed.n_scales))
+
+    def leave(log_scale: float) -> FloatArray:
+        left = y - motion.force(Law((Term(name, (amplitude, float(np.exp(log_scale)))),)))
+        return left - q @ (q.T @ left)
+
+    errors = [float(np.sum(leave(each) ** 2)) for each in grid]
+    best = int(np.argmin(errors))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    found = optimize.minimize_scalar(lambda each: float(np.sum(leave(each) ** 2)), bounds=around, method="bounded")
+    law = Law((Term(name, (amplitude, float(np.exp(found.x)))),))
+    weights = np.linalg.lstsq(columns, y - motion.force(law), rcond=None)[0]
+    is_at_bound = best in (0, grid.size - 1)
+    return SeparableFit(weights, np.empty(0), law, leave(found.x), (False, is_at_bound))
 
 
 def _verdicts(

@@ -36,7 +36,7 @@ class PaperIdentification(ResultOfStudy):
 
     Args:
         study: the runs.
-        method: "classical" (every step mended) or "paper" (the printed formula; no intervals).
+        method: "classical" (every step mended) or "paper" (the chain as printed; no intervals).
         title: title of the study.
         date: date of the runs; None if it is not known.
         parameters: absolute values of the reference run.
@@ -99,7 +99,7 @@ class PaperIdentification(ResultOfStudy):
     def is_refused(self) -> bool:
         """Whether the residual of the joint fit is so large that none of its numbers is given and no figure shows it.
 
-        The result of the printed formula for a pair of peaks does not depend on that fit and is given nevertheless.
+        The result of the printed chain for a pair of peaks does not depend on that fit and is given nevertheless.
         """
         return self.residual_over_noise > self.settings.verdicts.refused
 

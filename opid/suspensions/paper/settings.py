@@ -2,9 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
+from opid.signals.spectra import TransmissibilitySettings
 from opid.suspensions.settings import IntervalSettings, RunSettings, Verdicts
+
+TABLE_2 = TransmissibilitySettings(window="flattop", overlap=0.3, estimator="H1", block_s=32.0)
+"""Table 2 of the paper; its peaks are at multiples of 1/32 Hz. The table has one estimator, whose number is illegible
+in some copies."""
+
+MENDED = TransmissibilitySettings(window="hann", overlap=0.5, estimator="H1", block_s=8.0)
+"""Blocks of 8 s resolve a resonance of 1 to 4 Hz, and a Hann window with half of a block wastes the least of a run."""
+
+
+@dataclass(frozen=True)
+class PrintedSettings:
+    """Settings of the chain as printed (`opid.suspensions.paper.printed`); the defaults are those of the paper.
+
+    Args:
+        transmissibility: Table 2.
+        amplitude_m_per_s2: amplitude of the arctangent of eq. (3), m/s^2: the function is bounded by pi/2.
+        subtracts_slope: whether the term a z of eq. (3) is subtracted too. It cannot be distinguished from K2, so that
+            nothing is left to find of K2 if it is.
+        lowest_peak_hz: peaks are searched from here, Hz: the first one of Table 3 is at 0.125 Hz.
+        n_pairs: pairs of peaks in Table 3.
+        scales_over_rms: inner scales of the arctangent that are tried, over the rms of the motion.
+        n_scales: so many of them, before the best is refined: an error surface of one dimension needs no more.
+    """
+
+    transmissibility: TransmissibilitySettings = TABLE_2
+    amplitude_m_per_s2: float = math.pi / 2
+    subtracts_slope: bool = False
+    lowest_peak_hz: float = 0.1
+    n_pairs: int = 3
+    scales_over_rms: tuple[float, float] = (0.01, 100.0)
+    n_scales: int = 41
 
 
 @dataclass(frozen=True)
@@ -19,7 +52,7 @@ class PaperSettings:
         ground: whether the ground spring K3 is fitted (else it is 0).
         highest_fraction_of_rate: lines above this fraction of the sampling rate are affected by the anti-aliasing
             filter.
-        block_s: length of a block of the transmissibility, s: it resolves a resonance of 1 to 4 Hz.
+        transmissibility: spectra of the mended chain; what a study states takes their place.
         highest_peak_hz: peaks of |T| are searched up to this frequency, Hz, as in the paper's figures.
         peak_prominence_std: least prominence of a peak of log |T|, in standard deviations; less is chance.
         peak_prominence_ratio: least |T| at a peak over |T| at its foot; less is a ripple.
@@ -45,6 +78,7 @@ class PaperSettings:
         largest_mass_fraction: a peak shift that needs a larger change of the mass than this is not credible.
         least_remainder: a run that keeps a smaller fraction of the sprung mass has a mistyped mass change.
         mass_seen_above: 1/M2 must stand this many standard deviations from zero.
+        printed: settings of the chain as printed.
         verdicts: thresholds of the whole package on the residual over the noise.
         least_noise: no model of a strut is better than this fraction of the motion, however quiet the sensor.
         few_averages: independent averages below which the coherence is near 1 by construction.
@@ -61,7 +95,7 @@ class PaperSettings:
     ground: bool = True
     # transmissibility
     highest_fraction_of_rate: float = 0.4
-    block_s: float = 8.0
+    transmissibility: TransmissibilitySettings = MENDED
     highest_peak_hz: float = 25.0
     peak_prominence_std: float = 5.0
     peak_prominence_ratio: float = 1.3
@@ -94,6 +128,8 @@ class PaperSettings:
     largest_mass_fraction: float = 0.5
     least_remainder: float = IntervalSettings.least_remainder
     mass_seen_above: float = 4.0
+    # the chain as printed
+    printed: PrintedSettings = field(default_factory=PrintedSettings)
     # answer
     verdicts: Verdicts = field(default_factory=Verdicts)
     least_noise: float = RunSettings.least_noise_fraction
@@ -103,6 +139,18 @@ class PaperSettings:
     negligible_ground: float = IntervalSettings.negligible_ground
     straight_above: float = 2.0
     loose_mass: float = 0.02
+
+    def stated_by(self, stated: TransmissibilitySettings) -> PaperSettings:
+        """Return these settings with what a study states of the transmissibility, mended and as printed.
+
+        Args:
+            stated: settings of the study.
+        """
+        return replace(
+            self,
+            transmissibility=stated.completed_by(self.transmissibility),
+            printed=replace(self.printed, transmissibility=stated.completed_by(self.printed.transmissibility)),
+        )
 
     def band_at(self, fs: float) -> tuple[float, float]:
         """Return the band that a sampling rate leaves of `band_hz`, Hz.

@@ -13,7 +13,7 @@ band; and their errors-in-variables form on the transforms themselves (`spectral
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,13 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
-from opid.signals.spectra import Transmissibility, cross_spectra, transmissibility
+from opid.signals.spectra import (
+    Transmissibility,
+    TransmissibilitySettings,
+    Window,
+    cross_spectra,
+    transmissibility,
+)
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import RATIOS, EquationLines, FittedRatios, fit_equation
 
@@ -43,6 +49,42 @@ class Peak:
     resolution_hz: float = 0.0
 
 
+def estimate_transmissibility(
+    unsprung: ArrayLike,
+    sprung: ArrayLike,
+    *,
+    fs: float,
+    settings: TransmissibilitySettings,
+    shortened: int = 1,
+) -> Transmissibility:
+    """Estimate T = X2/X1 by the settings of a study or a method.
+
+    Args:
+        unsprung: (n,) acceleration x1'', m/s^2.
+        sprung: (n,) acceleration x2'', m/s^2.
+        fs: sampling rate, Hz.
+        settings: window, overlap, estimator and length of the blocks, all of them given.
+        shortened: blocks are at most the run over this number.
+
+    Raises:
+        InputError: arrays of different lengths.
+
+    >>> x = np.random.default_rng(0).standard_normal(8192)
+    >>> T = estimate_transmissibility(x, 0.5 * x, fs=256.0, settings=TransmissibilitySettings("hann", 0.5, "H1", 8.0))
+    >>> T.spectra.nperseg, T.spectra.noverlap
+    (2048, 1024)
+    """
+    taken = block_of(settings, np.size(unsprung), fs, shortened)
+    return transmissibility(unsprung, sprung, fs=fs, estimator=settings.estimator or "H1", **taken)
+
+
+def block_of(settings: TransmissibilitySettings, n_samples: int, fs: float, shortened: int = 1) -> dict[str, Any]:
+    """Return the arguments of `opid.signals.cross_spectra` that say how a run of `n_samples` is averaged."""
+    assert settings.block_s is not None and settings.overlap is not None  # `completed_by` has filled them
+    nperseg = min(round(settings.block_s * fs), n_samples // shortened)
+    return {"window": settings.window or "hann", "nperseg": nperseg, "noverlap": int(settings.overlap * nperseg)}
+
+
 def transmissibility_without_force(
     unsprung: ArrayLike,
     sprung: ArrayLike,
@@ -50,7 +92,9 @@ def transmissibility_without_force(
     *,
     fs: float,
     method: Method = "conditioned",
+    window: Window = "hann",
     nperseg: int | None = None,
+    noverlap: int | None = None,
 ) -> Transmissibility:
     """Estimate the transmissibility of the linear suspension beside a known nonlinear force (H1).
 
@@ -60,7 +104,9 @@ def transmissibility_without_force(
         force_per_mass: (n,) f/M2, m/s^2.
         fs: sampling rate, Hz.
         method: "conditioned" (a second input, right) or "subtracted" (the paper's).
-        nperseg: samples of a block, as in `opid.signals.cross_spectra`.
+        window: window of a block, as in `opid.signals.cross_spectra`.
+        nperseg: samples of a block, as there.
+        noverlap: samples that neighbouring blocks have in common, as there.
 
     Raises:
         InputError: arrays of different lengths or an unknown method.
@@ -78,8 +124,8 @@ def transmissibility_without_force(
     if method not in ("conditioned", "subtracted"):
         raise InputError(f"method is {method!r}: give 'conditioned' or 'subtracted'")
     if method == "subtracted" or not np.any(force):
-        return transmissibility(x1, x2 + force, fs=fs, estimator="H1", nperseg=nperseg)
-    spectra = cross_spectra(np.stack([x1, force, x2], 1), fs=fs, nperseg=nperseg)
+        return transmissibility(x1, x2 + force, fs=fs, window=window, nperseg=nperseg, noverlap=noverlap)
+    spectra = cross_spectra(np.stack([x1, force, x2], 1), fs=fs, window=window, nperseg=nperseg, noverlap=noverlap)
     density = spectra.density
     s11, sff, s1f = density[:, 0, 0].real, density[:, 1, 1].real, density[:, 0, 1]
     s12, sf2, s22 = density[:, 0, 2], density[:, 1, 2], density[:, 2, 2].real
