@@ -63,6 +63,10 @@ class TransmissibilitySettings:
         return replace(usual, **{name: value for name, value in vars(self).items() if value is not None})
 
 
+BY_METHOD = TransmissibilitySettings()
+"""Nothing is stated: the method chooses."""
+
+
 def _is_number(value: object, least: float, most: float) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most
 

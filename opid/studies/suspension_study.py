@@ -18,7 +18,7 @@ from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.signals.spectra import TransmissibilitySettings
+from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
 from opid.studies.run_files import (
     CHANNEL,
     ChannelTable,
@@ -167,7 +167,7 @@ class _Body(_Study):
     ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("axis", "piston_area_m2"), OF_ONE_GEAR) | {
         "transmissibility": "which belongs to the study of one gear: leave it out"
     }
-    transmissibility: Annotated[TransmissibilitySettings, NO_KEY] = TransmissibilitySettings()
+    transmissibility: Annotated[TransmissibilitySettings, NO_KEY] = BY_METHOD
     channels: _Channels = field(default_factory=dict)
     structure: StructureSettings = field(default_factory=StructureSettings)
     sensors: Annotated[_Sensors, "tables [[sensors.leak]] (further sensors on the body are [[body_sensors]])"] = (
@@ -188,7 +188,7 @@ class _Gear(_Study):
     ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("structure", "body_sensors"), OF_A_BODY)
     axis: Axis = "up"
     piston_area_m2: float | None = None
-    transmissibility: TransmissibilitySettings = TransmissibilitySettings()
+    transmissibility: TransmissibilitySettings = BY_METHOD
     channels: Annotated[_Channels, SUSPENSIONS.needs["channels"]]
     sensors: Annotated[_GearSensors, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"] = _GearSensors()
     runs: Annotated[tuple[_Run, ...], SUSPENSIONS.needs["runs"]]
@@ -447,7 +447,7 @@ def study_from_logs(
     axis: Axis = "up",
     piston_area_m2: float | None = None,
     repeatability: float | None = None,
-    transmissibility: TransmissibilitySettings = TransmissibilitySettings(),
+    transmissibility: TransmissibilitySettings = BY_METHOD,
     settings: LogSettings = AS_WRITTEN,
     progress: Say | None = None,
 ) -> Study:

@@ -117,6 +117,7 @@ from .settings import (
     SurfaceSettings as SurfaceSettings,
     Verdicts as Verdicts,
     WarningSettings as WarningSettings,
+    WeighingSettings as WeighingSettings,
 )
 from .study import (
     BodySensor as BodySensor,
@@ -127,3 +128,4 @@ from .study import (
     Study as Study,
     study_of_gear as study_of_gear,
 )
+from .weighing import WeighedMass as WeighedMass

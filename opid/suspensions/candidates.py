@@ -29,7 +29,9 @@ from opid.suspensions.fitting.fit import (
     NO_FIT,
     Fit,
     balance_runs,
+    carry_over,
     explains_nothing,
+    fit_model,
     loading_changes,
     runs_contradict_each_other,
     unexplained,
@@ -76,6 +78,7 @@ from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import Axis, PointMass, Study
+from opid.suspensions.weighing import PriorMass
 
 Noise = tuple[FloatArray, FloatArray]
 Arrays = Sequence[tuple[FloatArray, FloatArray, FloatArray]]
@@ -689,6 +692,27 @@ def _has_false_minima(law: Law) -> bool:
     The law depends on the rest position, or it has memory.
     """
     return depends_on_travel(law) or law.has_memory
+
+
+def with_prior_mass(part: FittedStructure, prior: PriorMass) -> FittedStructure:
+    """Fit a structure that carries the whole mass once more, with prior knowledge of this mass.
+
+    Args:
+        part: a fitted structure.
+        prior: what is known of its reference mass.
+
+    Returns:
+        The structure with the new fit; unchanged if the fit fails.
+    """
+    fit, found = part.fit, part.found
+    assert found is not None  # it has a fit
+    body = replace(fit.model.body, prior_mass_kg=prior.kg, prior_tolerance_kg=prior.tolerance_kg)
+    model = replace(fit.model, body=body, mass_free=True)
+    try:
+        again = fit_model(model, carry_over(fit, model, {} if fit.model.mass_free else {"inverse_mass": 1 / prior.kg}))
+    except NO_FIT:
+        return part
+    return replace(part, found=replace(found, fit=again))
 
 
 def is_mass_free(runs: Sequence[DrivenRun], body: Body) -> bool:

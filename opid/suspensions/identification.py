@@ -18,7 +18,16 @@ from opid.suspensions.answer.intervals import bootstrap_over_white, limits, std_
 from opid.suspensions.answer.numbers import collect_numbers
 from opid.suspensions.answer.refusals import find_confounded_terms, is_biased, loose_motions, why_no_mass, why_refused
 from opid.suspensions.answer.warnings import Answer, collect_warnings
-from opid.suspensions.candidates import Arrays, Choice, FittedStructure, Task, fit_alone, fit_rigid, parts_of
+from opid.suspensions.candidates import (
+    Arrays,
+    Choice,
+    FittedStructure,
+    Task,
+    fit_alone,
+    fit_rigid,
+    parts_of,
+    with_prior_mass,
+)
 from opid.suspensions.fitting.faults import ground_imitations
 from opid.suspensions.fitting.noise import known_noise, measure_whiteness, over_noise
 from opid.suspensions.fitting.search import Question
@@ -28,6 +37,7 @@ from opid.suspensions.model.driven_model import noise_level
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW, Settings
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
+from opid.suspensions.weighing import InverseMass, compare_with_weighed, find_prior_mass, warn_of_weighed
 
 if TYPE_CHECKING:
     from opid.suspensions.paper.result import PaperIdentification
@@ -138,7 +148,26 @@ def identify(
     choice = _choose_structure(study, tried)
     logger.info("%s", choice.why)
     say("intervals")
-    return _make_answer(task, choice, options, mended)
+    by_runs = _mass_by_runs(choice)
+    return _make_answer(task, _with_weighed_mass(choice, by_runs), by_runs, options, mended)
+
+
+def _mass_by_runs(choice: Choice) -> InverseMass | None:
+    """Return what the runs alone say of the mass, if one fit has it."""
+    if len(choice.parts) != 1 or not choice.parts[0].fit.model.mass_free:
+        return None
+    return InverseMass(*choice.parts[0].known.inverse_mass)
+
+
+def _with_weighed_mass(choice: Choice, by_runs: InverseMass | None) -> Choice:
+    """Return the choice with the weighed mass in its fit, if it has a tolerance and does not contradict the runs."""
+    prior, parts = find_prior_mass(choice.study), choice.parts
+    carries_all = choice.study.is_one_gear or choice.kind == "rigid_body"
+    if prior is None or len(parts) != 1 or not carries_all or why_refused(choice) is not None:
+        return choice
+    if by_runs is not None and abs(by_runs.compare(prior)) > parts[0].settings.weighing.contradicts_std:
+        return choice
+    return replace(choice, tried=[with_prior_mass(each, prior) if each is parts[0] else each for each in choice.tried])
 
 
 def _log_structure(study: Study, fitted: FittedStructure) -> None:
@@ -266,7 +295,9 @@ def _describe_residual(parts: Sequence[FittedStructure]) -> str:
     return said
 
 
-def _make_answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int]) -> Identification:
+def _make_answer(
+    task: Task, choice: Choice, by_runs: InverseMass | None, options: Options, mended: tuple[int, int]
+) -> Identification:
     study, parts, tried = choice.study, choice.parts, choice.tried
     refused, unscaled = why_refused(choice), why_no_mass(choice)
     reason = refused or _failure(choice) or unscaled
@@ -282,6 +313,11 @@ def _make_answer(task: Task, choice: Choice, options: Options, mended: tuple[int
         reported = reported.without_intervals()
     if refused is None and any(is_biased(part) for part in parts):
         reported = reported.without_intervals()
+    mass = Estimate() if reason else numbers.parameters.sprung_mass_kg
+    has_prior = any(part.fit.model.has_prior_mass for part in parts)
+    weighed = compare_with_weighed(
+        study, mass, settings=task.settings.weighing, by_runs=by_runs if mass.value else None, has_prior=has_prior
+    )
     for part, terms in zip(parts, confounded, strict=True):
         reported = reported.without_intervals_of(terms, _members(study, part))
     if reason:
@@ -291,7 +327,7 @@ def _make_answer(task: Task, choice: Choice, options: Options, mended: tuple[int
     answer = Answer(
         choice=choice,
         evidence=evidence,
-        mass=Estimate() if reason else numbers.parameters.sprung_mass_kg,
+        mass=mass,
         interfaces=reported.interfaces,
         loose=loose,
         confounded=confounded,
@@ -315,11 +351,12 @@ def _make_answer(task: Task, choice: Choice, options: Options, mended: tuple[int
         residual_over_noise=choice.ratio,
         evidence=evidence,
         mended_spikes=mended,
-        warnings=tuple(collect_warnings(answer)),
+        warnings=(*collect_warnings(answer), *warn_of_weighed(study, weighed, task.settings.weighing)),
         not_determined=reason,
         options=options,
         settings=task.settings,
         equivalents=_equivalents(study, parts) if study.is_one_gear and not refused else (),
+        weighed=weighed,
     )
 
 

@@ -25,6 +25,7 @@ from opid.suspensions.law_search.force_surface import ForceSurface, VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
+from opid.suspensions.weighing import WeighedMass
 
 if TYPE_CHECKING:
     from opid.suspensions.answer.model_error import LeftOut, Limit, ModelError
@@ -391,6 +392,7 @@ class Identification(ResultOfStudy):
         options: the options of the call.
         settings: settings of the estimator.
         equivalents: equivalent linear suspension of one gear in each run.
+        weighed: masses of runs by a scale, beside the identified ones.
     """
 
     study: Study
@@ -412,6 +414,7 @@ class Identification(ResultOfStudy):
     options: Options
     settings: Settings
     equivalents: tuple[Equivalent, ...] = ()
+    weighed: tuple[WeighedMass, ...] = ()
 
     @property
     def limited_by(self) -> Limit | None:

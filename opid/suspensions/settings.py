@@ -671,6 +671,20 @@ class WarningSettings:
 
 
 @dataclass(frozen=True)
+class WeighingSettings:
+    """How identified masses are compared with weighed ones.
+
+    Args:
+        usual_fraction: standard deviation of a scale that states none, over the mass: scales for aircraft are
+            calibrated to 0.1 to 0.2 %.
+        contradicts_std: a difference of more standard deviations is a contradiction; one in 370 is larger by chance.
+    """
+
+    usual_fraction: float = 0.002
+    contradicts_std: float = 3.0
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings of the estimator.
 
@@ -689,6 +703,7 @@ class Settings:
         intervals: how well the parameters are known.
         surface: the force without a law.
         warnings: when something is worth a warning.
+        weighing: how masses are compared with weighed ones.
 
     >>> from dataclasses import replace
     >>> stricter = replace(Settings(), verdicts=Verdicts(refused=10.0))
@@ -710,3 +725,4 @@ class Settings:
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
     warnings: WarningSettings = field(default_factory=WarningSettings)
+    weighing: WeighingSettings = field(default_factory=WeighingSettings)

@@ -19,7 +19,7 @@ from opid.result import first_lines
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.spectra import TransmissibilitySettings
+from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")
@@ -228,7 +228,7 @@ class Study:
     date: date | None = None
     source: Path | None = None
     repeatability: float | None = None
-    transmissibility: TransmissibilitySettings = TransmissibilitySettings()
+    transmissibility: TransmissibilitySettings = BY_METHOD
 
     def __post_init__(self) -> None:
         for name in ("interfaces", "runs", "sensors"):
@@ -323,7 +323,7 @@ def study_of_gear(
     axis: Axis = "up",
     piston_area_m2: float | None = None,
     repeatability: float | None = None,
-    transmissibility: TransmissibilitySettings = TransmissibilitySettings(),
+    transmissibility: TransmissibilitySettings = BY_METHOD,
     date: date | None = None,
     source: Path | None = None,
 ) -> Study:
@@ -538,7 +538,7 @@ def _is_within(value: object, least: float, most: float) -> bool:
 def _structure_faults(study: Study) -> Iterator[str]:
     settings, names = study.structure, study.names
     yield from repeatability_faults(study.repeatability)
-    if study.transmissibility != TransmissibilitySettings() and not study.is_one_gear:
+    if study.transmissibility != BY_METHOD and not study.is_one_gear:
         yield "settings of the transmissibility are stated, and only one gear has one: leave them out"
     if settings.kind not in KINDS:
         yield f"the kind of structure is {settings.kind!r}: {nearest(settings.kind, KINDS)}"

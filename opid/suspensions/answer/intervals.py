@@ -423,6 +423,11 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed:
         mass: the reported mass; empty if it is not reported.
         is_pushed: whether unmeasured forces leave more than the noise of the sensors.
     """
+    if fit.model.has_prior_mass:
+        if mass.value is not None and mass.std is not None:
+            percent = 196 * mass.std / mass.value
+            yield f"the mass is known to {percent:.2g} % (half of its 95 % interval) by the weighed mass and the runs"
+        return
     if mass.value is not None and mass.std is not None:
         source = "unmeasured forces" if is_pushed else "the sensors' noise"
         yield _interval_in_words(alike, 196 * mass.std / mass.value, source)

@@ -83,7 +83,8 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from warn_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
         yield from warn_of_stops(answer.interfaces)
     rules = any(each.repeatability.rules_mass for each in answer.evidence)
-    yield from _warn_of_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
+    if not any(part.fit.model.has_prior_mass for part in choice.parts):  # else the scale rests on what was weighed
+        yield from _warn_of_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:
         yield _describe_loose_motion(motion)
     for part in reported:

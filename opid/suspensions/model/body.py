@@ -81,6 +81,8 @@ class Body:
         product: (n_dof, n_dof) matrix that the product of the first two factors multiplies; None for none.
         fall: (n_dof,) acceleration of the body in free fall, m/s^2; None if no weight acts.
         piston_area_m2: piston area of the strut of a gear alone; 0 if it is not stated.
+        prior_mass_kg: the reference mass as it is known beforehand; 0 if it is not.
+        prior_tolerance_kg: its standard deviation.
     """
 
     dof: tuple[str, ...]
@@ -96,6 +98,8 @@ class Body:
     product: FloatArray | None = None
     fall: FloatArray | None = None
     piston_area_m2: float = 0.0
+    prior_mass_kg: float = 0.0
+    prior_tolerance_kg: float = 0.0
 
     @property
     def n_attachments(self) -> int:

@@ -127,9 +127,9 @@ class Model(Unknowns):
 
     @property
     def n_known_of_laws(self) -> int:
-        """Number of priors of stiffness and laws: those of exponents and of the carried weight."""
+        """Number of priors of stiffness, laws and mass: those of exponents, of the carried weight, and of the mass."""
         exponents = [parameter for group in self.groups for parameter in group.law.parameter_list if parameter.known]
-        return len(exponents) + 2 * len(self.carriers)
+        return len(exponents) + 2 * len(self.carriers) + self.has_prior_mass
 
     @property
     def slips(self) -> bool:

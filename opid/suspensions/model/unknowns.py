@@ -175,6 +175,11 @@ class Unknowns:
         return tuple(Departure(*row) for row in values.tolist())
 
     @property
+    def has_prior_mass(self) -> bool:
+        """Whether the mass is fitted and known beforehand."""
+        return self.mass_free and self.body.prior_mass_kg > 0.0
+
+    @property
     def own_load(self) -> float:
         """Weight of a body on one suspension without a loading, with its sign; 0 if no weight acts.
 
@@ -416,7 +421,8 @@ def put_at_rest(suspensions: list[Interface], rest: Rest | None) -> list[Interfa
 def compare_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
     """Return the departures from prior values, each over its standard deviation, and their Jacobian.
 
-    Those of sensor faults, of coordinates, and of initial states and departures of runs come first, then those of laws.
+    Those of sensor faults, of coordinates, and of initial states and departures of runs come first, then those of laws
+    and of the mass.
     """
     known = [(fault.nominal, fault.std) for fault in unknowns.faults]
     known += [(0.0, coordinate.std) for coordinate in unknowns.body.coordinates]
@@ -433,7 +439,7 @@ def compare_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) 
 
 
 def _compare_laws_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
-    """Return the departures of exponents from prior values, and of the carried weight from that of gas alone."""
+    """Return the departures of exponents and mass from prior values, and of the carried weight from that of gas."""
     left, rows = [], []
 
     def add(value: float, slopes: dict[int, float], std: float, *, is_loose: bool = False) -> None:
@@ -467,6 +473,11 @@ def _compare_laws_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: 
         if unknowns.mass_free:
             slopes[unknowns.first_fault - 1] = -beside * by_mass / weight
         add(beside, slopes, std, is_loose=is_loose)
+    body = unknowns.body
+    if unknowns.has_prior_mass:
+        index = unknowns.first_fault - 1
+        off = float(theta[index]) * body.prior_mass_kg - 1.0
+        add(off, {index: body.prior_mass_kg}, body.prior_tolerance_kg / body.prior_mass_kg)
     return np.array(left), np.array(rows).reshape(-1, theta.size)
 
 

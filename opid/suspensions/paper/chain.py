@@ -325,7 +325,10 @@ def _peak_pairs(
         if run is reference or change == 0:
             continue
         for match in match_peaks(
-            reference.printed.peaks, run.printed.peaks, mass_change_kg=change, largest_mass_fraction=largest_mass_fraction
+            reference.printed.peaks,
+            run.printed.peaks,
+            mass_change_kg=change,
+            largest_mass_fraction=largest_mass_fraction,
         ):
             printed, restored = (
                 two_peak_mass(

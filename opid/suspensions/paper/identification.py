@@ -39,6 +39,7 @@ from opid.suspensions.paper.spectral_equation import EquationLines, JointFit, di
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
+from opid.suspensions.weighing import compare_with_weighed, warn_of_weighed
 
 
 def identify_by_paper(
@@ -89,8 +90,16 @@ def identify_by_paper(
     say("added mass")
     result = _without_numbers(study, method, chain, ladder, settings)
     if method == "paper":
-        return _conclude_as_printed(result)
-    return _refuse(result) if result.residual_over_noise > settings.verdicts.refused else _conclude(result)
+        return _weigh(_conclude_as_printed(result))
+    return _weigh(_refuse(result) if result.residual_over_noise > settings.verdicts.refused else _conclude(result))
+
+
+def _weigh(result: PaperIdentification) -> PaperIdentification:
+    """Compare the identified mass with the weighed ones."""
+    study, settings = result.study, result.settings.weighing
+    weighed = compare_with_weighed(study, result.parameters.sprung_mass_kg, settings=settings)
+    warnings = (*result.warnings, *warn_of_weighed(study, weighed, settings))
+    return replace(result, weighed=weighed, warnings=warnings)
 
 
 def _try_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LawStep[JointFit], ...]:

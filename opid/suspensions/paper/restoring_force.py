@@ -5,8 +5,8 @@ force per unit mass. Plotted over the travel z and the rate z' it shows the law 
 Caughey 1979).
 
 The paper models both curves by f/M2 = a z + arctan(d b (z + c z')) (eq. 3): a slope, an amplitude and an inner scale.
-There the amplitude is fixed at pi/2 m/s^2, see `fit_slice`; the mended chain fits it. An arctangent can be seen only if the motion is large
-enough: below a third of its scale it is a straight line, and only amplitude/scale is known.
+There the amplitude is fixed at pi/2 m/s^2, see `fit_slice`; the mended chain fits it. An arctangent can be seen only if
+the motion is large enough: below a third of its scale it is a straight line, and only amplitude/scale is known.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from opid.suspensions.paper.spectral_equation import RATIOS, FittedRatios, Joint
 from opid.suspensions.result import GearParameters, GearRatios, Identification, ResultOfStudy, estimate_rows
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
+from opid.suspensions.weighing import WeighedMass
 
 PaperMethod = Literal["classical", "paper"]
 METHODS: tuple[PaperMethod, ...] = ("classical", "paper")
@@ -52,6 +53,7 @@ class PaperIdentification(ResultOfStudy):
         settings: the options of the call, and every number that was chosen.
         warnings: what limits the answer, one sentence each.
         not_determined: why absolute values are missing, or None.
+        weighed: masses of runs by a scale, beside the identified ones.
     """
 
     study: Study
@@ -70,6 +72,7 @@ class PaperIdentification(ResultOfStudy):
     settings: PaperSettings
     warnings: tuple[str, ...]
     not_determined: str | None
+    weighed: tuple[WeighedMass, ...] = ()
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the parameters, the law, and the ratios that need no known mass."""

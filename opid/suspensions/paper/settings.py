@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from opid.signals.spectra import TransmissibilitySettings
-from opid.suspensions.settings import IntervalSettings, RunSettings, Verdicts
+from opid.suspensions.settings import IntervalSettings, RunSettings, Verdicts, WeighingSettings
 
 TABLE_2 = TransmissibilitySettings(window="flattop", overlap=0.3, estimator="H1", block_s=32.0)
 """Table 2 of the paper; its peaks are at multiples of 1/32 Hz. The table has one estimator, whose number is illegible
@@ -87,6 +87,7 @@ class PaperSettings:
         negligible_ground: a ground spring below this fraction of K2 is not worth a warning.
         straight_above: a term whose scale exceeds this multiple of the rms motion is a straight line.
         loose_mass: relative standard deviation of the mass above which a larger mass change is advised.
+        weighing: how masses are compared with weighed ones.
     """
 
     law: str | None = None
@@ -139,6 +140,7 @@ class PaperSettings:
     negligible_ground: float = IntervalSettings.negligible_ground
     straight_above: float = 2.0
     loose_mass: float = 0.02
+    weighing: WeighingSettings = field(default_factory=WeighingSettings)
 
     def stated_by(self, stated: TransmissibilitySettings) -> PaperSettings:
         """Return these settings with what a study states of the transmissibility, mended and as printed.

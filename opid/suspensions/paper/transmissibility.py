@@ -80,7 +80,8 @@ def estimate_transmissibility(
 
 def block_of(settings: TransmissibilitySettings, n_samples: int, fs: float, shortened: int = 1) -> dict[str, Any]:
     """Return the arguments of `opid.signals.cross_spectra` that say how a run of `n_samples` is averaged."""
-    assert settings.block_s is not None and settings.overlap is not None  # `completed_by` has filled them
+    assert settings.block_s is not None  # `completed_by` has filled them
+    assert settings.overlap is not None
     nperseg = min(round(settings.block_s * fs), n_samples // shortened)
     return {"window": settings.window or "hann", "nperseg": nperseg, "noverlap": int(settings.overlap * nperseg)}
 
