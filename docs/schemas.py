@@ -212,7 +212,7 @@ def _identification() -> Json:
         "runs": array(keys(run)),
         "natural_frequency_of": TEXT | {"description": "what frequency and damping ratio of one gear belong to"},
         "diagnostics": {"type": "object", "description": rests},
-        **fields_of(Identification, "warnings", "not_determined"),
+        **fields_of(Identification, "weighed", "warnings", "not_determined"),
     }
 
 

@@ -57,6 +57,7 @@ from .runs import (
     accelerations as accelerations,
     equation_residual as equation_residual,
     integration as integration,
+    printed_transmissibilities as printed_transmissibilities,
     recording as recording,
     transmissibilities as transmissibilities,
 )

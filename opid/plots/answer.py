@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.spectral_equation import RATIOS
 from opid.suspensions.result import GearRatios
 
-# each pair of peaks that is shown has one
+# each pair of peaks that is shown has one, over and over
 _PAIR_MARKERS = ("D", "s", "p")
 
 
@@ -114,7 +115,7 @@ def _list_marks(result: AnyIdentification) -> Iterator[_Mark]:
                 mass.ground_stiffness_n_per_m / mass.sprung_mass_kg,
             )
             for column, value in enumerate(values):
-                shift, look = 0.27 * (i - 1), (_PAIR_MARKERS[i], pair.match.credible)
+                shift, look = 0.27 * (i - 1), (_PAIR_MARKERS[i % len(_PAIR_MARKERS)], pair.match.credible)
                 yield _Mark(row, column, GREY, shift, Estimate(value), *look)
     mass_estimate, ratios, inverse_mass = _find_estimates(result)
     for run, color, shift in zip(runs, colors, shifts, strict=True):
@@ -203,7 +204,7 @@ def _draw_legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: b
     ]
     if has_mass:
         handles.append(Line2D([], [], color=INK, label="all runs", **dot))
-    for pair, marker in zip(chain.table_3, _PAIR_MARKERS, strict=False):
+    for pair, marker in zip(chain.table_3, cycle(_PAIR_MARKERS), strict=False):
         match = pair.match
         label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"
         face, doubt = (GREY, "") if match.credible else ("white", " (not credible)")

@@ -37,6 +37,7 @@ from opid.plots.style import (
     thin_samples,
 )
 from opid.suspensions.paper.chain import RunEvidence
+from opid.suspensions.paper.printed import PrintedRun
 from opid.suspensions.paper.restoring_force import LawFit, SliceCurve
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Identification, InterfaceEstimate
@@ -117,13 +118,13 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def slices(run: RunEvidence, axes: Any = None) -> np.ndarray:
+def slices(run: RunEvidence | PrintedRun, axes: Any = None) -> np.ndarray:
     """Draw stiffness curve and damping curve with the arctangents fitted to them, and the residuals below.
 
     As Figs. 6 and 7 of Iwaniec & Uhl (2007).
 
     Args:
-        run: one run of the evidence.
+        run: one run of the evidence, mended or as printed.
         axes: four Axes, or None for a new figure.
 
     Returns:

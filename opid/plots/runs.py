@@ -25,6 +25,7 @@ from opid.plots.style import (
     require_answer,
     smooth_lines,
     thicken,
+    write_note,
 )
 from opid.signals.recording import Recording
 from opid.signals.spectra import cross_spectra
@@ -246,6 +247,47 @@ def _draw_transmissibility(
     coherence.legend(loc="lower left")
     for ax in column:
         ax.axvspan(*band_hz, color="#F6F6F6", zorder=0)
+
+
+def printed_transmissibilities(result: AnyIdentification, ax: Any = None) -> Axes:
+    """Draw |T| of all runs as printed on one Axes, with the matched peaks and their numbers in Table 3.
+
+    As Figs. 8 and 9 of Iwaniec & Uhl (2007).
+
+    Args:
+        result: the identification.
+        ax: one Axes, or None for a new figure.
+    """
+    chain = result.paper_chain
+    colors = {run.name: color for run, color in zip(chain.runs, choose_run_colors(len(chain.runs)), strict=True)}
+    highest = min(HIGHEST_HZ, 0.4 * chain.runs[0].fs)
+    with house_style():
+        ax = panels(ax, 1, height_in=4.2)[0, 0]
+        for run in chain.runs:
+            T, color = run.printed.T, colors[run.name]
+            shown = (T.frequency_hz > 0) & (T.frequency_hz <= highest)
+            ax.plot(T.frequency_hz[shown], np.abs(T.value[shown]), color=color, linewidth=0.9, label=format_run(run))
+        for number, pair in enumerate(chain.table_3, start=1):
+            for peak, color in (
+                (pair.match.reference, colors[chain.reference.name]),
+                (pair.match.changed, colors[pair.run_name]),
+            ):
+                face = color if pair.match.credible else "white"
+                at = (peak.frequency_hz, peak.magnitude)
+                ax.plot(*at, marker="v", markersize=6, linestyle="none", color=color, markerfacecolor=face)
+                write_note(ax, str(number), at, (0, 6), ha="center", color=color, fontweight="bold")
+        label = f"T(0) = {chain.static_transmissibility:.3g}"
+        ax.axhline(chain.static_transmissibility, color=INK, linestyle="--", linewidth=0.8, label=label)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        plain_numbers(ax.xaxis)
+        plain_numbers(ax.yaxis)
+        ax.margins(x=0)
+        ax.set_xlabel("frequency [Hz]")
+        ax.set_ylabel("|T| = |X₂/X₁|, force subtracted")
+        ax.set_title("The chain as printed: transmissibilities and matched peaks")
+        thicken(ax.legend(loc="lower left"))
+    return ax
 
 
 def _find_suspension(result: AnyIdentification) -> _Suspension | None:

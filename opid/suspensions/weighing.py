@@ -104,6 +104,21 @@ def find_prior_mass(study: Study) -> PriorMass | None:
     return PriorMass(mean, min(tolerance for _, tolerance in known))
 
 
+def find_weighed_reference(study: Study) -> float | None:
+    """Return the weighed mass of the reference, kg: of the first run that was weighed, less its mass change."""
+    known = (run.weighed_mass_kg - run.mass_change_kg for run in study.runs if run.weighed_mass_kg is not None)
+    return next(known, None)
+
+
+def relative_error_percent(weighed_kg: float, identified_kg: float) -> float:
+    """Return (M_m - M_e)/M_m 100 (eq. 11), positive if the identified mass is too small.
+
+    >>> relative_error_percent(2000.0, 1900.0)
+    5.0
+    """
+    return 100 * (weighed_kg - identified_kg) / weighed_kg
+
+
 def compare_with_weighed(
     study: Study,
     mass: Estimate,
@@ -131,7 +146,7 @@ def compare_with_weighed(
         tolerance = run.weighed_tolerance_kg or settings.usual_fraction * weighed
         here, error = _add(mass, change), None
         if here.value is not None:
-            error = 100 * (weighed - here.value) / weighed
+            error = relative_error_percent(weighed, here.value)
         is_prior = has_prior and run.weighed_tolerance_kg is not None
         own = Estimate() if by_runs is None else _add(by_runs.mass, change)
         deviations = None if by_runs is None else by_runs.compare(PriorMass(weighed - change, tolerance))

@@ -99,6 +99,22 @@ def _list_gear_figures(result: AnyIdentification, truth: GearTruth | None) -> It
         )
     yield from _list_rest_figures(result, truth)
     if chain is not None:
+        if result.method == "paper":
+            yield Figure(
+                "printed_slices",
+                "The same curves as printed",
+                "The mean is removed before each integration, and the arctangent has the fixed amplitude of eq. (3). "
+                "The parabola in the travel spreads the points, so that the curves hardly show the suspension.",
+                lambda: plots.slices(chain.reference.printed),
+            )
+        yield Figure(
+            "printed_transmissibility",
+            "Transmissibilities and matched peaks as printed",
+            "Both |T| with the force of eq. (3) subtracted and the spectra of Table 2 (Fig. 8 of the paper), and the "
+            "matched peaks, numbered as in Table 3 (Fig. 9). A block of 32 s leaves about one average of a run, so "
+            "that most peaks are chance; hollow marks are of pairs that the mass change cannot have moved so.",
+            lambda: plots.printed_transmissibilities(result),
+        )
         yield Figure(
             "transmissibility",
             "Transmissibility",

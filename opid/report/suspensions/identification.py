@@ -35,10 +35,12 @@ from opid.report.estimates import (
 )
 from opid.report.suspensions.again import write_command, write_python
 from opid.report.suspensions.figures import list_figures
+from opid.report.suspensions.paper_tables import tabulate_peaks, tabulate_spectra, tabulate_weighed
 from opid.report.suspensions.sketch import build_sketch
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.answer.intervals import limits_of_mass
 from opid.suspensions.fitting.noise import over_noise
+from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import UNITS, Candidate, GearParameters, Identification, InterfaceEstimate
 
@@ -138,6 +140,11 @@ def _list_blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator
         + about_body * (not result.study.is_one_gear)
         + " The force of a suspension is K z + C z′ + f(z, z′), z the travel of the body less that below.",
     )
+    if (weighed := tabulate_weighed(result)) is not None:
+        yield weighed
+    if isinstance(result, PaperIdentification) and result.method == "paper":
+        peaks = tabulate_peaks(result.study, result.chain)
+        yield from [] if peaks is None else [peaks]
     yield build_warnings(result.warnings)
     yield Paragraph(_say_limits(result))
     if isinstance(result, Identification):
@@ -149,7 +156,12 @@ def _list_blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator
 
 
 def _list_details(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Block]:
-    yield _tabulate_runs(result)
+    chain = chain_of(result) if result.study.is_one_gear else None
+    yield _tabulate_runs(result, chain)
+    if chain is not None:
+        yield tabulate_spectra(chain)
+        peaks = tabulate_peaks(result.study, chain) if result.method != "paper" else None
+        yield from [] if peaks is None else [peaks]
     yield from list_figures(result, truth)
 
 
@@ -414,9 +426,8 @@ def _tabulate_sensors(result: Identification) -> Iterator[Table]:
         yield Table(build_columns("of the sensors", "found", "std. dev.", "known before", "std. dev."), rows)
 
 
-def _tabulate_runs(result: AnyIdentification) -> Table:
-    """The runs, and what the steps of the paper found of each."""
-    chain = chain_of(result) if result.study.is_one_gear else None
+def _tabulate_runs(result: AnyIdentification, chain: PaperChain | None) -> Table:
+    """The runs (Table 1 of the paper), and what the steps of the paper found of each."""
     steps = chain.runs if chain is not None else ()
 
     def format_step(index: int) -> Row:
@@ -425,14 +436,19 @@ def _tabulate_runs(result: AnyIdentification) -> Table:
         return f"{travel:.3g}", f"{velocity:.3g}", f"{steps[index].T.spectra.n_averages:.1f}"
 
     heads = ("travel rms [mm]", "velocity rms [m/s]", "averages")
+    has_weighed = any(run.weighed_mass_kg is not None for run in result.study.runs)
+    weighed = ("weighed [kg]",) * has_weighed
+    known = ("mass change [kg]", *weighed, "length [s]", "rate [Hz]", "samples")
     return Table(
-        build_columns("run", "mass change [kg]", "length [s]", "rate [Hz]", *(heads if steps else ())),
+        build_columns("run", *known, *(heads if steps else ())),
         tuple(
             (
                 run.name,
                 f"{run.mass_change_kg:+g}" if run.mass_change_kg else "0",
+                *(("-" if run.weighed_mass_kg is None else f"{run.weighed_mass_kg:g}",) * has_weighed),
                 f"{run.recording.duration_s:.4g}",
                 f"{run.recording.fs:g}",
+                f"{run.recording.n_samples}",
                 *(format_step(index) if steps else ()),
             )
             for index, run in enumerate(result.study.runs)

@@ -16,11 +16,13 @@ from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.signals.recording import FloatArray
+from opid.signals.spectra import Transmissibility
 from opid.suspensions.fitting.faults import Demand
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, chosen
 from opid.suspensions.own_structure import SCHEMA as STRUCTURE_SCHEMA, StructureIdentification
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
+from opid.suspensions.paper.printed import PrintedRun
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.transmissibility import DirectParameters
 from opid.suspensions.result import (
@@ -121,7 +123,8 @@ def _head(result: Identification | PaperIdentification) -> Json:
 
 
 def _tail(result: Identification | PaperIdentification) -> Json:
-    return {"warnings": result.warnings, "not_determined": result.not_determined}
+    weighed = [asdict(each) for each in result.weighed]
+    return {"weighed": weighed, "warnings": result.warnings, "not_determined": result.not_determined}
 
 
 def _describe_gear(result: AnyIdentification) -> Json:
@@ -426,6 +429,19 @@ def _chain_parts(chain: PaperChain | None) -> Json:
     return {
         "static_transmissibility_read_from_lines": None if chain is None else chain.static_transmissibility,
         "peak_pairs": [] if chain is None else [_pair(pair) for pair in chain.pairs],
+        "table_3": [] if chain is None else [_pair(pair) for pair in chain.table_3],
+    }
+
+
+def _spectra(T: Transmissibility) -> Json:
+    """Return how a transmissibility was estimated."""
+    return {
+        "window": T.spectra.window,
+        "overlap": T.spectra.noverlap / T.spectra.nperseg,
+        "estimator": T.estimator,
+        "block_s": T.spectra.nperseg / T.spectra.fs,
+        "n_averages": T.spectra.n_averages,
+        "n_blocks": T.spectra.n_blocks,
     }
 
 
@@ -454,8 +470,10 @@ def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
     known = {
         "name": run.name,
         "mass_change_kg": run.mass_change_kg,
+        "weighed_mass_kg": run.weighed_mass_kg,
         "duration_s": run.recording.duration_s,
         "fs": run.recording.fs,
+        "n_samples": run.recording.n_samples,
         "findings": [asdict(finding) for finding in findings],
     }
     if step is None:
@@ -463,6 +481,8 @@ def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
     return known | {
         "n_averages": step.T.spectra.n_averages,
         "n_blocks": step.T.spectra.n_blocks,
+        "transmissibility": _spectra(step.T),
+        "printed": _printed(step.printed),
         "noise_floor_m_per_s2": dict(zip(("unsprung", "sprung"), step.noise_floor, strict=True)),
         "travel_rms_m": step.surface.travel.std(),
         "velocity_rms_m_per_s": step.surface.velocity.std(),
@@ -475,6 +495,21 @@ def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
         "errors_in_variables": _direct(step.spectral_fit),
         "peaks_hz": [peak.frequency_hz for peak in step.peaks],
     }
+
+
+def _printed(step: PrintedRun) -> Json:
+    """Return the steps of a run as printed: eq. (3) on both curves, per unit of its mass, and the spectra."""
+    names = {"travel": "stiffness_curve", "velocity": "damping_curve"}
+    curves = {
+        names[curve.along]: {
+            "straight": fit.straight,
+            "amplitude_m_per_s2": fit.law.vector[0],
+            "scale": fit.law.vector[1],
+            "residual_rms_m_per_s2": fit.residual_rms,
+        }
+        for curve, fit in zip(step.slices, step.slice_fits, strict=True)
+    }
+    return curves | {"transmissibility": _spectra(step.T), "peaks_hz": [peak.frequency_hz for peak in step.peaks]}
 
 
 def _direct(fit: DirectParameters) -> Json:

@@ -219,7 +219,7 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
 def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
     """Give the result of the printed chain for the strongest pair of peaks: no damping and no intervals."""
     chain = result.chain
-    pair, result = chain.strongest_pair, replace(result, law=chain.reference.printed.law)
+    pair, law = chain.strongest_pair, chain.reference.printed.law
     warnings = [
         *warnings_of_logs(result),
         "the printed chain integrates a parabola into the travel, fixes the amplitude of the force, and its formula "
@@ -236,18 +236,20 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         has_one_mass = len({run.mass_change_kg for run in result.chain.runs}) == 1
         reason = "the runs have no peak of |T| in common, and the printed formula needs one pair"
         result = replace(result, not_determined=result.not_determined if has_one_mass else reason)
-        return replace(result, warnings=tuple(warnings), restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
+        result = replace(result, law=law, law_estimates=law_estimates_of(law), warnings=tuple(warnings))
+        return replace(result, restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
     found, per_mass = pair.as_printed, pair.as_printed.sprung_mass_kg <= 0
     mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
     ratios = GearRatios(Estimate(stiffness / mass), ground_stiffness_per_mass=Estimate(ground / mass))
     if per_mass:
-        reason = f"the printed formula gives a sprung mass of {mass:.0f} kg: {pair.match.reason}"
+        reason = f"the chain as printed gives an impossible sprung mass of {mass:.0f} kg; {pair.match.reason}"
         result = replace(result, not_determined=reason)
     else:
         parameters = GearParameters(Estimate(mass), Estimate(stiffness), Estimate(), Estimate(ground))
-        result = replace(result, parameters=parameters, law=result.law.scaled(mass), not_determined=None)
+        result, law = replace(result, parameters=parameters, not_determined=None), law.scaled(mass)
     if not pair.match.credible:
         warnings.append(pair.match.reason)
+    result = replace(result, law=law, law_estimates=law_estimates_of(law))
     force = _force_of(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
     return replace(result, ratios=ratios, restoring_force=force, warnings=tuple(warnings))
 

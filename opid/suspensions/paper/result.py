@@ -193,9 +193,10 @@ def ratios_of(fit: FittedRatios, *, gain: float, equal_gains: float) -> GearRati
     )
 
 
-def law_estimates_of(law: Law, std: FloatArray) -> dict[str, dict[str, Estimate]]:
-    """Return {kind: {parameter: Estimate}} of a law and the standard deviations of its vector."""
-    found = map(Estimate.normal, law.vector.tolist(), std.tolist())
+def law_estimates_of(law: Law, std: FloatArray | None = None) -> dict[str, dict[str, Estimate]]:
+    """Return {kind: {parameter: Estimate}} of a law and the standard deviations of its vector, if it has any."""
+    known = [None] * law.vector.size if std is None else std.tolist()
+    found = map(Estimate.normal, law.vector.tolist(), known)
     return {term.name: {parameter.name: next(found) for parameter in term.kind.parameters} for term in law.terms}
 
 
