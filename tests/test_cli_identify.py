@@ -51,6 +51,19 @@ def test_what_is_known_of_the_gear_is_said_beside_logs(logs, tmp_path):
     assert " ".join(told) in (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("few_figures")
+def test_settings_of_the_transmissibility_are_said_beside_logs(logs, tmp_path):
+    told = ("--window", "flattop", "--overlap", "0.3", "--estimator", "H2", "--block", "4")
+    done = logs.identify("--method", "classical", "--law", "arctan_velocity", *told)
+    assert done.exit_code == 0
+    (run, _) = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))["diagnostics"]["runs"]
+    taken = run["transmissibility"]
+    assert (taken["window"], round(taken["overlap"], 2), taken["estimator"]) == ("flattop", 0.3, "H2")
+    html = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+    assert " ".join(told) in html
+    assert "Transmissibilities (Table 2 of the paper)" in html
+
+
 @pytest.mark.parametrize("written", ["sparse-regression", "sparse regression"])
 def test_the_second_method_of_the_law_needs_no_quotes(written):
     assert (
@@ -141,6 +154,9 @@ def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
         (("a.toml", *CHANNELS), "leave out --sprung"),
         (("a.toml", "--repeatability", 0), "leave out --repeatability"),
         (("a.csv", "--repeatability", "1%"), "'1%' is no number: give a fraction, 0.01 for 1 %"),
+        (("a.csv", *CHANNELS, "--window", "flattopp"), "did you mean 'flattop'"),
+        (("a.csv", *CHANNELS, "--block", "long"), "'long' is no number: give s"),
+        (("a.toml", "--window", "hann"), "leave out --window"),
         (("a.csv", "b.csv", *CHANNELS), "one mass change for each log after it"),
         ((".",), ". is a directory without a study.toml: name a study file, or logs"),
         ((), "Missing argument"),

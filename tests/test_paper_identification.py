@@ -36,11 +36,12 @@ CLASSICAL = {
         (3.2973839, 745.58915, 17.352155, 512.69241),
     ),
 }
+# what the chain as printed gives for the same runs: every step of it is as wrong as this
 PRINTED = {
-    (0.0, 0): (959.7346038, 258127.439265, -5564.331541),
-    (0.0, 1): (1616.654977, -1375994.760994, 59717.464844),
-    (1.67e5, 0): (1699.356122, 539246.005494, 217139.519146),
-    (1.67e5, 1): (1890.784765, 600349.747168, 226489.187755),
+    (0.0, 0): 210.720065,
+    (0.0, 1): 712.307684,
+    (1.67e5, 0): -312.540107,
+    (1.67e5, 1): 517.317831,
 }
 
 
@@ -78,9 +79,13 @@ def test_values_and_intervals_are_the_classical_ones_and_hold_the_truth(ground, 
         np.testing.assert_allclose(estimate.std, std, rtol=1e-3)
         assert abs(estimate.value - getattr(gear, name)) < 4 * std
     printed = identify_by_paper(study, method="paper", law="arctan_velocity")
+    found = printed.chain.strongest_pair.as_printed
+    np.testing.assert_allclose(found.sprung_mass_kg, PRINTED[ground, seed], rtol=1e-3)
     given = [estimate.value for _, estimate in printed.parameters.items()]
-    assert given.pop(2) is None
-    np.testing.assert_allclose(given, PRINTED[ground, seed], rtol=1e-3)
+    is_possible = PRINTED[ground, seed] > 220
+    expected = (found.sprung_mass_kg, found.stiffness_n_per_m, None, found.ground_stiffness_n_per_m)
+    assert given == (list(expected) if is_possible else [None] * 4)
+    assert is_possible or "impossible sprung mass" in printed.not_determined
 
 
 def test_the_law_is_searched_and_found(result):
@@ -112,7 +117,7 @@ def test_the_printed_formula_is_shown_with_its_error(study, result):
     printed = identify_by_paper(study, method="paper", law="arctan_velocity")
     assert all(estimate.std is None for _, estimate in printed.parameters.items())
     assert printed.parameters.suspension_damping_n_s_per_m.value is None
-    assert any("printed formula" in warning for warning in printed.warnings)
+    assert any("the printed chain integrates a parabola" in warning for warning in printed.warnings)
     mass = printed.parameters.sprung_mass_kg.value
     assert mass is None or abs(mass - 1850) > abs(result.parameters.sprung_mass_kg.value - 1850)
 

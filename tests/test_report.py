@@ -52,6 +52,7 @@ OLD_KEYS = {
     "law",
     "restoring_force",
     "diagnostics",
+    "weighed",
     "warnings",
     "not_determined",
 }
@@ -70,7 +71,7 @@ OLD_DIAGNOSTICS = {
     "imitates_ground_spring mended_spikes surface n_starts limits",
 }
 """What result.json of one gear has always told."""
-N_PICTURES = 12
+N_PICTURES = 13
 
 
 def one_picture(name):

@@ -12,6 +12,7 @@ from opid.errors import InputError
 from opid.provenance import read_file
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.signals.spectra import TransmissibilitySettings
 from opid.studies.study_file import read_study, write_study
 from opid.studies.suspension_study import find_log_readings, read_loading, study_from_logs
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair
@@ -328,6 +329,34 @@ def test_a_gear_that_is_written_reads_back(tmp_path, sensors):
     assert list(document["runs"][1]) == ["name", "log", "mass_change_kg", "start_s"]
     assert document["channels"]["sprung"] == "upper_z"
     assert "[[runs]]" in text
+
+
+def test_weighed_masses_and_settings_of_the_transmissibility_are_written_and_read(tmp_path):
+    heavy, light = gear_runs()
+    runs = (replace(heavy, weighed_mass_kg=1851.5, weighed_tolerance_kg=3.0), replace(light, weighed_mass_kg=1630.0))
+    stated = TransmissibilitySettings(window="flattop", overlap=0.3, estimator="H2", block_s=1.0)
+    taxi = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, transmissibility=stated)
+    document = tomllib.loads(is_as_before(taxi, tmp_path / "study.toml"))
+    assert document["transmissibility"] == vars(stated)
+    assert (document["runs"][0]["weighed_mass_kg"], document["runs"][0]["weighed_tolerance_kg"]) == (1851.5, 3.0)
+    again = read_study(tmp_path / "study.toml")
+    assert again.transmissibility == stated
+    assert [run.weighed_mass_kg for run in again.runs] == [1851.5, 1630.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (GEAR + '[transmissibility]\nwindow = "flattopp"\n', "did you mean 'flattop'"),
+        (GEAR + "[transmissibility]\noverlapp = 0.3\n", "did you mean 'overlap'"),
+        (GEAR + "weighed_tolerance_kg = 3\n", "weighed_tolerance_kg is stated without weighed_mass_kg"),
+        (GEAR + "weighed_mass = 3\n", "did you mean 'weighed_mass_kg'"),
+        (BODY + "[transmissibility]\noverlap = 0.3\n", "'transmissibility', which belongs to the study of one gear"),
+    ],
+)
+def test_wrong_weighings_and_spectra_are_named(read, text, words):
+    with pytest.raises(InputError, match=words):
+        read(text)
 
 
 def test_a_body_that_is_written_reads_back(tmp_path):

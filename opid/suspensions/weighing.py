@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from opid.estimate import Estimate, Estimates, rounded, with_std
+from opid.estimate import Estimate, Estimates, with_std
 from opid.suspensions.settings import WeighingSettings
 from opid.suspensions.study import Study
 
@@ -105,13 +105,24 @@ def find_prior_mass(study: Study) -> PriorMass | None:
 
 
 def find_weighed_reference(study: Study) -> float | None:
-    """Return the weighed mass of the reference, kg: of the first run that was weighed, less its mass change."""
+    """Return the weighed mass of the reference, kg: of the first run that was weighed, less its mass change.
+
+    Args:
+        study: the study.
+
+    Returns:
+        The mass; None if no run was weighed.
+    """
     known = (run.weighed_mass_kg - run.mass_change_kg for run in study.runs if run.weighed_mass_kg is not None)
     return next(known, None)
 
 
 def relative_error_percent(weighed_kg: float, identified_kg: float) -> float:
     """Return (M_m - M_e)/M_m 100 (eq. 11), positive if the identified mass is too small.
+
+    Args:
+        weighed_kg: M_m.
+        identified_kg: M_e.
 
     >>> relative_error_percent(2000.0, 1900.0)
     5.0
@@ -185,7 +196,7 @@ def warn_of_weighed(study: Study, weighed: Sequence[WeighedMass], settings: Weig
         apart = abs(read - stated) / math.hypot(one.tolerance_kg, other.tolerance_kg)
         if apart > settings.contradicts_std:
             yield (
-                f"runs {one.run!r} and {other.run!r} differ by {rounded(read)} kg on the scale and by {stated:g} kg in "
+                f"runs {one.run!r} and {other.run!r} differ by {read:.4g} kg on the scale and by {stated:g} kg in "
                 f"mass_change_kg, {apart:.1f} standard deviations apart: the identified mass is proportional to "
                 "mass_change_kg, so correct it or the weighed masses"
             )

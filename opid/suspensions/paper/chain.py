@@ -41,6 +41,7 @@ from opid.suspensions.paper.transmissibility import (
     complex_least_squares,
     errors_in_variables,
     estimate_transmissibility,
+    read_static_transmissibility,
     transmissibility_peaks,
     transmissibility_without_force,
 )
@@ -245,7 +246,7 @@ def chain_of(
         _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
     )
     reference = next((run for run in found if run.mass_change_kg == 0), found[0])
-    static = _static_transmissibility(reference.printed.T, settings.static_hz)
+    static = read_static_transmissibility(reference.printed.T, up_to_hz=settings.static_hz)
     # The noise of the sprung channel dominates the equation above resonance.
     noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
@@ -308,12 +309,6 @@ def _transmissibilities(
         transmissibility_without_force(unsprung, sprung, force, fs=fs, method="conditioned", **taken),
         estimate_transmissibility(unsprung, sprung + force, **known),
     )
-
-
-def _static_transmissibility(T: Transmissibility, up_to_hz: float) -> float:
-    """Return |T| at the lowest lines, at least two of them."""
-    low = (T.frequency_hz > 0) & (T.frequency_hz <= max(up_to_hz, 2.5 * T.frequency_hz[1]))
-    return float(np.median(np.abs(T.value[low])))
 
 
 def _peak_pairs(

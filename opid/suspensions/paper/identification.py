@@ -238,7 +238,8 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         result = replace(result, not_determined=result.not_determined if has_one_mass else reason)
         result = replace(result, law=law, law_estimates=law_estimates_of(law), warnings=tuple(warnings))
         return replace(result, restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
-    found, per_mass = pair.as_printed, pair.as_printed.sprung_mass_kg <= 0
+    found, least_change = pair.as_printed, min(run.mass_change_kg for run in chain.runs)
+    per_mass = found.sprung_mass_kg + min(least_change, 0.0) <= 0
     mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
     ratios = GearRatios(Estimate(stiffness / mass), ground_stiffness_per_mass=Estimate(ground / mass))
     if per_mass:

@@ -21,7 +21,7 @@ class PrintedSettings:
     """Settings of the chain as printed (`opid.suspensions.paper.printed`); the defaults are those of the paper.
 
     Args:
-        transmissibility: Table 2.
+        transmissibility: spectra of Table 2; what a study states takes their place.
         amplitude_m_per_s2: amplitude of the arctangent of eq. (3), m/s^2: the function is bounded by pi/2.
         subtracts_slope: whether the term a z of eq. (3) is subtracted too. It cannot be distinguished from K2, so that
             nothing is left to find of K2 if it is.

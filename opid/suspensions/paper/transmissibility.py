@@ -187,6 +187,17 @@ def transmissibility_peaks(
     return tuple(peaks)
 
 
+def read_static_transmissibility(T: Transmissibility, *, up_to_hz: float = PaperSettings.static_hz) -> float:
+    """Return T(0) as the paper read it from its figure: the median of |T| over the lowest lines, at least two of them.
+
+    Args:
+        T: the transmissibility.
+        up_to_hz: the last of these lines, Hz.
+    """
+    low = (T.frequency_hz > 0) & (T.frequency_hz <= max(up_to_hz, 2.5 * T.frequency_hz[1]))
+    return float(np.median(np.abs(T.value[low])))
+
+
 def suspension_transmissibility(
     frequency_hz: ArrayLike,
     *,
