@@ -3,7 +3,7 @@
 Run `python benchmarks/accuracy.py`; `--quick` takes one seed of a coarse grid, `--seeds N` another number of seeds
 (they count from 0, none is dropped), `--method NAME` another method, `--each FILE` also writes one line for each trial.
 
-Beside it stand, on the same runs, the printed peak formula of Iwaniec & Uhl (2007) and a middle road: complex least
+Beside it stand, on the same runs, the chain of Iwaniec & Uhl (2007) as printed and a middle road: complex least
 squares of each run's transmissibility, and the mass from the two ratios K2/M2.
 """
 

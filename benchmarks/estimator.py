@@ -76,7 +76,7 @@ def residual_over_noise(found: GearIdentification) -> float:
 
 
 def printed_mass_kg(found: GearIdentification) -> float:
-    """Return the mass by the paper's printed formula on the strongest pair of peaks; NaN without a pair."""
+    """Return the mass by the paper's chain as printed on the strongest pair of peaks; NaN without a pair."""
     pair = _chain(found).strongest_pair
     return pair.as_printed.sprung_mass_kg if pair and pair.as_printed else np.nan
 

@@ -233,7 +233,7 @@ def print_table(outcomes: list[Outcome]) -> None:
         numbers = (*(np.quantile(given, (0.5, 0.95, 1.0)) if given.size else np.full(3, np.nan)), std)
         told = [f"{value:.2g}" for value in numbers]
         print(table_row(name, ASKED[column], given.size, *told, share(each.holds for each in answers)))
-    for name, words in (("mended", "the paper's chain mended"), ("printed", "its printed formula")):
+    for name, words in (("mended", "the paper's chain mended"), ("printed", "the same as printed")):
         n_told, numbers = chain_quantiles([getattr(each.chain, name) for each in outcomes])
         told = [f"{each:.2g}" if n_told else "-" for each in numbers]
         print(table_row(f"mass by {words}, %", "-", n_told, *told, "-", "-"))

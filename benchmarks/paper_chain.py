@@ -1,7 +1,7 @@
 """The paper's chain beside opid on the same runs: the mass that it finds, for a column of the tables of benchmarks.
 
-"Mended" is the method "classical", the chain of Iwaniec & Uhl (2007) with every step sound; "printed" is what its
-printed formula makes of the strongest matched peaks. The chain knows no weight, no gas and nothing that remembers.
+"Mended" is the method "classical", the chain of Iwaniec & Uhl (2007) with every step sound; "printed" is that chain to
+the letter, on the strongest matched peaks. The chain knows no weight, no gas and nothing that remembers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from trials import Case, compared
 
 from opid.virtual.taxi_tests.airframe import LandingGear
 
-CHAIN_HEAD = "the paper's chain mended: mass, median / worst, % | its printed formula"
+CHAIN_HEAD = "the paper's chain mended: mass, median / worst, % | as printed"
 
 
 class ChainErrors(NamedTuple):
@@ -24,7 +24,7 @@ class ChainErrors(NamedTuple):
 
     Args:
         mended: of the method "classical".
-        printed: of the printed formula.
+        printed: of the chain as printed.
     """
 
     mended: float

@@ -64,7 +64,7 @@ class Trial:
         unexplained: residual over the sensors' noise.
         seconds: that the identification took.
         busy_s: of it, of the processor.
-        printed: mass by the printed peak formula less the truth, kg; NaN without a pair of peaks.
+        printed: mass by the paper's chain as printed less the truth, kg; NaN without a pair of peaks.
         two_ratios: mass by K2/M2 of each run from complex least squares less the truth, kg.
     """
 

@@ -160,12 +160,12 @@ def _mass_by_runs(choice: Choice) -> InverseMass | None:
 
 
 def _with_weighed_mass(choice: Choice, by_runs: InverseMass | None) -> Choice:
-    """Return the choice with the weighed mass in its fit, if it has a tolerance and does not contradict the runs."""
+    """Return the choice with the weighed mass in its fit, if it has a tolerance and agrees with the runs."""
     prior, parts = find_prior_mass(choice.study), choice.parts
     carries_all = choice.study.is_one_gear or choice.kind == "rigid_body"
     if prior is None or len(parts) != 1 or not carries_all or why_refused(choice) is not None:
         return choice
-    if by_runs is not None and abs(by_runs.compare(prior)) > parts[0].settings.weighing.contradicts_std:
+    if by_runs is not None and abs(by_runs.compare(prior)) > parts[0].settings.weighing.used_within_std:
         return choice
     return replace(choice, tried=[with_prior_mass(each, prior) if each is parts[0] else each for each in choice.tried])
 

@@ -677,10 +677,14 @@ class WeighingSettings:
     Args:
         usual_fraction: standard deviation of a scale that states none, over the mass: scales for aircraft are
             calibrated to 0.1 to 0.2 %.
+        used_within_std: a weighed mass takes part in the answer if it is within so many standard deviations of what the
+            runs say. Of right scales one in 22 is further off; a scale that is wrong by four of its tolerances, and is
+            used, moved the mass by more than its interval in 5 of 20 gears at a limit of three.
         contradicts_std: a difference of more standard deviations is a contradiction; one in 370 is larger by chance.
     """
 
     usual_fraction: float = 0.002
+    used_within_std: float = 2.0
     contradicts_std: float = 3.0
 
 

@@ -1,8 +1,8 @@
 """Masses that were weighed, beside those that were identified (Iwaniec & Uhl 2007, eq. 11).
 
 A weighed mass without a tolerance is never fitted to: it is the judge of the answer. With a tolerance it is prior
-knowledge of the driven model. The structure and the law are found without it; the last fit has it, unless it
-contradicts what the runs alone say of the mass.
+knowledge of the driven model. The structure and the law are found without it; the last fit has it, if it
+agrees with what the runs alone say of the mass.
 """
 
 from __future__ import annotations

@@ -26,14 +26,19 @@ def tabulate_weighed(result: AnyIdentification) -> Table | None:
         )
 
     has_prior = any(each.is_prior for each in result.weighed)
-    with_tolerance = "Those with a tolerance are prior knowledge of the answer, others are only compared with it."
+    has_tolerance = any(run.weighed_tolerance_kg is not None for run in result.study.runs)
+    note = "They are compared with the answer, which does not depend on them."
+    if has_prior:
+        note = "Those with a tolerance are prior knowledge of the answer, others are only compared with it."
+    elif has_tolerance and result.method == "model" and any(each.deviations for each in result.weighed):
+        note = "They agree too little with the runs to take part in the answer, which is that of the runs alone."
     return Table(
         build_columns(
             "run", "weighed [kg]", "identified [kg]", "Err [%]", "by runs alone [kg]", "deviations", left=(0,)
         ),
         tuple(map(build_row, result.weighed)),
         "Weighed and identified mass",
-        note=with_tolerance if has_prior else "They are compared with the answer, which does not depend on them.",
+        note=note,
         legend="Err = (weighed - identified)/weighed, eq. (11) of the paper. Deviations: weighed mass less that of the "
         "runs alone, in standard deviations of the difference; a scale without a tolerance is taken to have 0.2 %.",
     )
