@@ -1,9 +1,10 @@
-"""The chain of Iwaniec & Uhl (2007) as printed, and mended step by step: the mass that each state of it finds.
+"""The paper's chain as printed, and mended step by step: the mass that each state of it finds.
 
-Run `python benchmarks/paper_steps.py --seeds 10`. Each seed is a virtual taxi run of the nominal gear (1850 kg, zeta
-0.11, friction 400 N, sensor noise 5 mm/s^2, two runs of 40 s at 512 Hz, 220 kg removed). Each row mends one step more
-than the row above it; the law is given, so that a row shows its own step and no search. "Impossible" masses are below
-the 220 kg that were removed; the error is that of all masses, the impossible ones among them.
+Run `python benchmarks/paper_steps.py --seeds 20`. The paper is Iwaniec & Uhl (2007). Each seed is a virtual taxi run of
+the nominal gear (1850 kg, zeta 0.11, friction 400 N, sensor noise 5 mm/s^2, two runs of 40 s at 512 Hz, 220 kg
+removed). Each row mends one step more than the row above it; the law is given, so that a row shows its own step and no
+search. "Impossible" masses are below the 220 kg that were removed; the error is that of all masses, the impossible ones
+among them.
 """
 
 import os

@@ -60,7 +60,7 @@ NEW_KEYS = {"structure", "interfaces", "candidates", "runs", "equivalents", "nat
 """Of the driven model."""
 OLD_DIAGNOSTICS = {
     "": "settings unexplained_noise_m_per_s2 sensor_noise_floor_m_per_s2 unexplained_over_floor n_lines "
-    "static_transmissibility_read_from_lines law_candidates law_ladder law_alternatives peak_pairs runs model",
+    "static_transmissibility_read_from_lines law_candidates law_ladder law_alternatives peak_pairs table_3 runs model",
     "settings": "study sprung unsprung high_pass_hz law ground band_hz",
     "law_ladder": "law bic unexplained_noise_m_per_s2 left_out_m_per_s2 road kept chosen",
     "peak_pairs": "run reference_hz reference_magnitude changed_hz changed_magnitude credible reason as_printed "

@@ -104,13 +104,13 @@ def _list_log_choices(study: Study) -> Iterator[Choice]:
     ):
         if value is not None:
             yield (option, _format_number(value)), f"{name}={_quote(value)}"
-    stated = {name: value for name, value in vars(study.transmissibility).items() if value is not None}
-    if stated:
-        options = [f"--{name.removesuffix('_s')}" for name in stated]
-        values = [each if isinstance(each, str) else _format_number(each) for each in stated.values()]
-        arguments = ", ".join(f"{name}={_quote(value)}" for name, value in stated.items())
-        words = tuple(word for pair in zip(options, values, strict=True) for word in pair)
-        yield words, f"transmissibility=opid.signals.TransmissibilitySettings({arguments})"
+    of_spectra = {name: value for name, value in vars(study.transmissibility).items() if value is not None}
+    if of_spectra:
+        spoken: list[str] = []
+        for name, value in of_spectra.items():
+            spoken += [f"--{name.removesuffix('_s')}", value if isinstance(value, str) else _format_number(value)]
+        arguments = ", ".join(f"{name}={_quote(value)}" for name, value in of_spectra.items())
+        yield tuple(spoken), f"transmissibility=opid.signals.TransmissibilitySettings({arguments})"
     how = study.runs[0].log_settings
     if how != AS_WRITTEN:
         known = [(each.name, getattr(how, each.name)) for each in fields(how)]

@@ -386,7 +386,7 @@ def _fit_scale(
     around = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
     found = optimize.minimize_scalar(lambda each: float(np.sum(leave(each) ** 2)), bounds=around, method="bounded")
     law = Law((Term(name, (amplitude, float(np.exp(found.x)))),))
-    weights = np.linalg.lstsq(columns, y - motion.force(law), rcond=None)[0]
+    weights = np.asarray(np.linalg.lstsq(columns, y - motion.force(law), rcond=None)[0], dtype=np.float64)
     is_at_bound = best in (0, grid.size - 1)
     return SeparableFit(weights, np.empty(0), law, leave(found.x), (False, is_at_bound))
 
