@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from opid import cli
 
-N_PICTURES = 12
+N_PICTURES = 13
 """In the report of one gear that the model explains."""
 CHANNELS = ("--sprung", "upper_z", "--unsprung", "lower_z")
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import body_runs
 import numpy as np
 import pytest
 
@@ -146,3 +147,21 @@ def test_a_weighed_mass_below_the_mass_change_is_refused(study):
     runs = (study.runs[0], replace(study.runs[1], loading=220.0, weighed_mass_kg=200.0))
     with pytest.raises(InputError, match="leaves nothing for the reference"):
         replace(study, runs=runs)
+
+
+def test_the_whole_body_is_weighed_where_all_suspensions_are_described():
+    light, heavy = body_runs.short_runs()
+    true_kg = body_runs.aircraft().mass_kg
+    alone = opid.identify(body_runs.study(), law=LAW).parameters.sprung_mass_kg
+    weighed = replace(light, weighed_mass_kg=true_kg + 2.0, weighed_tolerance_kg=4.0)
+    found = opid.identify(body_runs.study(runs=(weighed, heavy)), law=LAW)
+    mass = found.parameters.sprung_mass_kg
+    assert found.weighed[0].is_prior
+    assert mass.holds(true_kg)
+    assert mass.std < min(alone.std, 4.0)
+    np.testing.assert_allclose(mass.std, (alone.std**-2 + 4.0**-2) ** -0.5, rtol=0.1)
+    assert found.parameters.roll_inertia_kg_m2.interval95 is not None
+    assert "Weighed and identified mass" in opid.text(found)
+    # a gear alone carries a part that the scale did not read
+    apart = opid.identify(body_runs.study("single", runs=(weighed, heavy)), law=LAW)
+    assert not apart.weighed[0].is_prior
