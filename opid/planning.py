@@ -42,7 +42,7 @@ _QUIET = Sensor(noise_m_per_s2=1e-3)
 _USUAL_CHANGE = -0.12
 """Mass change that is simulated if the guess plans none, as a fraction of the mass."""
 
-_NOMINAL = LandingGear()
+_NOMINAL, _USUAL_SEARCH, _USUAL_COSTS = LandingGear(), SearchSpace(), Costs()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,8 +158,8 @@ class Guess:
     road: GuessedRoad = GuessedRoad()
     sensors: GuessedSensors = GuessedSensors()
     repeatability: float = 0.01
-    search: SearchSpace = SearchSpace()
-    costs: Costs = Costs()
+    search: SearchSpace = _USUAL_SEARCH
+    costs: Costs = _USUAL_COSTS
     title: str = "Planned runs"
     source: Annotated[Path | None, NO_KEY] = None
 
@@ -174,6 +174,18 @@ class Guess:
                     f"a mass change of {change_kg:g} kg is planned for a gear that carries "
                     f"{self.gear.sprung_mass_kg:g} kg: give less than that"
                 )
+
+
+def is_guess(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a guess, which has a table `[gear]`, and not a study.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: it is missing, or no TOML.
+    """
+    return "gear" in load(Path(path))
 
 
 def read_guess(path: str | os.PathLike[str]) -> Guess:

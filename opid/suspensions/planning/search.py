@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from typing import Literal
 
 import numpy as np
 
@@ -78,21 +79,26 @@ class PlanSettings:
         change_fractions: mass changes that are tried if none are named, as fractions of the guessed mass: less than a
             twentieth shows little, more than three tenths makes another aircraft.
         n_draws: number of draws of how runs happen to differ; expected standard deviations are their medians, which
-            fifteen draws give to about a tenth.
+            forty draws give to about a tenth ...
+        n_quick_draws: ... and of which so few suffice to see that a plan ...
+        hopeless_factor: ... exceeds a target by more than this factor.
         seed: seed of these draws, the same for all plans, so that plans are compared under the same luck.
         correlation: two numbers are called hardly separable above this correlation: each would then be known more than
             three times as well if the other were known.
         named_component: the numbers named in a direction have at least this fraction of its largest component.
-        wrong_fraction: by this fraction mass and stiffness may be guessed wrong.
+        wrong_factor: mass and stiffness may be too small or too large by this factor: a guess that is 20 % too small is
+            0.8 of the truth.
         road_class: factor on the motion from one ISO 8608 class to the next, whose spectral densities differ by 4.
     """
 
     change_fractions: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.3)
-    n_draws: int = 15
+    n_draws: int = 40
+    n_quick_draws: int = 8
+    hopeless_factor: float = 2.0
     seed: int = 0
     correlation: float = 0.95
     named_component: float = 0.3
-    wrong_fraction: float = 0.2
+    wrong_factor: float = 1.25
     road_class: float = 2.0
 
 
@@ -163,6 +169,14 @@ class Planner:
             return found
         # An identification that knows the mass so loosely gives no absolute value.
         return tuple(each if each.name in _WITHOUT_SCALE else replace(each, std=None, std_range=None) for each in found)
+
+    def std_of(self, runs: Sequence[PlannedRun], targets: Sequence[Target]) -> tuple[float | None, ...]:
+        """Return the expected standard deviation of each target; None where it is not determined, or cannot be."""
+        try:
+            found = {each.name: each.std for each in self.numbers(runs)}
+        except UnboundedResponseError:
+            return (None,) * len(targets)
+        return tuple(found[each.name] for each in targets)
 
     def with_theta(self, theta: FloatArray) -> Planner:
         """Return a planner at other parameters."""
@@ -244,7 +258,7 @@ def plan_runs(
         best=best,
         n_tried=n_tried,
         changes=changes,
-        ranges=tuple(_range_of(k, each, best, changes) for k, each in enumerate(wanted)),
+        ranges=_find_ranges(planner, best, wanted, changes),
         inseparable=tuple(_list_inseparable(planner, best)),
         grid=_fill_grid(planner, space, best, wanted),
         costs=costs,
@@ -277,8 +291,8 @@ def _make_planner(
     if identification.limited_by != "noise":
         raise NotDeterminedError(
             f"these runs leave {identification.residual_over_noise:.3g} times the sensors' noise and are limited by "
-            f"{identification.limited_by}: more runs do not narrow intervals as noise does, so nothing is planned; find "
-            "the reason first"
+            f"{identification.limited_by}: more runs do not narrow intervals as they do for noise, so nothing is "
+            "planned; find the reason first"
         )
     fit, n_shared = evidence.fit, evidence.fit.model.n_shared
     noise = tuple(fit.ratio * side for side in fit.model.noise)
@@ -398,23 +412,35 @@ def _search(
     plans = sorted((_make_runs(*kind) for kind in kinds), key=costs.of)
     if is_added:
         plans.insert(0, ())
-    nearest_plan, least, n_tried = None, np.inf, 0
-    for runs in plans:
-        n_tried += 1
-        try:
-            plan = Plan(runs, costs.of(runs), planner.numbers(runs))
-        except UnboundedResponseError:
-            continue
-        lack = max(_over(plan.std_of(each.name)) / each.std for each in targets)
-        if lack <= 1.0:
-            return plan, plan, n_tried
-        if nearest_plan is None or lack < least:
-            nearest_plan, least = plan, lack
-    if nearest_plan is None:
-        raise NotDeterminedError(
-            "the guessed suspension cannot carry any of the mass changes: try smaller ones, or correct the law"
-        )
-    return None, nearest_plan, n_tried
+    known = planner.settings
+    quick = replace(planner, settings=replace(known, n_draws=known.n_quick_draws))
+    near, least = plans[-1], np.inf
+    for n_tried, runs in enumerate(plans, start=1):
+        lack = _measure_lack(quick, runs, targets)
+        if lack < least:
+            near, least = runs, lack
+        if lack <= known.hopeless_factor and _measure_lack(planner, runs, targets) <= 1.0:
+            found = Plan(runs, costs.of(runs), planner.numbers(runs))
+            return found, found, n_tried
+    if not np.isfinite(least):
+        # No plan determines all targets; the dearest one has most of the rest.
+        near = next((runs for runs in reversed(plans) if _can_be_carried(planner, runs)), ())
+    return None, Plan(near, costs.of(near), planner.numbers(near)), len(plans)
+
+
+def _measure_lack(planner: Planner, runs: Sequence[PlannedRun], targets: Sequence[Target]) -> float:
+    """Return the largest factor by which the runs exceed a target; infinite if one is not determined."""
+    std = planner.std_of(runs, targets)
+    return max(_over(each) / target.std for each, target in zip(std, targets, strict=True))
+
+
+def _can_be_carried(planner: Planner, runs: Sequence[PlannedRun]) -> bool:
+    """Whether the suspensions carry the mass changes of some runs."""
+    try:
+        planner.numbers(runs)
+    except UnboundedResponseError:
+        return False
+    return True
 
 
 def _over(std: float | None) -> float:
@@ -462,13 +488,7 @@ def _fill_grid(planner: Planner, space: SearchSpace, best: Plan, targets: Sequen
     for change_kg in space.mass_changes_kg:
         columns = []
         for duration_s in space.durations_s:
-            try:
-                found = planner.numbers(_make_runs(duration_s, change_kg, place, n_runs))
-            except UnboundedResponseError:
-                columns.append((None,) * len(targets))
-                continue
-            std = {each.name: each.std for each in found}
-            columns.append(tuple(std[each.name] for each in targets))
+            columns.append(planner.std_of(_make_runs(duration_s, change_kg, place, n_runs), targets))
         rows.append(columns)
     table = tuple(tuple(tuple(cell[k] for cell in row) for row in rows) for k in range(len(targets)))
     return StdGrid(space.durations_s, space.mass_changes_kg, place, n_runs, table)
@@ -480,31 +500,25 @@ def _fill_grid(planner: Planner, space: SearchSpace, best: Plan, targets: Sequen
 def _list_changes(planner: Planner, best: Plan, costs: Costs, targets: Sequence[Target]) -> Iterator[Change]:
     """Yield how the standard deviations of a plan change if one thing differs."""
     known, fit = planner.settings, planner.fit
-    wrong = known.wrong_fraction
 
-    def change(what: str, of: str, planner: Planner, runs: tuple[PlannedRun, ...]) -> Change:
-        try:
-            std = {each.name: each.std for each in planner.numbers(runs)}
-        except UnboundedResponseError:
-            std = {}
-        return Change(what, of, tuple(std.get(each.name) for each in targets))  # type: ignore[arg-type]
+    def change(what: str, of: Literal["guess", "plan"], planner: Planner, runs: tuple[PlannedRun, ...]) -> Change:
+        return Change(what, of, planner.std_of(runs, targets))
 
     if not planner.made:
-        for sign, word in ((1.0, "more"), (-1.0, "less")):
-            heavier = _change_mass(fit, 1.0 + sign * wrong)
-            yield change(f"{100 * wrong:.0f} % {word} mass", "guess", planner.with_theta(heavier), best.runs)
-        for sign, word in ((1.0, "more"), (-1.0, "less")):
-            stiffer = _change_stiffness(fit, 1.0 + sign * wrong)
-            yield change(f"{100 * wrong:.0f} % {word} stiffness", "guess", planner.with_theta(stiffer), best.runs)
-        forces = [(2.0, "twice"), (0.5, "half")] if any(group.law.terms for group in fit.model.groups) else []
-        for factor, word in forces:
-            stronger = _change_law(fit, factor)
-            yield change(f"{word} the force of the law", "guess", planner.with_theta(stronger), best.runs)
+        for factor in (known.wrong_factor, 1 / known.wrong_factor):
+            word = _say_factor(factor)
+            yield change(f"{word} mass", "guess", planner.with_theta(_change_mass(fit, factor)), best.runs)
+        for factor in (known.wrong_factor, 1 / known.wrong_factor):
+            word = _say_factor(factor)
+            yield change(f"{word} stiffness", "guess", planner.with_theta(_change_stiffness(fit, factor)), best.runs)
+        for factor, word in ((2.0, "twice"), (0.5, "half")) if any(_first_entries(fit)) else ():
+            stronger = planner.with_theta(_change_law(fit, factor))
+            yield change(f"{word} the force of the law", "guess", stronger, best.runs)
     for factor, word in ((known.road_class, "rougher"), (1 / known.road_class, "smoother")):
         rougher = replace(planner, road_factor=factor * planner.road_factor)
         yield change(f"a road one class {word}", "guess", rougher, best.runs)
     for factor, word in ((2.0, "twice"), (0.5, "half")):
-        yield change(f"{word} the noise", "guess" if factor > 1.0 else "plan", planner.with_noise(factor), best.runs)
+        yield change(f"{word} the noise", "plan", planner.with_noise(factor), best.runs)
     longer = tuple(replace(each, duration_s=2.0 * each.duration_s) for each in best.runs)
     yield change("runs twice as long", "plan", planner, longer)
     yield change("each run made twice", "plan", planner, best.runs * 2)
@@ -512,6 +526,11 @@ def _list_changes(planner: Planner, best: Plan, costs: Costs, targets: Sequence[
     yield change("twice the mass change", "plan", planner, more)
     if planner.repeatability:
         yield change("runs that are alike (repeatability 0)", "plan", replace(planner, repeatability=0.0), best.runs)
+
+
+def _say_factor(factor: float) -> str:
+    percent = 100 * (factor - 1)
+    return f"{abs(percent):.0f} % {'more' if percent > 0 else 'less'}"
 
 
 def _first_entries(fit: Fit) -> Iterator[int]:
@@ -549,18 +568,23 @@ def _change_law(fit: Fit, factor: float) -> FloatArray:
     return theta
 
 
-def _range_of(index: int, target: Target, best: Plan, changes: Sequence[Change]) -> tuple[float, float] | None:
-    """Return the standard deviations of a target if the guess is wrong in everything at once, lowest and highest."""
-    std = best.std_of(target.name)
-    guesses = [each.std[index] for each in changes if each.of == "guess"]
-    if std is None or None in guesses:
-        return None
-    # Each pair of changes goes in both directions; independent factors multiply.
-    ratios = [float(each) / std for each in guesses if each is not None]
-    pairs = [ratios[k : k + 2] for k in range(0, len(ratios) - 1, 2)]
-    low = math.prod(min(1.0, *pair) for pair in pairs)
-    high = math.prod(max(1.0, *pair) for pair in pairs)
-    return std * low, std * high
+def _find_ranges(
+    planner: Planner, best: Plan, targets: Sequence[Target], changes: Sequence[Change]
+) -> tuple[tuple[float, float] | None, ...]:
+    """Return the lowest and the highest standard deviation of each target if the guess is wrong.
+
+    Mass, stiffness and road are wrong all at once in every combination, or each of the changes stands alone.
+    """
+    known = planner.settings
+    factors = (1.0,) if planner.made else (known.wrong_factor, 1 / known.wrong_factor)
+    found = [tuple(best.std_of(each.name) for each in targets), *(each.std for each in changes if each.of == "guess")]
+    for mass, stiffness, road in product(factors, factors, (known.road_class, 1 / known.road_class)):
+        heavier = planner.with_theta(_change_mass(planner.fit, mass))
+        stiffer = heavier.with_theta(_change_stiffness(heavier.fit, stiffness))
+        found.append(replace(stiffer, road_factor=road * planner.road_factor).std_of(best.runs, targets))
+    return tuple(
+        None if None in each else (min(map(_over, each)), max(map(_over, each))) for each in zip(*found, strict=True)
+    )
 
 
 # ---- what cannot be told apart ---------------------------------------------------------------------
