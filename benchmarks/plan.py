@@ -84,6 +84,11 @@ def guess_of(case: Case, duration_s: float, repeatability: float, wrong: np.rand
     )
 
 
+def as_number(value: float | None) -> float:
+    """Return a number, NaN in the place of None."""
+    return np.nan if value is None else value
+
+
 def outcome_of(seed: int, *, duration_s: float, repeatability: float, is_wrong: bool) -> Outcome:
     """Plan, make and identify the runs of one gear."""
     case = random_case(seed)
@@ -116,7 +121,6 @@ def outcome_of(seed: int, *, duration_s: float, repeatability: float, is_wrong: 
     estimates["law"] = estimates.get(f"law.{kind}.{first}", estimates["sprung_mass_kg"])
     expected = {} if predicted is None else {each.name: each.std for each in predicted.planned.numbers}
     expected["law"] = expected.get(f"law.{kind}.{first}")
-    number = {name: np.nan if value is None else value for name, value in expected.items()}
     return Outcome(
         seed,
         gear.law.name,
@@ -125,7 +129,7 @@ def outcome_of(seed: int, *, duration_s: float, repeatability: float, is_wrong: 
             for name, true in truth.items()
         },
         {name: np.nan if estimates[name].std is None else estimates[name].std for name in truth},
-        {name: number.get(name, np.nan) for name in truth},
+        {name: as_number(expected.get(name)) for name in truth},
         None if predicted is None else predicted.ranges[0],
     )
 

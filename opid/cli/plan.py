@@ -17,7 +17,7 @@ from opid.cli.group import PATH, Number, Output, example, main, out_option, resu
     multiple=True,
     required=True,
     metavar="NAME=STD",
-    help="A standard deviation to be reached: sprung_mass=0.5%, or x_cg_m=0.01 in the unit of the number; once for each.",
+    help="A standard deviation to reach: sprung_mass=0.5%, or x_cg_m=0.01 in the unit of the number; once for each.",
 )
 @click.option(
     "--mass-change",
@@ -65,9 +65,12 @@ def plan(
     output = output.reserve(default=f"{result_name(source)}_plan")
     with output.progress() as say:
         known = read_guess(source) if is_guess(source) else read_study(source, kind=Study, progress=say)
-        space = known.search if not isinstance(known, Study) else SearchSpace()
-        given = {"mass_changes_kg": changes_kg, "durations_s": durations_s}
-        space = replace(space, **{name: values for name, values in given.items() if values})
+        space = SearchSpace() if isinstance(known, Study) else known.search
+        space = replace(
+            space,
+            mass_changes_kg=changes_kg or space.mass_changes_kg,
+            durations_s=durations_s or space.durations_s,
+        )
         result = plan_source(known, targets, law=law, search=space, progress=say)
         notes = output.write(result, progress=say)
     output.show(result, notes=notes)

@@ -41,12 +41,12 @@ def expected_std(result: PlanResult, axes: Any = None) -> Axes:
                     label = format_minus(f"{change_kg:+g} kg")
                     ax.plot(grid.durations_s, std, color=color, marker=".", label=label)
             ax.axhline(target.std, color=GREY, linestyle="--", linewidth=1, label="target")
-            std = result.best.std_of(target.name)
-            if result.best.runs and std is not None:
+            reached = result.best.std_of(target.name)
+            if result.best.runs and reached is not None:
                 name = "cheapest plan" if result.cheapest is not None else "nearest plan"
                 duration_s = (loaded or result.best.runs)[0].duration_s
                 mark: Any = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
-                ax.plot([duration_s], [std], color=INK, label=name, **mark)
+                ax.plot([duration_s], [reached], color=INK, label=name, **mark)
             ax.set(xscale="log", yscale="log", xlabel="duration of each run [s]", title=target.name)
             ax.set_ylabel(f"expected std. dev. [{format_units(units[target.name])}]")
             for axis in (ax.xaxis, ax.yaxis):

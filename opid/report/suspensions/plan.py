@@ -15,8 +15,8 @@ from opid.report.document import (
     Table,
     build_columns,
     build_warnings,
+    end_sentence,
     format_count,
-    write_sentence,
 )
 from opid.suspensions.planning.result import ExpectedNumber, Plan, PlannedRun, PlanResult
 
@@ -34,8 +34,8 @@ def build_document(result: PlanResult) -> Document:
         (
             _tabulate_numbers(result),
             _tabulate_changes(result),
-            Paragraph(_say_ranges(result)),
-            Remarks("Cannot be told apart", tuple(write_sentence(each) for each in result.inseparable)),
+            *(() if result.is_study else (Paragraph(_say_ranges(result)),)),
+            Remarks("Note", tuple(end_sentence(each) for each in result.inseparable)),
             Paragraph(_say_basis(result)),
             build_warnings(result.warnings),
         ),
@@ -102,10 +102,14 @@ def _cell(number: ExpectedNumber) -> str:
 def _tabulate_changes(result: PlanResult) -> Table:
     heads = build_columns("", *(each.name for each in result.targets))
     rows: list[Row] = [("as planned", *(_std_cell(result.best, each.name) for each in result.targets))]
-    for of, heading in (("guess", "If the guess is wrong"), ("plan", "If the plan is changed")):
+    for of, heading in (("guess", _head_guess(result)), ("plan", "If the plan is changed")):
         chosen = [each for each in result.changes if each.of == of]
         rows += [(heading,), *((each.what, *(rounded(std, std) for std in each.std)) for each in chosen)] * bool(chosen)
     return Table(heads, tuple(rows), "What changes the standard deviations")
+
+
+def _head_guess(result: PlanResult) -> str:
+    return "If the road of further runs differs" if result.is_study else "If the guess is wrong"
 
 
 def _std_cell(plan: Plan, name: str) -> str:
@@ -133,7 +137,7 @@ def _say_basis(result: PlanResult) -> str:
         else f"springs, damping and friction differ by {100 * result.repeatability:.2g} % from run to run"
     )
     spread = (
-        " The numbers in brackets are standard deviations that one identification in ten is below, and one in ten above."
+        " In brackets stand the values that one identification in ten is below, and that one in ten is above."
         if result.repeatability
         else ""
     )
@@ -153,7 +157,8 @@ def _list_figures(result: PlanResult) -> Iterator[Figure]:
     yield Figure(
         "expected_std",
         "Duration and mass change",
-        f"Expected standard deviation of each target with {runs}, over the duration of each run. One line for each mass "
-        "change. Where lines are flat, differences between the runs limit what is known, and longer runs do not help.",
+        f"Expected standard deviation of each target with {runs}, over the duration of each run, one line for each "
+        "mass change. Where lines are flat, differences between the runs limit what is known, and longer runs do not "
+        "help.",
         lambda: plots.expected_std(result),
     )

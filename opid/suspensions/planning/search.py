@@ -295,10 +295,10 @@ def _make_planner(
             "planned; find the reason first"
         )
     fit, n_shared = evidence.fit, evidence.fit.model.n_shared
-    noise = tuple(fit.ratio * side for side in fit.model.noise)
+    below, above = (fit.ratio * side for side in fit.model.noise)
     if noise_m_per_s2 is not None:
-        noise = tuple(np.full(side.size, noise_m_per_s2) for side in noise)
-    base = replace(fit, model=replace(fit.model, noise=noise))
+        below, above = np.full(below.size, noise_m_per_s2), np.full(above.size, noise_m_per_s2)
+    base = replace(fit, model=replace(fit.model, noise=(below, above)))
     made = []
     for index, run in enumerate(fit.model.runs if is_study else ()):
         duration_s = run.n_samples / run.fs
