@@ -23,6 +23,7 @@ from opid.mechanics.laws.law import LINEAR, Law, law_from_parameters
 from opid.provenance import read_file
 from opid.studies.schema import NO_KEY, derive_record, load, prefix_errors, read_tables, recast
 from opid.suspensions.identification import identify
+from opid.suspensions.model.law_parameters import to_free
 from opid.suspensions.planning.result import Costs, PlannedRun, PlanResult
 from opid.suspensions.planning.search import PlanSettings, SearchSpace, plan_runs
 from opid.suspensions.result import Identification
@@ -76,16 +77,20 @@ class GuessedGear:
     @property
     def as_simulated(self) -> LandingGear:
         """The gear as a virtual test takes it."""
-        heavier = self.sprung_mass_kg / _NOMINAL.sprung_mass_kg
+        # A file may hold whole numbers.
+        mass_kg = float(self.sprung_mass_kg)
+        if not 0.0 < mass_kg < 1e9:
+            raise InputError(f"sprung_mass_kg is {mass_kg:g}: give a positive number, kg")
+        heavier = mass_kg / _NOMINAL.sprung_mass_kg
         usual = {
-            name: heavier * getattr(_NOMINAL, name) if getattr(self, name) is None else getattr(self, name)
+            name: heavier * getattr(_NOMINAL, name) if getattr(self, name) is None else float(getattr(self, name))
             for name in ("unsprung_mass_kg", "tyre_stiffness_n_per_m", "tyre_damping_n_s_per_m")
         }
         law: Law = law_from_parameters("+".join(self.law), self.law) if self.law else LINEAR
         return LandingGear(
-            sprung_mass_kg=self.sprung_mass_kg,
-            suspension_stiffness_n_per_m=self.suspension_stiffness_n_per_m,
-            suspension_damping_n_s_per_m=self.suspension_damping_n_s_per_m,
+            sprung_mass_kg=mass_kg,
+            suspension_stiffness_n_per_m=float(self.suspension_stiffness_n_per_m),
+            suspension_damping_n_s_per_m=float(self.suspension_damping_n_s_per_m),
             law=law,
             **usual,
         )
@@ -259,7 +264,7 @@ def plan(
     assert isinstance(found, Identification)  # the method is "model"
     first, last = source.road.speed_m_per_s
     planned = plan_runs(
-        found,
+        _put_at_guess(found, source.gear.as_simulated),
         targets,
         runs=source.runs,
         noise_m_per_s2=source.sensors.noise_m_per_s2,
@@ -276,14 +281,35 @@ def plan(
     return replace(planned, source=str(source.source), read_files=(read_file(source.source),))
 
 
+def _put_at_guess(found: Identification, gear: LandingGear) -> Identification:
+    """Return an identification whose vector is the guess, also in directions that the virtual runs hardly determine.
+
+    A law that the identification found about an origin of its own stays as it was found.
+    """
+    (evidence,) = found.evidence
+    model, theta = evidence.fit.model, evidence.fit.theta.copy()
+    group = model.groups[0]
+    if (
+        group.has_origin
+        or not model.mass_free
+        or [each.kind for each in group.law.terms] != [each.kind for each in gear.law.terms]
+    ):
+        return found
+    theta[:2] = gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m
+    theta[:2] /= gear.sprung_mass_kg
+    theta[model.law_indices(0)] = to_free(gear.law.scaled(1.0 / gear.sprung_mass_kg))
+    theta[model.names.index("inverse_mass")] = 1.0 / gear.sprung_mass_kg
+    return replace(found, evidence=(replace(evidence, fit=replace(evidence.fit, theta=theta)),))
+
+
 def _simulate(guess: Guess, rng: np.random.Generator) -> Study:
     """Return the study of virtual runs without and with each of the planned mass changes."""
     gear = guess.gear.as_simulated
-    changes = {each.mass_change_kg for each in guess.runs} - {0.0} or {_USUAL_CHANGE * gear.sprung_mass_kg}
+    changes = {float(each.mass_change_kg) for each in guess.runs} - {0.0} or {_USUAL_CHANGE * gear.sprung_mass_kg}
     test = taxi_test(
         gear,
         rng=rng,
-        loadings=[[Loading(change_kg, 0.0)] for change_kg in sorted(changes)],
+        loadings=[[Loading(float(change_kg), 0.0)] for change_kg in sorted(changes)],
         duration_s=_SIMULATED_S,
         fs=guess.sensors.fs_hz,
         road_class=guess.road.road_class,

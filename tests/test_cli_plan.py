@@ -16,7 +16,9 @@ def guess(tmp_path):
 
 
 def test_a_plan_is_made_and_reported(guess, tmp_path):
-    done = opid("plan", guess, "--target", "sprung_mass=0.1%", "--target", "damping_ratio=1%", "--out", tmp_path / "out")
+    done = opid(
+        "plan", guess, "--target", "sprung_mass=0.1%", "--target", "damping_ratio=1%", "--out", tmp_path / "out"
+    )
     assert (done.exit_code, done.stderr) == (0, "")
     said = " ".join(done.stdout.split())
     assert "The cheapest plan that gives sprung_mass_kg to" in said

@@ -12,7 +12,7 @@ from opid.mechanics.laws.law import law
 from opid.planning import Guess, GuessedGear, GuessedRoad, GuessedSensors, plan, read_guess
 from opid.suspensions.identification import identify
 from opid.suspensions.planning.result import Costs, PlannedRun
-from opid.suspensions.planning.search import PlanSettings, SearchSpace, plan_runs
+from opid.suspensions.planning.search import SearchSpace, plan_runs
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.study import taxi_study
 from opid.virtual.taxi_tests.taxiing import taxi_test
@@ -66,7 +66,7 @@ def test_a_guess_predicts_what_other_runs_over_another_road_give(planned, runs_m
 
 
 def test_runs_add_to_those_that_were_made(runs_made):
-    found = plan_runs(runs_made, ["sprung_mass=0.03%"], search=SearchSpace((40.0,), (-220.0,), (1, 2, 3, 4)))
+    found = plan_runs(runs_made, ["sprung_mass=0.06%"], search=SearchSpace((40.0,), (-220.0,), (1, 2, 3, 4)))
     n = len(found.cheapest.runs)
     alone = std_of(found) / np.sqrt(1 + n / 2)
     assert found.cheapest.std_of("sprung_mass_kg") == pytest.approx(alone, rel=0.15)
@@ -124,16 +124,17 @@ def test_differences_between_runs_that_rule_the_mass_are_named():
     number = found.planned.numbers[0]
     low, high = number.std_range
     assert low < number.std < high
-    (alike,) = (each for each in found.changes if "alike" in each.what)
+    (alike,) = (each for each in found.changes if "known to be alike" in each.what)
     assert alike.std[0] < 0.05 * number.std
 
 
-def test_the_stated_standard_deviation_lies_in_the_range_of_unlike_runs():
-    found = plan(replace(GUESS, repeatability=0.01, search=ONLY_THESE), REACHED, settings=PlanSettings(n_draws=200))
-    low, high = found.planned.numbers[0].std_range
+def test_runs_that_turn_out_to_be_alike_have_the_stated_standard_deviation():
+    """The identification weighs how much the runs show, so it states far less than for runs that differ as stated."""
+    found = plan(replace(GUESS, repeatability=0.01, search=ONLY_THESE), REACHED)
+    (alike,) = (each for each in found.changes if each.what == "runs that turn out to be alike")
     mass = identified(repeatability=0.01).parameters.sprung_mass_kg
-    # runs that are alike state less than most runs that differ, and never as little as if that were known
-    assert 0.2 * low < mass.std < high
+    assert 0.4 * alike.std[0] < mass.std < 2.5 * alike.std[0]
+    assert found.ranges[0][0] <= alike.std[0] < 0.3 * found.planned.numbers[0].std
 
 
 def test_without_a_mass_change_no_mass_is_promised():
@@ -152,11 +153,10 @@ def test_without_a_mass_change_no_mass_is_promised():
 def test_friction_that_is_only_damping_is_named_as_inseparable():
     """A friction whose scale is far beyond the motion is a damper to the runs."""
     slow = replace(GUESS, gear=replace(GEAR, law={"arctan_velocity": {"amplitude_n": 4e4, "scale_m_per_s": 4.0}}))
-    try:
-        found = plan(replace(slow, search=ONLY_THESE), REACHED)
-    except NotDeterminedError:
-        return
-    assert any("damping over mass" in each and "arctan_velocity" in each for each in found.inseparable)
+    found = plan(replace(slow, search=ONLY_THESE), REACHED)
+    assert found.planned.numbers[2].value == 6e3
+    damper = [each for each in found.inseparable if "damping over mass" in each]
+    assert any("arctan_velocity.amplitude_n" in each and "cannot be told apart" in each for each in damper)
 
 
 @pytest.mark.parametrize(("mass", "stiffness", "road"), [(1.25, 0.8, "C"), (0.8, 1.25, "A")])
@@ -165,7 +165,7 @@ def test_a_guess_that_is_wrong_by_a_fifth_says_by_how_much_the_prediction_change
     gear = replace(GEAR, sprung_mass_kg=mass * 1850.0, suspension_stiffness_n_per_m=stiffness * 3.9e5)
     wrong = replace(right, gear=gear, road=GuessedRoad(road_class=road))
     low, high = plan(wrong, REACHED).ranges[0]
-    assert 0.85 * low < std_of(plan(right, REACHED)) < 1.15 * high
+    assert low < std_of(plan(right, REACHED)) < high
     assert high > 2 * low
 
 
@@ -227,7 +227,7 @@ def test_a_guess_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
-        ("sprung_mass_kg = 1850", "sprung_mass_kg = -5", "sprung_mass_kg of the landing gear is -5"),
+        ("sprung_mass_kg = 1850", "sprung_mass_kg = -5", "sprung_mass_kg is -5"),
         ("sprung_mass_kg = 1850", "", "lacks 'sprung_mass_kg'"),
         ("sprung_mass_kg", "sprung_mas_kg", "unknown key 'sprung_mas_kg'"),
         ("arctan_velocity", "arctan_velocty", "arctan_velocity"),

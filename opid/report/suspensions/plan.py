@@ -109,7 +109,7 @@ def _tabulate_changes(result: PlanResult) -> Table:
 
 
 def _head_guess(result: PlanResult) -> str:
-    return "If the road of further runs differs" if result.is_study else "If the guess is wrong"
+    return "If further runs differ" if result.is_study else "If the guess is wrong"
 
 
 def _std_cell(plan: Plan, name: str) -> str:
@@ -125,7 +125,7 @@ def _say_ranges(result: PlanResult) -> str:
         else:
             low, high = (_with_unit(result, target.name, each) for each in ends)
             said.append(f"The standard deviation of {target.name} then lies between {low} and {high}.")
-    return "The guess may be wrong in all of this at once. " + " ".join(said)
+    return "Mass, stiffness and road may be wrong at once. " + " ".join(said)
 
 
 def _say_basis(result: PlanResult) -> str:

@@ -112,6 +112,7 @@ def expect(
     runs: Sequence[FloatArray],
     *,
     repeatability: float,
+    actual: float,
     std_factors: FloatArray,
     n_draws: int,
     rng: np.random.Generator,
@@ -126,6 +127,7 @@ def expect(
         runs: (n, n) information of each run, that of `measure_information` times its duration.
         repeatability: relative standard deviation of springs, damping and friction from run to run, which the study
             will state.
+        actual: relative standard deviation by which they really differ.
         std_factors: (n_unknowns of the reference,) factors of the standard deviations for a coloured residual.
         n_draws: number of cases if the runs may differ.
         rng: source of the draws.
@@ -148,7 +150,7 @@ def expect(
         widened = _fill(covariance, reference.theta.size) * np.outer(std_factors, std_factors)
         return Expectation(gram[:n_shared, :n_shared], (Parameters(reference, widened),))
     departures = np.zeros((n, n_draws))
-    departures[n_shared:] = repeatability * rng.standard_normal((n - n_shared, n_draws))
+    departures[n_shared:] = actual * rng.standard_normal((n - n_shared, n_draws))
     # The gradient of the squared errors has the information as its covariance.
     sizes, directions = np.linalg.eigh(scaled)
     noise = (directions * np.sqrt(np.maximum(sizes, 0.0))) @ rng.standard_normal((n, n_draws))

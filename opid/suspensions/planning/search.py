@@ -88,6 +88,8 @@ class PlanSettings:
         named_component: the numbers named in a direction have at least this fraction of its largest component.
         wrong_factor: mass and stiffness may be too small or too large by this factor: a guess that is 20 % too small is
             0.8 of the truth.
+        range_margin: the range for a wrong guess is wider by this factor at both ends: the motion below the suspension
+            is not simulated anew for each wrong guess, and the information of a road scatters.
         road_class: factor on the motion from one ISO 8608 class to the next, whose spectral densities differ by 4.
     """
 
@@ -99,6 +101,7 @@ class PlanSettings:
     correlation: float = 0.95
     named_component: float = 0.3
     wrong_factor: float = 1.25
+    range_margin: float = 1.3
     road_class: float = 2.0
 
 
@@ -110,10 +113,11 @@ class Planner:
         fit: the guessed parameters, with the noise of the planned sensors and one run or more whose motion below the
             suspensions is repeated.
         std_factors: (n_shared,) factors of the standard deviations for a coloured residual.
-        repeatability: relative standard deviation of springs, damping and friction from run to run.
+        repeatability: relative standard deviation of springs, damping and friction from run to run, as it is stated.
         made: (n, n) information of each run that was made already.
         settings: settings of planning.
         road_factor: factor on all motions below the suspensions.
+        is_alike: whether the runs turn out to be alike, whatever was stated.
     """
 
     fit: Fit
@@ -122,6 +126,7 @@ class Planner:
     made: tuple[FloatArray, ...]
     settings: PlanSettings
     road_factor: float = 1.0
+    is_alike: bool = False
     _rates: dict[tuple[float, ...], FloatArray] = field(init=False, default_factory=dict)
 
     @property
@@ -155,6 +160,7 @@ class Planner:
             reference,
             [*self.made, *(self._information(each) for each in runs)],
             repeatability=self.repeatability,
+            actual=0.0 if self.is_alike else self.repeatability,
             std_factors=np.append(self.std_factors, np.ones(start.size)),
             n_draws=self.settings.n_draws,
             rng=np.random.default_rng(self.settings.seed),
@@ -517,6 +523,8 @@ def _list_changes(planner: Planner, best: Plan, costs: Costs, targets: Sequence[
     for factor, word in ((known.road_class, "rougher"), (1 / known.road_class, "smoother")):
         rougher = replace(planner, road_factor=factor * planner.road_factor)
         yield change(f"a road one class {word}", "guess", rougher, best.runs)
+    if planner.repeatability:
+        yield change("runs that turn out to be alike", "guess", replace(planner, is_alike=True), best.runs)
     for factor, word in ((2.0, "twice"), (0.5, "half")):
         yield change(f"{word} the noise", "plan", planner.with_noise(factor), best.runs)
     longer = tuple(replace(each, duration_s=2.0 * each.duration_s) for each in best.runs)
@@ -525,7 +533,9 @@ def _list_changes(planner: Planner, best: Plan, costs: Costs, targets: Sequence[
     more = tuple(replace(each, mass_change_kg=2.0 * each.mass_change_kg) for each in best.runs)
     yield change("twice the mass change", "plan", planner, more)
     if planner.repeatability:
-        yield change("runs that are alike (repeatability 0)", "plan", replace(planner, repeatability=0.0), best.runs)
+        yield change(
+            "runs that are known to be alike (repeatability 0)", "plan", replace(planner, repeatability=0.0), best.runs
+        )
 
 
 def _say_factor(factor: float) -> str:
@@ -573,7 +583,7 @@ def _find_ranges(
 ) -> tuple[tuple[float, float] | None, ...]:
     """Return the lowest and the highest standard deviation of each target if the guess is wrong.
 
-    Mass, stiffness and road are wrong all at once in every combination, or each of the changes stands alone.
+    Mass, stiffness and road are wrong all at once in every combination, or one of the changes stands alone.
     """
     known = planner.settings
     factors = (1.0,) if planner.made else (known.wrong_factor, 1 / known.wrong_factor)
@@ -582,8 +592,10 @@ def _find_ranges(
         heavier = planner.with_theta(_change_mass(planner.fit, mass))
         stiffer = heavier.with_theta(_change_stiffness(heavier.fit, stiffness))
         found.append(replace(stiffer, road_factor=road * planner.road_factor).std_of(best.runs, targets))
+    margin = known.range_margin
     return tuple(
-        None if None in each else (min(map(_over, each)), max(map(_over, each))) for each in zip(*found, strict=True)
+        None if None in each else (min(map(_over, each)) / margin, max(map(_over, each)) * margin)
+        for each in zip(*found, strict=True)
     )
 
 
