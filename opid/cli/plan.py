@@ -57,7 +57,7 @@ def plan(
     """
     from dataclasses import replace
 
-    from opid.planning import is_guess, plan as plan_source, read_guess
+    from opid.planning.guess import is_guess, plan as plan_source, read_guess
     from opid.studies.study_file import read_study
     from opid.suspensions.planning.search import SearchSpace
     from opid.suspensions.study import Study

@@ -82,17 +82,20 @@ class GuessedGear:
         if not 0.0 < mass_kg < 1e9:
             raise InputError(f"sprung_mass_kg is {mass_kg:g}: give a positive number, kg")
         heavier = mass_kg / _NOMINAL.sprung_mass_kg
-        usual = {
-            name: heavier * getattr(_NOMINAL, name) if getattr(self, name) is None else float(getattr(self, name))
-            for name in ("unsprung_mass_kg", "tyre_stiffness_n_per_m", "tyre_damping_n_s_per_m")
-        }
+
+        def usual(name: str) -> float:
+            given = getattr(self, name)
+            return heavier * float(getattr(_NOMINAL, name)) if given is None else float(given)
+
         law: Law = law_from_parameters("+".join(self.law), self.law) if self.law else LINEAR
         return LandingGear(
             sprung_mass_kg=mass_kg,
             suspension_stiffness_n_per_m=float(self.suspension_stiffness_n_per_m),
             suspension_damping_n_s_per_m=float(self.suspension_damping_n_s_per_m),
             law=law,
-            **usual,
+            unsprung_mass_kg=usual("unsprung_mass_kg"),
+            tyre_stiffness_n_per_m=usual("tyre_stiffness_n_per_m"),
+            tyre_damping_n_s_per_m=usual("tyre_damping_n_s_per_m"),
         )
 
 
