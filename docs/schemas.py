@@ -48,6 +48,7 @@ from opid.suspensions.flights.fleet import (
 )
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.own_structure import SCHEMA as STRUCTURE, StructureIdentification
+from opid.suspensions.planning.result import SCHEMA as PLAN, PlanResult, StdGrid
 from opid.suspensions.result import (
     SCHEMA as IDENTIFICATION,
     Identification,
@@ -286,6 +287,15 @@ def _fleet() -> Json:
     }
 
 
+def _plan() -> Json:
+    pair = or_null({"$ref": "#/$defs/Ends"})
+    told = fields_of(PlanResult, "ranges")["ranges"]["description"]
+    return fields_of(PlanResult, *_names(PlanResult, "read_files", "ranges", "grid")) | {
+        "ranges": array(pair) | {"description": told},
+        "grid": keys(fields_of(StdGrid, *_names(StdGrid, "std")) | {"std": array(array(NUMBERS))}),
+    }
+
+
 def _health() -> Json:
     define(ChannelHealth, fields_of(ChannelHealth, *_names(ChannelHealth, "overview")))
     log = keys(fields_of(Health, *_names(Health, "rms_history", "files")))
@@ -361,6 +371,7 @@ FILES = (
     (COMPARISON, "what changed from flight to flight (opid compare)", _comparison, ()),
     (CAMPAIGN, "what became of each of many flights (opid campaign)", _campaign, ()),
     (FLEET, "which struts of a fleet changed (opid compare CAMPAIGN)", _fleet, ()),
+    (PLAN, "what planned runs will determine, and the cheapest plan (opid plan)", _plan, ()),
     (HEALTH, "what is wrong with logs (opid inspect)", _health, ()),
     (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
     (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),

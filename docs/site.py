@@ -32,7 +32,18 @@ PAGES = {"index.md": "README.md"} | {
 }
 NAMESPACES = {
     name: "names_of_laws" if name == "laws" else name
-    for name in ("signals", "laws", "mechanics", "suspensions", "modal", "updating", "virtual", "plots", "campaigns")
+    for name in (
+        "signals",
+        "laws",
+        "mechanics",
+        "suspensions",
+        "modal",
+        "updating",
+        "virtual",
+        "plots",
+        "campaigns",
+        "planning",
+    )
 }
 
 

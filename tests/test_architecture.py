@@ -32,7 +32,8 @@ MAY_IMPORT = {
     "plots": BELOW_WINGS | WINGS,
     "report": BELOW_WINGS | WINGS | {"plots"},
     "campaigns": BELOW_WINGS | WINGS | {"studies", "report", "__init__"},
-    "cli": BELOW_WINGS | WINGS | {"studies", "virtual", "plots", "report", "campaigns", "__init__"},
+    "planning": BELOW_WINGS | {"suspensions", "studies", "virtual"},
+    "cli": BELOW_WINGS | WINGS | {"studies", "virtual", "plots", "report", "campaigns", "planning", "__init__"},
 }
 # A virtual test takes records from the wings, and what one who excites a structure has to know. It takes no estimator.
 KNOWN_TO_VIRTUAL_TESTS = {
@@ -48,7 +49,7 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "updating.structure.matrices_file",
 }
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
-OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")]
+OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer", "planning")]
 ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
 # So do those of each of these, and those of signals, mechanics and the other wings.
 PAPER, BENCH, FLIGHTS = (frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights"))
@@ -63,7 +64,7 @@ OUTER = [
 ]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OUTER)
 MOST_FILES = 18
-MOST_FILES_OF_ALL = 271  # lower it whenever there are fewer
+MOST_FILES_OF_ALL = 290  # lower it whenever there are fewer
 MOST_LINES_TWICE = 5
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND

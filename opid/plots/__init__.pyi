@@ -53,6 +53,7 @@ from .nonlinear_modes import (
     truth_test as truth_test,
     truth_test_figures as truth_test_figures,
 )
+from .plan import expected_std as expected_std
 from .runs import (
     accelerations as accelerations,
     equation_residual as equation_residual,

@@ -58,6 +58,7 @@ KINDS = (
     KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
     KindOfResult("suspensions.flights.campaign.Campaign", "suspensions.campaign"),
     KindOfResult("suspensions.flights.fleet.Fleet", "suspensions.fleet"),
+    KindOfResult("suspensions.planning.result.PlanResult", "suspensions.plan"),
     KindOfResult("signals.health.result.Health", "health"),
     KindOfResult("signals.health.result.Inspection", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "decay"),

@@ -101,7 +101,13 @@ def read_tables(kind: Callable[..., T], document: Document) -> tuple[T, list[str
 
 
 def derive_record(record: Any, *others: str, **defaults: Any) -> Any:
-    """Return a record class with the fields of another one but for some, and with some other defaults."""
+    """Return a record class with the fields of another one but for some, and with some other defaults.
+
+    Args:
+        record: the other class.
+        others: names of the fields that are left out.
+        defaults: other defaults by the name of the field.
+    """
     hints, usual = get_type_hints(record), {each.name: each.default for each in fields(record)} | defaults
     given = [(name, hints[name], field_of(default=usual[name])) for name in usual if name not in others]
     return make_dataclass(record.__name__, given, frozen=True, kw_only=True)
@@ -286,7 +292,13 @@ def select_stated(record: Any) -> dict[str, Any]:
 
 
 def recast(kind: Callable[..., T], record: Any, **others: Any) -> T:
-    """Return a record of another class with the fields that both have, and with some other values."""
+    """Return a record of another class with the fields that both have, and with some other values.
+
+    Args:
+        kind: the other class.
+        record: has the values.
+        others: further or other values by the name of the field.
+    """
     shared = {field.name for field in fields(kind)} & {field.name for field in fields(record)}  # type: ignore[arg-type]
     return kind(**{name: getattr(record, name) for name in shared} | others)
 

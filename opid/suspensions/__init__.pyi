@@ -95,6 +95,16 @@ from .paper.transmissibility import (
     transmissibility_peaks as transmissibility_peaks,
     transmissibility_without_force as transmissibility_without_force,
 )
+from .planning.result import (
+    Costs as Costs,
+    PlannedRun as PlannedRun,
+    PlanResult as PlanResult,
+)
+from .planning.search import (
+    PlanSettings as PlanSettings,
+    SearchSpace as SearchSpace,
+    plan_runs as plan_runs,
+)
 from .result import Identification as Identification
 from .sensor_facts import (
     Leak as Leak,

@@ -14,10 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, special
 
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.fit import Fit, fit_model
+from opid.suspensions.settings import RepeatabilitySettings
 
 _HALF_OF_95 = 1.96
 
@@ -129,8 +131,33 @@ def levels(fit: Fit, stated: float) -> Levels:
     # The Gram matrix without the prior of the departures, in units of each column.
     before = np.where(free, 1 / (model.repeatability * size), 0.0) ** 2
     gram = (jacobian / size).T @ (jacobian / size) - np.diag(before)
-    scaled = fit.theta * size
-    along = -(jacobian / size).T @ left + before * scaled
+    along = -(jacobian / size).T @ left + before * fit.theta * size
+    return weigh_levels(gram, along[:, np.newaxis], fit.theta, size, free, stated, known)[0]
+
+
+def weigh_levels(
+    gram: FloatArray,
+    along: FloatArray,
+    theta: FloatArray,
+    size: FloatArray,
+    free: NDArray[np.bool_],
+    stated: float,
+    known: RepeatabilitySettings,
+) -> list[Levels]:
+    """Return the posterior at each value of the repeatability for normal equations without a prior of the departures.
+
+    There is one posterior for each column of right-hand sides: the information is the same for all of them.
+
+    Args:
+        gram: (n_unknowns, n_unknowns) J^T J of the weighted errors and of all other priors, in units of `size`.
+        along: (n_unknowns, n_cases) -J^T e, likewise.
+        theta: (n_unknowns,) the vector about which the errors are linear.
+        size: (n_unknowns,) positive scale of each entry of the vector.
+        free: (n_unknowns,) which entries are departures.
+        stated: the stated repeatability.
+        known: settings of the repeatability.
+    """
+    scaled = (theta * size)[:, np.newaxis]
     log_level = np.linspace(*known.reach, known.n_levels)
     repeatability = stated * np.exp(log_level * np.log(known.doubt))
     log_weight, moved, covariance = [], [], []
@@ -141,15 +168,15 @@ def levels(fit: Fit, stated: float) -> Levels:
         # A direction that nothing depends on, for example a stop that is never reached, does not change the weights.
         seen = sizes > 1e-13 * sizes[-1]
         inverse = (directions[:, seen] / sizes[seen]) @ directions[:, seen].T
-        slope = along - prior * scaled
+        slope = along - prior[:, np.newaxis] * scaled
         step = inverse @ slope
-        likely = 0.5 * float(slope @ step) - 0.5 * float(np.sum(prior * scaled**2))
+        likely = 0.5 * np.sum(slope * step, axis=0) - 0.5 * float(prior @ scaled[:, 0] ** 2)
         likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.sum(np.log(sizes[seen])))
         log_weight.append(likely - 0.5 * log**2)
-        moved.append(step / size)
+        moved.append(step / size[:, np.newaxis])
         covariance.append(inverse / np.outer(size, size))
-    weights = special.softmax(log_weight)
-    return Levels(repeatability, weights, np.array(moved), np.array(covariance))
+    weights, steps, spread = special.softmax(log_weight, axis=0), np.array(moved), np.array(covariance)
+    return [Levels(repeatability, weights[:, case], steps[:, :, case], spread) for case in range(along.shape[1])]
 
 
 def with_departures(fit: Fit, repeatability: float) -> Fit:
