@@ -88,6 +88,12 @@ from .paper.transmissibility import (
     transmissibility_without_force as transmissibility_without_force,
 )
 from .result import Identification as Identification
+from .sensing.result import (
+    Sensing as Sensing,
+    VirtualSensor as VirtualSensor,
+)
+from .sensing.settings import SensingSettings as SensingSettings
+from .sensing.virtual_sensors import sense as sense
 from .sensor_facts import (
     Leak as Leak,
     SensorFacts as SensorFacts,
