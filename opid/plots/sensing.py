@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.plots.style import BLUE, INK, VERMILION, house_style, panels, thicken
+from opid.plots.style import BLUE, INK, VERMILION, format_units, house_style, panels, thicken
 from opid.suspensions.sensing.result import Sensing, VirtualSensor
 
 # seconds that a figure shows, about the largest force
@@ -44,7 +44,7 @@ def sensed_histories(result: Sensing, place: str, axes: Any = None) -> np.ndarra
             value, half = factor * sensor.value[shown], factor * result.settings.band_std * sensor.std[shown]
             ax.fill_between(time_s[shown], value - half, value + half, color=BLUE, alpha=0.35, linewidth=0)
             ax.plot(time_s[shown], value, color=BLUE, linewidth=1.1)
-            ax.set_ylabel(f"[{unit}]")
+            ax.set_ylabel(format_units(f"[{unit}]"))
             ax.set_title(_WORDS[sensor.quantity])
         grid[-1, 0].set_xlabel("time [s]")
     return grid
@@ -75,7 +75,7 @@ def rainflow_cycles(result: Sensing, axes: Any = None) -> np.ndarray:
             )
             ax.set_yscale("log")
             ax.set_ylim(0.4, 2.5 * float(exceeding.max()))
-            ax.set_xlabel(f"range of the force [{unit}]")
+            ax.set_xlabel(format_units(f"range of the force [{unit}]"))
             ax.set_title(counted.place or "strut")
         grid[0, 0].set_ylabel("cycles")
         thicken(grid[0, 0].legend(loc="upper right"))

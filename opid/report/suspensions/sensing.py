@@ -19,11 +19,10 @@ from opid.report.document import (
 )
 from opid.suspensions.sensing.result import Sensing
 
-
 _LEGEND = (
-    "The strut force is the force on the body in the direction in which the channels count, measured from that at rest; "
-    "the strut load includes that at rest, and the tyre force is the load on the ground. The velocity of the body is "
-    "that above the lowest compared frequency."
+    "The strut force is the force on the body in the direction in which the channels count, measured from that at "
+    "rest; the strut load is with that at rest, and the tyre force is the load on the ground. The velocity of the body "
+    "is that above the lowest compared frequency."
 )
 
 

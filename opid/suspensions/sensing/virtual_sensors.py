@@ -13,6 +13,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
+from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.smoothing import DrivenRecord, SmoothedMotion, smooth
 from opid.signals.health.inspection import findings_in_words
 from opid.signals.motion import integrate
@@ -254,7 +255,7 @@ def _update(known: KnownModel, over_noise: float) -> tuple[FloatArray, FloatArra
     size = np.where(size > 0.0, size, 1e-12)
     values, vectors = np.linalg.eigh(known.covariance / np.outer(size, size))
     whiten = (vectors / np.sqrt(np.maximum(values, 1e-10))).T / size
-    weight = 1.0 / max(over_noise, 1.0)
+    weight = 1.0
 
     def evaluate(theta: FloatArray) -> _Updated | None:
         try:
@@ -262,15 +263,11 @@ def _update(known: KnownModel, over_noise: float) -> tuple[FloatArray, FloatArra
         except NO_FIT:
             return None
         n = 2 * sum(line.size for line in errors.lines)
-        # A record that the model does not follow must not pull the vector as if it were exact.
-        own = min(weight, 1.0 / _residual(errors))
-        rows = [own * errors.stacked[:n], whiten @ (theta - known.mean)]
-        return _Updated(errors, np.concatenate(rows), np.concatenate([own * errors.jacobian[:n], whiten]))
+        rows = [weight * errors.stacked[:n], whiten @ (theta - known.mean)]
+        return _Updated(errors, np.concatenate(rows), np.concatenate([weight * errors.jacobian[:n], whiten]))
 
     lower, upper = model.bounds()
     fitting, theta, found = model.settings.fit, known.mean, None
-    if evaluate(theta) is None:
-        model.evaluate(theta)
     for free in (slice(model.n_shared, None), slice(None)):
         theta, found, _ = least_squares(
             evaluate,
@@ -285,11 +282,16 @@ def _update(known: KnownModel, over_noise: float) -> tuple[FloatArray, FloatArra
             first_damping=fitting.first_damping,
             least_damping=fitting.least_damping,
         )
-    found = found or evaluate(theta)
-    if found is None:
-        model.evaluate(theta)
-        raise NotDeterminedError("no vector near that of the result follows the record")
+        # A record that the model does not follow must not pull the vector as if it were exact.
+        weight = 1.0 / max(_residual((found or _require(evaluate(theta))).errors), over_noise, 1.0)
+    found = _require(evaluate(theta))
     return theta, np.asarray(np.linalg.inv(found.jacobian.T @ found.jacobian)), found.errors
+
+
+def _require(updated: _Updated | None) -> _Updated:
+    if updated is None:
+        raise UnboundedResponseError("the suspensions of the result cannot be simulated along the record")
+    return updated
 
 
 def _add_unmeasured(model: Model, theta: FloatArray, settings: SensingSettings) -> tuple[Model, float]:
