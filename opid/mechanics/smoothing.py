@@ -151,6 +151,14 @@ class Smoothed:
     constants: _Constants
     normal: _Normal
 
+    def follow(self, record: DrivenRecord) -> SmoothedMotion:
+        """Return the likeliest motion with the forces of another model.
+
+        Args:
+            record: the record with the other suspensions.
+        """
+        return _find_motion(record, self.constants, self.unknowns)
+
     def draw(self, record: DrivenRecord, rng: np.random.Generator) -> SmoothedMotion:
         """Return a motion drawn from those that are as likely as the readings and another model allow.
 

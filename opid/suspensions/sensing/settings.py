@@ -13,8 +13,10 @@ class SensingSettings:
         n_draws: number of motions that are drawn; the standard deviation of a sample is then known to 7 %.
         n_counted: number of them whose cycles are counted, which takes longer than to draw them.
         n_bins: number of ranges of cycles.
-        most_unmeasured: a record is refused if the force of the model misses that of the motion by more than this
-            fraction: it is of another strut, or a sensor has a fault.
+        most_moved: up to this rms change of the vector by the record, in standard deviations, the record agrees with
+            the result.
+        most_contradicted: a record that contradicts the result is refused if the strut force may be wrong by more than
+            this fraction: it is of another strut, or a sensor has a fault.
         followed: up to this residual over that of the fit the model explains the record; above it unmeasured forces
             are added, so that the band holds them.
         pushes: rms accelerations by unmeasured forces that are tried, over that of the readings.
@@ -27,7 +29,8 @@ class SensingSettings:
     n_draws: int = 100
     n_counted: int = 30
     n_bins: int = 32
-    most_unmeasured: float = 0.3
+    most_moved: float = 2.0
+    most_contradicted: float = 0.3
     followed: float = 1.2
     pushes: tuple[float, ...] = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
     push_corners_hz: tuple[float, ...] = (2.0, 8.0, 30.0)

@@ -14,7 +14,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.smoothing import DrivenRecord, SmoothedMotion, smooth
+from opid.mechanics.smoothing import DrivenRecord, Smoothed, SmoothedMotion, smooth
 from opid.signals.health.inspection import findings_in_words
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray
@@ -123,7 +123,7 @@ def sense(
         over_noise=tuple(part.over_noise for part in parts),
         widened=max(part.widened for part in parts),
         unmeasured_m_per_s2=max(part.unmeasured for part in parts),
-        warnings=(*findings_in_words(sensed.name, checked.runs[0].findings), *_warn(parts, per_mass=per_mass)),
+        warnings=(*findings_in_words(sensed.name, checked.runs[0].findings), *_warn(parts, known, per_mass=per_mass)),
         files=sensed.recording.files,
         settings=known,
         seed=seed,
@@ -164,13 +164,19 @@ def _list_wanted(
     )
 
 
-def _warn(parts: Sequence[_Part], *, per_mass: bool) -> Iterator[str]:
+def _warn(parts: Sequence[_Part], settings: SensingSettings, *, per_mass: bool) -> Iterator[str]:
     for part in parts:
         if part.unmeasured:
             yield (
                 f"the model of {', '.join(part.fit.interfaces)} leaves {part.over_noise:.3g} times the noise of the "
                 f"sensors: the bands hold unmeasured forces that accelerate the body by {part.unmeasured:.2g} m/s^2 "
                 "rms; check that the log is of this strut, its loading, and its sensors"
+            )
+        if part.moved_std > settings.most_moved:
+            yield (
+                f"the log moves the parameters of {', '.join(part.fit.interfaces)} by {part.moved_std:.2g} standard "
+                "deviations: the suspension has changed, or the log has another loading than stated; the bands hold "
+                "either"
             )
     if per_mass:
         yield "the result has no mass, so forces are per unit of mass: identify runs with different loadings"
@@ -188,9 +194,11 @@ class _Part:
         model: its model, of this record alone.
         theta: the vector, updated by the record.
         covariance: its covariance.
+        mean: the vector of the result, before the record.
         over_noise: residual of the record over the noise of the sensors.
         widened: factor on that noise.
         unmeasured: rms acceleration by unmeasured forces, m/s^2.
+        moved_std: rms change of the vector by the record, in standard deviations.
         travel: (n, n_interfaces) predicted travel, from which the smoother starts, m.
     """
 
@@ -198,9 +206,11 @@ class _Part:
     model: Model
     theta: FloatArray
     covariance: FloatArray
+    mean: FloatArray
     over_noise: float
     widened: float
     unmeasured: float
+    moved_std: float
     travel: FloatArray
 
 
@@ -225,7 +235,20 @@ def _sense_part(known: KnownModel, fit: StoredFit, settings: SensingSettings) ->
         model, unmeasured = _add_unmeasured(model, theta, settings)
         errors = model.evaluate(theta, sensitivity=False)
         widened = max(1.0, _residual(errors))
-    return _Part(fit, model, theta, covariance, over_noise, widened, unmeasured, errors.predictions[0].travel)
+    moved_std = _measure_change(known, theta)
+    travel = errors.predictions[0].travel
+    return _Part(fit, model, theta, covariance, known.mean, over_noise, widened, unmeasured, moved_std, travel)
+
+
+def _measure_change(known: KnownModel, theta: FloatArray) -> float:
+    """Return the rms change of the vector by the record, in standard deviations; initial states do not count."""
+    starts = known.model.indices_of_run(0)[0]
+    counted = np.delete(np.arange(theta.size), np.arange(starts.start, starts.stop))
+    size = np.sqrt(np.diag(known.covariance))[counted]
+    counted, size = counted[size > 0.0], size[size > 0.0]
+    moved = (theta - known.mean)[counted] / size
+    inverse = np.linalg.pinv(known.covariance[np.ix_(counted, counted)] / np.outer(size, size), hermitian=True)
+    return float(np.sqrt(moved @ inverse @ moved / moved.size))
 
 
 def _residual(errors: Errors) -> float:
@@ -407,7 +430,7 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
     forces = [k for k, (_, quantity, _) in enumerate(channels) if quantity == "strut_force"]
     edges = [_range_edges(value[k], settings.n_bins) for k in forces]
 
-    unmeasured = _find_unmeasured_force(wanted, record, smoothed.motion, settings)
+    contradicted = _find_contradictions(wanted, record, smoothed, settings)
 
     size = np.sqrt(np.maximum(np.diag(part.covariance), 1e-300))
     spread, vectors = np.linalg.eigh(part.covariance / np.outer(size, size))
@@ -434,7 +457,7 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
         n_drawn += 1
     for square, (_, quantity, place) in zip(squares, channels, strict=True):
         if quantity in ("strut_force", "strut_load", "tyre_force"):
-            square += n_drawn * unmeasured[:: wanted.finer, wanted.names.index(place)] ** 2
+            square += n_drawn * contradicted[:: wanted.finer, wanted.names.index(place)] ** 2
     std = [np.sqrt(square / n_drawn) for square in squares]
     unit = "N" if part.fit.has_mass else "m/s^2"
     sensors = [
@@ -457,28 +480,38 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
     )
 
 
-def _find_unmeasured_force(
-    wanted: _Wanted, record: DrivenRecord, motion: SmoothedMotion, settings: SensingSettings
+def _find_contradictions(
+    wanted: _Wanted, record: DrivenRecord, smoothed: Smoothed, settings: SensingSettings
 ) -> FloatArray:
-    """Return by how much the force of the law differs from what the motion of the body needs, (n, n_interfaces) N.
+    """Return by how much the force may be wrong where the record contradicts the result, (n, n_interfaces) N.
 
-    The difference is an unmeasured force if the law is right, and the error of the force if the law is wrong. No
-    accelerometer tells which, so that the band of a strut force holds it in any case.
+    If the model leaves more than noise, the force of the law differs from what the motion of the body needs: by an
+    unmeasured force if the law is right, and by its own error if it is not. If the record moves the vector by far more
+    than its uncertainty, either the suspension has changed or the mass is another one than stated: the force may then
+    be that of the law of the result along the motion, or that of the mass of the result times the motion. No
+    accelerometer tells which, so that the band of a strut force holds all of them.
 
     Raises:
-        NotDeterminedError: it is a large fraction of the force.
+        NotDeterminedError: they are a large fraction of the force.
     """
     part = wanted.part
-    found = motion.pushed[:, : record.n_interfaces] @ np.linalg.pinv(record.accelerance).T
-    fraction = float(np.sqrt(np.mean(found**2) / np.mean(np.var(motion.force, axis=0))))
-    if fraction > settings.most_unmeasured:
+    motion, unit = smoothed.motion, _mass_unit(part, part.theta)
+    body = -motion.force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
+    squares = (motion.pushed[:, : record.n_interfaces] @ np.linalg.pinv(record.accelerance).T / unit) ** 2
+    if part.moved_std > settings.most_moved:
+        before, unit_before = _make_record(part, part.mean), _mass_unit(part, part.mean)
+        by_law = smoothed.follow(before).force / unit_before - motion.force / unit
+        by_mass = -body @ np.linalg.pinv(before.accelerance).T / unit_before - motion.force / unit
+        squares += by_law**2 + by_mass**2
+    fraction = float(np.sqrt(np.mean(squares) / np.mean(np.var(motion.force / unit, axis=0))))
+    if fraction > settings.most_contradicted:
         raise NotDeterminedError(
             f"the model of {', '.join(part.fit.interfaces)} leaves {part.over_noise:.3g} times the noise of the "
-            f"sensors in this log, and {part.fit.over_noise:.3g} times in the runs that were identified; its force "
-            f"misses that of the motion by {100 * fraction:.0f} %: the log is of another strut or loading, or a sensor "
-            "has a fault; check it with `opid inspect`"
+            f"sensors in this log ({part.fit.over_noise:.3g} times in the runs that were identified), which moves its "
+            f"parameters by {part.moved_std:.2g} standard deviations; its force may be wrong by {100 * fraction:.0f} "
+            "%: the log is of another strut or loading, or a sensor has a fault; check it with `opid inspect`"
         )
-    return found / _mass_unit(part, part.theta)
+    return np.sqrt(squares)
 
 
 _UNITS = {"travel": "m", "travel_velocity": "m/s", "acceleration": "m/s^2", "velocity": "m/s"}
