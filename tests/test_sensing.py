@@ -188,13 +188,6 @@ def test_what_cannot_be_given_is_refused_in_a_sentence(study, fits):
         sense(study, [], settings=FEW)
 
 
-def test_a_spring_to_the_ground_is_refused(study, fits):
-    (fit,) = fits
-    held_by_ground = replace(fit, groups=(replace(fit.groups[0], has_ground=True),))
-    with pytest.raises(InputError, match=r"spring from the body to the ground.*--no-ground"):
-        sense(study, [held_by_ground], settings=FEW)
-
-
 def test_cycles_are_those_of_the_strut_force(study, fits):
     found = sense(study, fits, as_run(drive()), settings=FEW)
     (counted,) = found.rainflow

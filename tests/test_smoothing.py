@@ -27,6 +27,7 @@ def simulated(interfaces, accelerance, *, seed=0, n=2048, push=0.0):
         fs=FS,
         noise=Noise(NOISE, NOISE, unmeasured=push),
         offset_std=(np.full(n_interfaces, 1e-3), np.full(n_interfaces, 1e-3)),
+        drift_m=np.full(n_interfaces, 0.02),
     )
     return record, true
 
@@ -40,6 +41,30 @@ GEARS = {
     "iwan": Interface(400.0, 4.0, law=default_law("iwan_friction").scaled(1e-3)),
     "maxwell": Interface(400.0, 3.0, law=law("maxwell_arm", stiffness_n_per_m=160.0, relaxation_s=0.05)),
 }
+
+
+def test_a_spring_to_the_ground_is_told_from_the_suspension():
+    held = Interface(400.0, 4.0, 150.0, GEARS["cubic"].law)
+    n = 4096
+    seconds = np.arange(2 * n - 1) / (2 * FS)
+    # The path stays near its mean height, as that of a wheel does.
+    rates, phases = np.linspace(3, 60, 12), np.random.default_rng(3).uniform(0, 2 * np.pi, 12)
+    waves = rates * seconds[:, np.newaxis] + phases
+    below = 2.0 * np.sum(np.sin(waves), axis=1)
+    height, speed = -2.0 * np.sum(np.sin(phases) / rates**2), -2.0 * np.sum(np.cos(phases) / rates)
+    true = driven_response([held], [[1.0]], below[:, np.newaxis], fs=FS, start=[[0.0], [0.0], [height], [speed]])
+    rng = np.random.default_rng(0)
+    noise = NOISE * rng.standard_normal((2, n, 1))
+    record, _ = simulated([held], [[1.0]], n=n)
+    changed = {"drive": below[::2, np.newaxis] + noise[0], "measured": true.acceleration + noise[1]}
+    record = DrivenRecord(**(vars(record) | changed | {"drift_m": np.array([0.05])}))
+    smoothed = smooth(record, true.travel)
+    strut = 400.0 * true.travel + 4.0 * true.velocity + held.law.force(true.travel, true.velocity)
+    error = smoothed.motion.force - strut
+    drawn = np.array([smoothed.draw(record, rng).force for _ in range(40)])
+    std = np.sqrt(np.mean((drawn - smoothed.motion.force) ** 2, axis=0))
+    assert np.mean(np.abs(error) < 3 * std) > 0.8  # a slow error holds for many samples
+    assert (smoothed.motion.whole_force + true.acceleration).std() < 0.7 * NOISE
 
 
 @pytest.mark.parametrize("name", GEARS)

@@ -8,6 +8,10 @@ after it, too (Rauch, Tung & Striebel 1965). Here the whole motion is found at o
     readings below            z'' = -A F + w - (u + o) + noise
     unmeasured forces         w(t + 1/fs) = q w(t) + noise
 
+A spring G from the body to the ground pulls with G (z + x1) beside F. The path x1 is the double integral of the drive
+with a slow correction, x1'' = u + o + noise; accelerometers do not show its mean height and its slope, which stay near
+zero.
+
 The travel z is a quintic spline with a knot at each sample, so that z, z' and z'' at a sample are sums over five
 coefficients, and each row needs the law at its own sample only. F = K z + C z' + f(z, z') is that of the predictor's
 interfaces; a force with memory is followed along the whole motion. The normal equations are banded, but for a few
@@ -23,7 +27,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, ndimage
+from scipy import interpolate, linalg, ndimage
 
 from opid.mechanics.driven import Interface, Noise, UnboundedResponseError
 from opid.mechanics.laws.law import Law
@@ -39,6 +43,8 @@ _SHAPES = (
 _WIDTH, _MIDDLE = 5, 2
 # Gauss-Newton steps; laws with kinks need ten
 _MOST_STEPS = 40
+# knots of slow corrections in a record
+_MOST_KNOTS = 200
 # The steps end when the travel changes by less than this fraction of its rms.
 _NEGLIGIBLE = 1e-6
 
@@ -58,6 +64,8 @@ class DrivenRecord:
             there are sensors.
         offset_std: standard deviations of the offsets of the sensors below, (n_interfaces,), and on the body,
             (n_sensors,), m/s^2.
+        drift_m: (n_interfaces,) standard deviation of the height below each suspension about its mean; it counts where
+            a spring to the ground acts.
     """
 
     interfaces: Sequence[Interface]
@@ -68,6 +76,7 @@ class DrivenRecord:
     fs: float
     noise: Noise
     offset_std: tuple[FloatArray, FloatArray]
+    drift_m: FloatArray
 
     @property
     def n_interfaces(self) -> int:
@@ -106,6 +115,7 @@ class SmoothedMotion:
         curvature: (n, n_interfaces) z'', m/s^2.
         pushed: (n, n_sensors) acceleration of the body at its sensors by unmeasured forces, m/s^2.
         force: (n, n_interfaces) F of each suspension, N, or per unit of the reference mass.
+        ground_force: (n, n_interfaces) force of the springs to the ground, in the same unit.
     """
 
     travel: FloatArray
@@ -113,6 +123,12 @@ class SmoothedMotion:
     curvature: FloatArray
     pushed: FloatArray
     force: FloatArray
+    ground_force: FloatArray
+
+    @property
+    def whole_force(self) -> FloatArray:
+        """(n, n_interfaces) force of suspension and spring to the ground."""
+        return self.force + self.ground_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +139,16 @@ class _Constants:
         of_drive: (n, n_interfaces, n_constants) offset of the drive for a unit of each.
         of_readings: (n, n_sensors, n_constants) offset of the readings.
         of_force: (n, n_interfaces, n_constants) force of what the laws remember at the first sample.
-        prior: (n_constants, n_constants) whitened rows of what is known of them.
+        of_height: (n, n_interfaces, n_constants) correction of the height below each suspension.
+        path: (n, n_interfaces) double integral of the drive where a spring to the ground acts, m; else zero.
+        prior: (n_rows, n_constants) whitened rows of what is known of them.
     """
 
     of_drive: FloatArray
     of_readings: FloatArray
     of_force: FloatArray
+    of_height: FloatArray
+    path: FloatArray
     prior: FloatArray
 
 
@@ -183,7 +203,7 @@ class _Normal:
         local: (n, n_rows, _WIDTH, n_local) derivatives of the rows of a sample by the coefficients about it.
         pushes: factors of the rows of the unmeasured forces, see `_whiten`.
         border: (n, n_rows, n_constants) derivatives of the rows by the constants.
-        prior: (n_constants, n_constants) rows of what is known of the constants.
+        prior: (n_prior, n_constants) rows of what is known of the constants.
         factor: banded Cholesky factor of the local part.
         across: (n_unknowns, n_constants) local part of the solution for each constant.
         schur: (n_constants, n_constants) Cholesky factor of what is left for the constants.
@@ -260,13 +280,14 @@ def _find_motion(record: DrivenRecord, constants: _Constants, unknowns: FloatArr
         np.tensordot(shape, spline, axes=1) * record.fs**order for order, shape in enumerate(_SHAPES)
     )
     pushed = windows[_MIDDLE, :, record.n_interfaces :]
+    grounds = np.array([interface.ground_stiffness for interface in record.interfaces])
+    ground_force = grounds * (travel + constants.path + constants.of_height @ of_record)
     force = constants.of_force @ of_record
     for k, interface in enumerate(record.interfaces):
         z, v = travel[:, k], velocity[:, k]
         force[:, k] += interface.stiffness * z + interface.damping * v + force_along(interface.law, z, v, record.fs)
-    return SmoothedMotion(
-        travel, velocity, curvature, pushed if pushed.size else np.zeros((n, record.n_sensors)), force
-    )
+    pushed = pushed if pushed.size else np.zeros((n, record.n_sensors))
+    return SmoothedMotion(travel, velocity, curvature, pushed, force, ground_force)
 
 
 def _split(record: DrivenRecord, constants: _Constants, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -282,8 +303,8 @@ def _whiten(
     motion, (_, of_record) = _find_motion(record, constants, unknowns), _split(record, constants, unknowns)
     below, above = noise_of.levels
     n = record.n_interfaces
-    body = -motion.force @ record.accelerance.T + motion.pushed[:, :n]
-    read = -motion.force @ record.reading.T + motion.pushed + constants.of_readings @ of_record
+    body = -motion.whole_force @ record.accelerance.T + motion.pushed[:, :n]
+    read = -motion.whole_force @ record.reading.T + motion.pushed + constants.of_readings @ of_record
     kinematic = (motion.curvature - body + record.drive + constants.of_drive @ of_record) / below
     rows = [kinematic, (read - record.measured) / above]
     rms, left = noise_of.pushes
@@ -335,7 +356,9 @@ def _find_normal(record: DrivenRecord, constants: _Constants, unknowns: FloatArr
         if k < n_interfaces:
             local[:, k, _MIDDLE, n_interfaces + k] = -1.0 / below[k]
         local[:, n_interfaces + k, _MIDDLE, n_interfaces + k] = 1.0 / above[k]
-    border = np.einsum("ri,kic->krc", by_force, constants.of_force, optimize=True)
+    grounds = np.array([interface.ground_stiffness for interface in record.interfaces])
+    by_constants = constants.of_force + grounds[:, np.newaxis] * constants.of_height
+    border = np.einsum("ri,kic->krc", by_force, by_constants, optimize=True)
     border[:, :n_interfaces] += constants.of_drive / below[:, np.newaxis]
     border[:, n_interfaces:] += constants.of_readings / above[:, np.newaxis]
 
@@ -393,27 +416,30 @@ def _find_slopes(record: DrivenRecord, motion: SmoothedMotion) -> tuple[FloatArr
             force = force_along(remembering, z, v, record.fs)
             rate, least = np.gradient(force) * record.fs, 1e-3 * float(np.mean(v**2))
             law_by_z = law_by_z + np.maximum(rate * v / (v**2 + least), 0.0)
-        by_z[:, k], by_v[:, k] = interface.stiffness + law_by_z, interface.damping + law_by_v
+        by_z[:, k], by_v[:, k] = (
+            interface.stiffness + interface.ground_stiffness + law_by_z,
+            (interface.damping + law_by_v),
+        )
     return by_z, by_v
 
 
 def _find_constants(record: DrivenRecord, travel: FloatArray) -> _Constants:
-    """Return the unknowns of the whole record: offsets of the sensors, and memories at the first sample.
+    """Return the unknowns of the whole record: offsets, memories at the first sample, slow corrections of heights.
 
     The offset of a sensor whose AC coupling was undone walks randomly: it is a straight line between knots a second
-    apart, or further where there would be more than 200.
+    apart, or further where there would be too many.
     """
     n, table = len(travel), record.noise.table(max(record.n_interfaces, record.n_sensors))
+    n_slow = int(np.clip(n / record.fs, 4, _MOST_KNOTS))
     columns: list[tuple[int, int, FloatArray]] = []
     priors: list[FloatArray] = []
     for side, (stds, walks) in enumerate(zip(record.offset_std, table[2:4], strict=True)):
         for channel, (std, walk) in enumerate(zip(stds.tolist(), walks.tolist(), strict=False)):
-            n_knots = 1 if walk == 0.0 else int(np.clip(n / record.fs, 2, 200))
-            knots = np.linspace(0, n - 1, n_knots)
-            columns += [(side, channel, np.interp(np.arange(n), knots, row)) for row in np.eye(n_knots)]
+            n_knots = 1 if walk == 0.0 else n_slow
+            columns += [(side, channel, each) for each in _interpolate(n, n_knots, 1)]
             known = np.eye(n_knots) / std
             if n_knots > 1:
-                known[1:] = (np.eye(n_knots)[1:] - np.eye(n_knots)[:-1]) / (walk * np.sqrt(knots[1]))
+                known[1:] = np.diff(np.eye(n_knots), axis=0) / (walk * np.sqrt((n - 1) / (n_knots - 1)))
             priors.append(known)
     for k, interface in enumerate(record.interfaces):
         velocity = np.gradient(travel[:, k]) * record.fs
@@ -427,8 +453,34 @@ def _find_constants(record: DrivenRecord, travel: FloatArray) -> _Constants:
                 force = float(np.std(force_along(alone, travel[:, k], velocity, record.fs)))
                 columns.append((2, k, column * force / largest))
                 priors.append(np.eye(1))
-    widths = (record.n_interfaces, record.n_sensors, record.n_interfaces)
+    path = np.zeros_like(travel)
+    for k, interface in enumerate(record.interfaces):
+        if interface.ground_stiffness:
+            path[:, k] = _integrate_twice(record.drive[:, k], record.fs)
+            columns += [(3, k, each) for each in _interpolate(n, n_slow, 3)]
+            spacing_s = (n - 1) / (n_slow - 1) / record.fs
+            bends = np.diff(np.eye(n_slow), 2, axis=0) / spacing_s**2
+            level = record.levels[0][k] / np.sqrt(record.fs * spacing_s)
+            # All knots together tell as much of the height as three observations, for height, slope and offset.
+            priors.append(np.concatenate([bends / level, np.eye(n_slow) / (record.drift_m[k] * np.sqrt(n_slow / 3))]))
+    widths = (record.n_interfaces, record.n_sensors, record.n_interfaces, record.n_interfaces)
     found = [np.zeros((n, width, len(columns))) for width in widths]
     for number, (side, channel, column) in enumerate(columns):
         found[side][:, channel, number] = column
-    return _Constants(found[0], found[1], found[2], linalg.block_diag(*priors))
+    return _Constants(found[0], found[1], found[2], found[3], path, linalg.block_diag(*priors))
+
+
+def _interpolate(n: int, n_knots: int, degree: int) -> FloatArray:
+    """Return the splines of n samples that are one at a knot and zero at the others, (n_knots, n)."""
+    if n_knots == 1:
+        return np.ones((1, n))
+    knots = np.linspace(0, n - 1, n_knots)
+    return np.asarray(interpolate.make_interp_spline(knots, np.eye(n_knots), k=degree)(np.arange(n)).T)
+
+
+def _integrate_twice(acceleration: FloatArray, fs: float) -> FloatArray:
+    """Return the path of an acceleration, m, without the parabola that its offset and its start make of it."""
+    seconds = np.arange(acceleration.size) / fs
+    path = interpolate.make_interp_spline(seconds, acceleration, k=5).antiderivative(2)(seconds)
+    time = np.linspace(-1.0, 1.0, path.size)
+    return np.asarray(path - np.polynomial.polynomial.polyval(time, np.polynomial.polynomial.polyfit(time, path, 2)))

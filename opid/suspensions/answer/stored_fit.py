@@ -178,11 +178,6 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
     groups = tuple(
         Group(each.name, each.members, default_law(each.law), each.has_ground, each.origin_m) for each in fit.groups
     )
-    if any(group.ground for group in groups):
-        raise InputError(
-            "the result has a spring from the body to the ground, whose force depends on a height that accelerometers "
-            "do not show: identify the study again without it (--no-ground)"
-        )
     usual = settings.repeatability.usual if study.repeatability is None else study.repeatability
     model = Model(
         runs,

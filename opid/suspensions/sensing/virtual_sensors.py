@@ -385,7 +385,7 @@ class _Wanted:
         model, fs = self.part.model, record.fs / self.finer
         every, fall = slice(None, None, self.finer), _fall(model)
         force = -motion.force / _mass_unit(self.part, theta)
-        body = -motion.force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
+        body = -motion.whole_force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
         below = body - motion.curvature
         found = []
         for k, (load, mass_kg) in enumerate(zip(loads.tolist(), unsprung_kg.tolist(), strict=True)):
@@ -400,7 +400,7 @@ class _Wanted:
         for _, row in self.places:
             by_force = _mobility_at(model, theta, row)[: record.n_interfaces]
             pushed = motion.pushed @ np.linalg.pinv(model.body.readings).T @ row
-            found += self._add_velocity((pushed - motion.force @ by_force)[every], fs)
+            found += self._add_velocity((pushed - motion.whole_force @ by_force)[every], fs)
         return found
 
     def _add_velocity(self, acceleration: FloatArray, fs: float) -> list[FloatArray]:
@@ -430,7 +430,7 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
     forces = [k for k, (_, quantity, _) in enumerate(channels) if quantity == "strut_force"]
     edges = [_range_edges(value[k], settings.n_bins) for k in forces]
 
-    contradicted = _find_contradictions(wanted, record, smoothed, settings)
+    contradicted, fraction = _find_contradictions(wanted, record, smoothed, settings)
 
     size = np.sqrt(np.maximum(np.diag(part.covariance), 1e-300))
     spread, vectors = np.linalg.eigh(part.covariance / np.outer(size, size))
@@ -455,9 +455,10 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
         if n_drawn < settings.n_counted:
             counts.append([_count_cycles(found[k], edge) for k, edge in zip(forces, edges, strict=True)])
         n_drawn += 1
-    for square, (_, quantity, place) in zip(squares, channels, strict=True):
+    for square, (_, quantity, place), each in zip(squares, channels, value, strict=True):
         if quantity in ("strut_force", "strut_load", "tyre_force"):
             square += n_drawn * contradicted[:: wanted.finer, wanted.names.index(place)] ** 2
+        square += n_drawn * fraction**2 * (each**2 + np.var(each))
     std = [np.sqrt(square / n_drawn) for square in squares]
     unit = "N" if part.fit.has_mass else "m/s^2"
     sensors = [
@@ -466,7 +467,7 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
     ]
     return _Band(
         sensors,
-        list(_list_static(wanted.names, loads, travels, np.array(rests))),
+        list(_list_static(wanted.names, loads, travels, np.array(rests), fraction)),
         [
             Rainflow(
                 place=name,
@@ -482,28 +483,32 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
 
 def _find_contradictions(
     wanted: _Wanted, record: DrivenRecord, smoothed: Smoothed, settings: SensingSettings
-) -> FloatArray:
+) -> tuple[FloatArray, float]:
     """Return by how much the force may be wrong where the record contradicts the result, (n, n_interfaces) N.
+
+    The second value is a relative error of everything, loads at rest among them.
 
     If the model leaves more than noise, the force of the law differs from what the motion of the body needs: by an
     unmeasured force if the law is right, and by its own error if it is not. If the record moves the vector by far more
-    than its uncertainty, either the suspension has changed or the mass is another one than stated: the force may then
-    be that of the law of the result along the motion, or that of the mass of the result times the motion. No
-    accelerometer tells which, so that the band of a strut force holds all of them.
+    than its uncertainty, the suspension has changed, or the mass is another one than stated, or a gain is: the force
+    may then be that of the law of the result along the motion, or that of the mass of the result times the motion, and
+    any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands hold all of them.
 
     Raises:
         NotDeterminedError: they are a large fraction of the force.
     """
     part = wanted.part
     motion, unit = smoothed.motion, _mass_unit(part, part.theta)
-    body = -motion.force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
+    body = -motion.whole_force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
     squares = (motion.pushed[:, : record.n_interfaces] @ np.linalg.pinv(record.accelerance).T / unit) ** 2
+    moved = np.zeros_like(squares)
     if part.moved_std > settings.most_moved:
         before, unit_before = _make_record(part, part.mean), _mass_unit(part, part.mean)
         by_law = smoothed.follow(before).force / unit_before - motion.force / unit
-        by_mass = -body @ np.linalg.pinv(before.accelerance).T / unit_before - motion.force / unit
-        squares += by_law**2 + by_mass**2
-    fraction = float(np.sqrt(np.mean(squares) / np.mean(np.var(motion.force / unit, axis=0))))
+        by_mass = -body @ np.linalg.pinv(before.accelerance).T / unit_before - motion.whole_force / unit
+        moved = by_law**2 + by_mass**2
+    size = float(np.mean(np.var(motion.force / unit, axis=0)))
+    fraction = float(np.sqrt(np.mean(squares + moved) / size))
     if fraction > settings.most_contradicted:
         raise NotDeterminedError(
             f"the model of {', '.join(part.fit.interfaces)} leaves {part.over_noise:.3g} times the noise of the "
@@ -511,7 +516,7 @@ def _find_contradictions(
             f"parameters by {part.moved_std:.2g} standard deviations; its force may be wrong by {100 * fraction:.0f} "
             "%: the log is of another strut or loading, or a sensor has a fault; check it with `opid inspect`"
         )
-    return np.sqrt(squares)
+    return np.sqrt(squares + moved), float(np.sqrt(np.mean(moved) / size))
 
 
 _UNITS = {"travel": "m", "travel_velocity": "m/s", "acceleration": "m/s^2", "velocity": "m/s"}
@@ -542,7 +547,17 @@ def _make_record(part: _Part, theta: FloatArray) -> DrivenRecord:
             measured=(part.widened * np.asarray(noise.measured)).tolist(),
         ),
         offset_std=(stds[0], stds[1]),
+        drift_m=_find_drift(model),
     )
+
+
+def _find_drift(model: Model) -> FloatArray:
+    """Return the standard deviation of the height below each suspension about its mean, (n_interfaces,) m."""
+    known, (_, covariance) = model.settings.runs, model.runs[0].ground_at_start
+    # Of a parabola through observations of one height, the height at the first has nine times their variance.
+    drift = np.sqrt(covariance[:, 0, 0]) / 3.0
+    coupled = np.array([each.corner_hz > 0.0 for each in model.sensors.unsprung])
+    return np.where(coupled, np.maximum(drift, known.start_displacement_m), drift)
 
 
 def _find_mean(acceleration: FloatArray, fs: float) -> tuple[float, float]:
@@ -577,7 +592,8 @@ def _find_static(part: _Part, theta: FloatArray) -> tuple[FloatArray, FloatArray
     is_scaled = part.fit.is_mass_fitted or not model.runs[0].loading.any()
     travel = np.zeros(n) if rest is None else rest.travel[:n]
     travel = travel if body.fall is not None and is_scaled else nothing
-    if body.fall is None or not part.fit.has_mass:
+    # A spring to the ground carries an unknown part of the weight.
+    if body.fall is None or not part.fit.has_mass or model.ground:
         return nothing, travel
     first, mu = model.first_factor, model.inverse_mass(theta)
     weight = body.mass(theta[first : first + len(body.names)], mu, model.runs[0].loading) @ body.fall / mu
@@ -589,9 +605,10 @@ def _find_static(part: _Part, theta: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _list_static(
-    names: Sequence[str], loads: FloatArray, travels: FloatArray, drawn: FloatArray
+    names: Sequence[str], loads: FloatArray, travels: FloatArray, drawn: FloatArray, fraction: float
 ) -> Iterator[StaticValue]:
-    std = np.sqrt(np.mean((drawn - np.concatenate([loads, travels])) ** 2, axis=0))
+    value = np.concatenate([loads, travels])
+    std = np.sqrt(np.mean((drawn - value) ** 2, axis=0) + (fraction * value) ** 2)
     for k, name in enumerate(names):
         load, travel = (
             Estimate.normal(float(each[k]), float(std[k + first])) if np.isfinite(each[k]) else Estimate()
