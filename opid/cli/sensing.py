@@ -39,7 +39,7 @@ class MassOfInterface(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, float, float]:
         """Return the name, empty where none is given, the mass and its standard deviation."""
-        words = rf"(?:\s*([^=]+?)\s*=)?\s*({_NUMBER})\s*(?:(?:\+-|±)\s*({_NUMBER}))?\s*(?:kg)?\s*"
+        words = rf"(?:\s*([^=]+?)\s*=)?\s*({_NUMBER})\s*(?:[+]-\s*({_NUMBER}))?\s*(?:kg)?\s*"
         found = re.fullmatch(words, str(value), re.IGNORECASE)
         if found is None:
             self.fail(f"{value!r} is no mass: give one in kg, like 105+-5 or left=105+-5", param, ctx)

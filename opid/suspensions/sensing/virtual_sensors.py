@@ -19,8 +19,7 @@ from opid.signals.health.inspection import findings_in_words
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.stored_fit import KnownModel, StoredFit, restore_model, store_fits
-from opid.suspensions.fitting.fit import NO_FIT
-from opid.suspensions.fitting.least_squares import least_squares
+from opid.suspensions.fitting.fit import NO_FIT, minimize
 from opid.suspensions.identification import check_study, collect_arrays
 from opid.suspensions.model.body import mobility, vertical
 from opid.suspensions.model.driven_model import Errors, Model, ProcessNoise
@@ -145,7 +144,9 @@ def _read_masses(study: Study, given: Estimate | Mapping[str, Estimate] | None) 
         if name not in study.names:
             raise InputError(f"unsprung_mass_kg has an interface {name!r}: {nearest(name, study.names)}")
         if mass.value is None or not 0.0 < mass.value < np.inf or not 0.0 <= (mass.std or 0.0) < np.inf:
-            raise InputError(f"the unsprung mass of {name!r} is {mass.value} +- {mass.std} kg: give positive numbers")
+            raise InputError(
+                f"the unsprung mass of {name!r} is {mass.value} kg (std {mass.std}): give positive numbers"
+            )
     return masses
 
 
@@ -289,21 +290,15 @@ def _update(known: KnownModel, over_noise: float) -> tuple[FloatArray, FloatArra
         rows = [weight * errors.stacked[:n], whiten @ (theta - known.mean)]
         return _Updated(errors, np.concatenate(rows), np.concatenate([weight * errors.jacobian[:n], whiten]))
 
-    lower, upper = model.bounds()
-    fitting, theta, found = model.settings.fit, known.mean, None
+    known_fit, theta, found = model.settings.fit, known.mean, None
     for free in (slice(model.n_shared, None), slice(None)):
-        theta, found, _ = least_squares(
+        theta, found, _ = minimize(
+            model,
             evaluate,
             theta,
-            lower,
-            upper,
-            model.largest_steps(),
             free=free,
-            most_evaluations=fitting.most_refit_evaluations,
-            least_promise=fitting.least_promise,
-            negligible_promise=fitting.negligible_promise,
-            first_damping=fitting.first_damping,
-            least_damping=fitting.least_damping,
+            most_evaluations=known_fit.most_refit_evaluations,
+            least_promise=known_fit.least_promise,
         )
         # A record that the model does not follow must not pull the vector as if it were exact.
         weight = 1.0 / max(_residual((found or _require(evaluate(theta))).errors), over_noise, 1.0)
