@@ -484,7 +484,7 @@ def _find_contradictions(
     The second value is a relative error of everything, loads at rest among them.
 
     If the model leaves more than noise, the force of the law differs from what the motion of the body needs: by an
-    unmeasured force if the law is right, and by its own error if it is not. If the record moves the vector by far more
+    unmeasured force if the law is right, by its own error or that of a sensor if it is not. If the record moves the vector by far more
     than its uncertainty, the suspension has changed, or the mass is another one than stated, or a gain is: the force
     may then be that of the law of the result along the motion, or that of the mass of the result times the motion, and
     any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands hold all of them.
@@ -511,7 +511,7 @@ def _find_contradictions(
             f"parameters by {part.moved_std:.2g} standard deviations; its force may be wrong by {100 * fraction:.0f} "
             "%: the log is of another strut or loading, or a sensor has a fault; check it with `opid inspect`"
         )
-    return np.sqrt(squares + moved), float(np.sqrt(np.mean(moved) / size))
+    return np.sqrt(squares + moved), fraction
 
 
 _UNITS = {"travel": "m", "travel_velocity": "m/s", "acceleration": "m/s^2", "velocity": "m/s"}
