@@ -484,10 +484,11 @@ def _find_contradictions(
     The second value is a relative error of everything, loads at rest among them.
 
     If the model leaves more than noise, the force of the law differs from what the motion of the body needs: by an
-    unmeasured force if the law is right, by its own error or that of a sensor if it is not. If the record moves the vector by far more
-    than its uncertainty, the suspension has changed, or the mass is another one than stated, or a gain is: the force
-    may then be that of the law of the result along the motion, or that of the mass of the result times the motion, and
-    any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands hold all of them.
+    unmeasured force if the law is right, by its own error or that of a sensor if it is not. If the record moves the
+    vector by far more than its uncertainty, the suspension has changed, or the mass is another one than stated, or a
+    gain is: the force may then be that of the law of the result along the motion, or that of the mass of the result
+    times the motion, and any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands
+    hold all of them.
 
     Raises:
         NotDeterminedError: they are a large fraction of the force.
