@@ -31,6 +31,7 @@ from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
 from opid.signals.health.result import SCHEMA as HEALTH, ChannelHealth, Health
 from opid.suspensions.answer.model_error import LeftOutSpectrum, Limit
+from opid.suspensions.answer.stored_fit import StoredFit
 from opid.suspensions.bench.law import SCHEMA as BENCH, BenchLaw
 from opid.suspensions.bench.memory import Memory
 from opid.suspensions.bench.simulation import Simulation
@@ -56,6 +57,7 @@ from opid.suspensions.result import (
     RunResidual,
     SpringEstimate,
 )
+from opid.suspensions.sensing.result import SCHEMA as SENSING, Sensing, VirtualSensor
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
 from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, LinearPosterior, Updating
@@ -210,6 +212,7 @@ def _identification() -> Json:
         "structure": keys(structure),
         "interfaces": array(keys(interface)),
         **fields_of(Identification, "candidates", "equivalents"),
+        "fits": array(keys(fields_of(StoredFit))) | {"description": "what `opid sense` reads; none without intervals"},
         "runs": array(keys(run)),
         "natural_frequency_of": TEXT | {"description": "what frequency and damping ratio of one gear belong to"},
         "diagnostics": {"type": "object", "description": rests},
@@ -235,6 +238,16 @@ def _bench() -> Json:
         "ladder": array(keys(rung)) | {"description": "the laws that were tried"},
         "memory": keys(fields_of(Memory) | {"seen": FLAG}),
         "simulation": or_null(keys(simulation)),
+        "settings": {"type": "object"},
+    }
+
+
+def _sensing() -> Json:
+    sensor = fields_of(VirtualSensor, "name", "quantity", "place", "unit") | {"rms": ESTIMATE, "largest": ESTIMATE}
+    own = ("title", "run", "fs", "start_s", "per_mass", "static", "rainflow", "over_noise", "widened")
+    return fields_of(Sensing, *own, "unmeasured_m_per_s2", "warnings", "seed") | {
+        "n_samples": COUNT,
+        "sensors": array(keys(sensor)) | {"description": "their time histories are in the log"},
         "settings": {"type": "object"},
     }
 
@@ -363,11 +376,12 @@ def _updating() -> Json:
 
 # ---- files -----------------------------------------------------------------------------------------
 
-OF_MODEL_ALONE = ("structure", "interfaces", "candidates", "runs", "equivalents", "natural_frequency_of")
+OF_MODEL_ALONE = ("structure", "interfaces", "candidates", "runs", "equivalents", "fits", "natural_frequency_of")
 FILES = (
     (IDENTIFICATION, "a suspension, or a body on several, from runs (opid identify)", _identification, OF_MODEL_ALONE),
     (STRUCTURE, "a structure of your own (opid.suspensions.identify_structure)", _structure, ()),
     (BENCH, "the law of a damper or spring on a test bench (opid law)", _bench, ()),
+    (SENSING, "forces and motion along a log (opid sense)", _sensing, ()),
     (COMPARISON, "what changed from flight to flight (opid compare)", _comparison, ()),
     (CAMPAIGN, "what became of each of many flights (opid campaign)", _campaign, ()),
     (FLEET, "which struts of a fleet changed (opid compare CAMPAIGN)", _fleet, ()),

@@ -48,11 +48,13 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "updating.structure.affine",
     "updating.structure.matrices_file",
 }
-# The files of the estimator call each other; the paper's chain, benches and flights are users of it.
+# The files of the estimator call each other; the paper's chain, benches, flights and virtual sensors are users of it.
 OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer", "planning")]
 ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
 # So do those of each of these, and those of signals, mechanics and the other wings.
-PAPER, BENCH, FLIGHTS = (frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights"))
+PAPER, BENCH, FLIGHTS, SENSING = (
+    frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights", "sensing")
+)
 WHOLE = [
     frozenset(path.parent for path in (PACKAGE / each).rglob("*.py"))
     for each in ("signals", "mechanics", "modal", "updating")
@@ -62,7 +64,7 @@ OUTER = [
     frozenset(path.parent for each in rooms for path in (PACKAGE / each).rglob("*.py"))
     for rooms in (("plots", "report", "cli"), ("virtual", "cli"))
 ]
-ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OUTER)
+ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, SENSING, *WHOLE, *OUTER)
 MOST_FILES = 18
 MOST_FILES_OF_ALL = 290  # lower it whenever there are fewer
 MOST_LINES_TWICE = 5

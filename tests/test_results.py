@@ -38,6 +38,8 @@ from opid.suspensions.flights.results import read_flights
 from opid.suspensions.identification import identify
 from opid.suspensions.own_structure import StructureIdentification
 from opid.suspensions.result import SpringEstimate
+from opid.suspensions.sensing.settings import SensingSettings
+from opid.suspensions.sensing.virtual_sensors import sense
 
 
 def gear(request, folder):
@@ -91,6 +93,12 @@ def flights(request, folder):
     return compare(read_flights([write_result(folder / f"flight {i}", body_result(rng)) for i in range(4)]))
 
 
+def virtual_sensors(request, folder):
+    found = request.getfixturevalue("identified").result
+    few = SensingSettings(n_draws=10, n_counted=2)
+    return sense(found.study, found, unsprung_mass_kg=Estimate.normal(105.0, 2.0), settings=few)
+
+
 def campaign(request, folder):
     return make_campaign(folder)
 
@@ -119,7 +127,8 @@ def inspection(request, folder):
     return Inspection((health(request, folder), replace(sound_health(), log="light.csv")), ("heavy taxi", "light"))
 
 
-MAKERS = (gear, body, by_paper, structure, bench, flights, campaign, fleet, health, inspection, decay, modal, updating)
+OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, flights, campaign, fleet)
+MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, modal, updating)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)

@@ -153,7 +153,8 @@ def main() -> None:
     \b
     identify  suspensions, from accelerations below and above each at two
               known loadings: one gear, a car, a whole aircraft, a building;
-              `compare` says what changed from flight to flight
+              `compare` says what changed from flight to flight, and `sense`
+              gives strut forces, travel and motion along any log
     law       a damper or spring, from force and motion on a test bench
     modal     modes whose stiffness and damping depend on their amplitude, from
               sine beats; `decay` from one free decay

@@ -62,6 +62,10 @@ from .runs import (
     recording as recording,
     transmissibilities as transmissibilities,
 )
+from .sensing import (
+    rainflow_cycles as rainflow_cycles,
+    sensed_histories as sensed_histories,
+)
 from .style import (
     figure_of as figure_of,
     house_style as house_style,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from datetime import date
 from numbers import Real
@@ -552,6 +552,56 @@ def _resolve_path(path: str | os.PathLike[str]) -> str:
         return os.path.realpath(path)
     except ValueError:  # It holds a zero byte, which no name of a file does.
         return os.fspath(path)
+
+
+def read_further_run(
+    study: Study,
+    log: str | os.PathLike[str],
+    *,
+    like: str | None = None,
+    mass_change_kg: float | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Run:
+    """Read a further log of the sensors of a study, as the study file says.
+
+    Args:
+        study: a study that was read from a file.
+        log: the log.
+        like: name of the run whose loading the log has, and whose channels are read in the same way; the reference
+            loading, and the channels of the first run, if left out.
+        mass_change_kg: sprung mass of one gear less that of the reference, kg, in the place of the loading of a run.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a study without a file, an unknown run, channels from several files, a mass change of a body on
+            several suspensions, or a log that lacks a channel or cannot be read.
+    """
+    if study.source is None:
+        raise InputError("the study was not read from a file, so that nothing says how to read the log: give a Run")
+    names = [run.name for run in study.runs]
+    if like is not None and like not in names:
+        raise InputError(f"{study.source} has no run {like!r}: {nearest(like, names)}")
+    if mass_change_kg is not None and not study.is_one_gear:
+        raise InputError("a mass change has a place on a body with several suspensions: name a run with that loading")
+    index = 0 if like is None else names.index(like)
+    path = Path(log)
+    tables = _read_body(load(study.source), study.source)
+    with prefix_errors(f"{study.source}: "):
+        files = _find_run_files(tables, replace(tables.runs[index], log=str(path.absolute())), study.source.parent)
+    if any(source.channel.file is not None for source in files.sources.values()):
+        raise InputError(
+            f"{study.source} takes the channels of a run from several files: add the log to it as a run, and name the "
+            "run"
+        )
+    with prefix_errors(f"{path}: "):
+        run = read_run(replace(files, name=path.stem, start_s=None, stop_s=None), fs_hz=tables.fs_hz, progress=progress)
+    loading: tuple[PointMass, ...] | float = () if like is None else study.runs[index].masses
+    return replace(
+        run,
+        loading=loading if mass_change_kg is None else mass_change_kg,
+        recording=add_files(run.recording, study.source),
+        log=path,
+    )
 
 
 # ---- study -> tables -------------------------------------------------------------------------------

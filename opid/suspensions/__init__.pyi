@@ -106,6 +106,12 @@ from .planning.search import (
     plan_runs as plan_runs,
 )
 from .result import Identification as Identification
+from .sensing.result import (
+    Sensing as Sensing,
+    VirtualSensor as VirtualSensor,
+)
+from .sensing.settings import SensingSettings as SensingSettings
+from .sensing.virtual_sensors import sense as sense
 from .sensor_facts import (
     Leak as Leak,
     SensorFacts as SensorFacts,

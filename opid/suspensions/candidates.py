@@ -333,18 +333,47 @@ def static_loads(study: Study, loading: PointMass) -> FloatArray:
     return np.asarray(loading.mass_kg * (1 / len(positions) + uneven))
 
 
+@dataclass(frozen=True, eq=False)
+class StructureData:
+    """Runs, body, groups and sensors of one structure, as its model takes them.
+
+    Args:
+        runs: the runs.
+        body: the body.
+        groups: the groups of interfaces, without laws.
+        sensors: facts known of the sensors.
+    """
+
+    runs: tuple[DrivenRun, ...]
+    body: Body
+    groups: tuple[Group, ...]
+    sensors: Sensors
+
+
 def fit_alone(task: Task, interfaces: tuple[int, ...]) -> FittedStructure:
     """Fit the mean of some interfaces as one gear under its part of the mass."""
-    study, picked, runs = task.study, list(interfaces), []
-    assert study is not None  # a user's own structure has no gears to leave alone
+    assert task.study is not None  # a user's own structure has no gears to leave alone
+    picked = list(interfaces)
     kind = "single" if len(picked) == 1 else "pair"
     noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise.levels)
     try:
-        sensors = task.sensors.mean_of(picked)
+        data = prepare_alone(task.study, task.arrays, task.sensors, interfaces, settings=task.settings)
     except NotDeterminedError as error:
         return FittedStructure(kind, interfaces, None, noise, task, str(error))  # type: ignore[arg-type]
-    leaking = task.sensors.leaks_into(picked)
-    for run, (below, above, across) in zip(study.runs, task.arrays, strict=True):
+    return fit_structure(task, kind, interfaces, data, noise)  # type: ignore[arg-type]
+
+
+def prepare_alone(
+    study: Study, arrays: Arrays, sensors: Sensors, interfaces: tuple[int, ...], *, settings: Settings
+) -> StructureData:
+    """Return the mean of some interfaces as one gear under its part of the mass.
+
+    Raises:
+        NotDeterminedError: sensors of one side with different AC couplings.
+    """
+    picked, runs = list(interfaces), []
+    alone, leaking = sensors.mean_of(picked), sensors.leaks_into(picked)
+    for run, (below, above, across) in zip(study.runs, arrays, strict=True):
         change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
             change = 0.0
@@ -355,13 +384,13 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> FittedStructure:
                 fs=study.fs,
                 loading=change,
                 leaks=across[:, leaking] / len(picked),
-                settings=task.settings.runs,
+                settings=settings.runs,
             )
         )
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)
     areas = [study.interfaces[k].piston_area_m2 or 0.0 for k in picked]
     body = replace(gear_body(study.interfaces[picked[0]].axis), piston_area_m2=min(areas) and float(np.mean(areas)))
-    return fit_structure(task, kind, interfaces, runs, body, (Group(name, (0,)),), sensors, noise)  # type: ignore[arg-type]
+    return StructureData(tuple(runs), body, (Group(name, (0,)),), alone)
 
 
 def gear_body(axis: Axis = "up") -> Body:
@@ -389,8 +418,14 @@ def fall_of(axes: Sequence[Axis]) -> FloatArray | None:
 
 def fit_rigid(task: Task) -> FittedStructure:
     """Fit one rigid body on all interfaces."""
-    study = task.study
-    assert study is not None  # a user's own structure is no rigid airframe
+    assert task.study is not None  # a user's own structure is no rigid airframe
+    data = prepare_rigid(task.study, task.arrays, task.sensors, settings=task.settings)
+    every = tuple(range(len(task.study.interfaces)))
+    return fit_structure(task, "rigid_body", every, data, task.noise.levels)
+
+
+def prepare_rigid(study: Study, arrays: Arrays, sensors: Sensors, *, settings: Settings) -> StructureData:
+    """Return one rigid body on all interfaces."""
     body = rigid_body(
         [interface.place for interface in study.interfaces],
         [
@@ -402,18 +437,12 @@ def fit_rigid(task: Task) -> FittedStructure:
     )
     runs = [
         driven_run(
-            below,
-            above,
-            fs=study.fs,
-            loading=loading_matrix(study, index),
-            leaks=across,
-            settings=task.settings.runs,
+            below, above, fs=study.fs, loading=loading_matrix(study, index), leaks=across, settings=settings.runs
         )
-        for index, (below, above, across) in enumerate(task.arrays)
+        for index, (below, above, across) in enumerate(arrays)
     ]
     body = replace(body, fall=_fall(study.interfaces[0].axis, body))
-    every = tuple(range(len(study.interfaces)))
-    return fit_structure(task, "rigid_body", every, runs, body, groups_of(study), task.sensors, task.noise.levels)
+    return StructureData(tuple(runs), body, groups_of(study), sensors)
 
 
 def loading_matrix(study: Study, index: int) -> FloatArray:
@@ -441,15 +470,13 @@ def fit_structure(
     task: Task,
     kind: str,
     interfaces: tuple[int, ...],
-    runs: Sequence[DrivenRun],
-    body: Body,
-    groups: tuple[Group, ...],
-    sensors: Sensors,
+    data: StructureData,
     noise: Noise,
     *,
     start: Start | None = None,
 ) -> FittedStructure:
     """Fit a body: start values from its equation of motion, the model, laws, faults, and fits without one run."""
+    runs, body, groups, sensors = data.runs, data.body, data.groups, data.sensors
     mass_free, settings = is_mass_free(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)

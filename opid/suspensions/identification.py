@@ -130,8 +130,8 @@ def identify(
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
     kind_of_law = None if law is None else default_law(law)
     say = progress or (lambda step: None)
-    study = _check_study(study, settings)
-    arrays, mended = _arrays(study)
+    study = check_study(study, settings)
+    arrays, mended = collect_arrays(study)
     sensors = study.sensor_facts()
     noise = known_noise(sensors, arrays, fs=study.fs, settings=settings.runs)
     options = Options(law, ground, method_of_law, library(), seed)
@@ -192,8 +192,16 @@ def _why_only_for_model(name: str, value: object, method: str) -> str:
     return f"{name} is {value!r}, which the method {method!r} does not know: leave it out, or give method='model'"
 
 
-def _check_study(study: Study, settings: Settings) -> Study:
-    """Refuse channels that cannot be a pair; record lesser findings in the runs, as warnings."""
+def check_study(study: Study, settings: Settings) -> Study:
+    """Return the study with lesser findings about its channels in the runs, as warnings.
+
+    Args:
+        study: the study.
+        settings: settings of the estimator.
+
+    Raises:
+        InputError: channels that cannot be a pair, or a run of a body that is too short.
+    """
     runs = []
     for run in study.runs:
         if not study.is_one_gear and run.recording.duration_s < settings.runs.least_s:
@@ -207,8 +215,12 @@ def _check_study(study: Study, settings: Settings) -> Study:
     return replace(study, runs=tuple(runs))
 
 
-def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
-    """Return the accelerations of each run below, on and across the body, and the number of mended spikes per side."""
+def collect_arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
+    """Return the accelerations of each run below, on and across the body, and the number of mended spikes per side.
+
+    Args:
+        study: the study.
+    """
     mended = {"unsprung": 0, "sprung": 0}
     found = []
     for run in study.runs:
@@ -417,6 +429,8 @@ def _evidence(part: FittedStructure, options: Options, *, is_refused: bool, has_
         repeatability=part.repeatability,
         n_starts=found.n_starts,
         error=part.error,
+        interfaces=part.interfaces,
+        covariance=part.known.covariance,
     )
 
 

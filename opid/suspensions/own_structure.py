@@ -25,7 +25,15 @@ from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.answer.intervals import Parameters, limits_of_mass
 from opid.suspensions.answer.numbers import at_rest
 from opid.suspensions.answer.warnings import WITHOUT_INTERVALS, run_differences, warn_of_exponents
-from opid.suspensions.candidates import Arrays, FittedStructure, Task, fall_of, fit_structure, is_mass_free
+from opid.suspensions.candidates import (
+    Arrays,
+    FittedStructure,
+    StructureData,
+    Task,
+    fall_of,
+    fit_structure,
+    is_mass_free,
+)
 from opid.suspensions.fitting.fit import Fit, fastest_rate, first_vector
 from opid.suspensions.fitting.noise import known_noise, measure_whiteness, sensor_ratio, thin_samples
 from opid.suspensions.fitting.repeatability import Repeatability
@@ -185,9 +193,8 @@ def identify_structure(
     question = Question(kinds is not None, ground=False, faults=False, kinds=library())
     say, run_names = progress or (lambda step: None), tuple(names_of(runs))
     task = Task(None, arrays, known, noise, kinds, question, settings, say, run_names, repeatability)
-    part = fit_structure(
-        task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun
-    )
+    data = StructureData(tuple(prepared), body, groups, known)
+    part = fit_structure(task, "own", tuple(range(len(groups))), data, noise.levels, start=begun)
     found = _make_answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
     found = replace(found, settings=settings, files=tuple(file for run in runs for file in run.files))
     return replace(found, warnings=(*channel_warnings, *found.warnings))

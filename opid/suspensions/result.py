@@ -318,6 +318,8 @@ class Evidence:
         repeatability: repeatability of the suspensions in the runs.
         n_starts: number of attempts from start values.
         error: what limits the answer if the residual exceeds the noise; else None.
+        interfaces: indices of its interfaces in the study; a pair has two and is their mean.
+        covariance: (n_unknowns, n_unknowns) of the fitted vector, from which the intervals follow.
     """
 
     fit: Fit
@@ -335,6 +337,8 @@ class Evidence:
     repeatability: Repeatability
     n_starts: int
     error: ModelError | None
+    interfaces: tuple[int, ...]
+    covariance: FloatArray
 
 
 @dataclass(frozen=True)

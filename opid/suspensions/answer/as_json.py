@@ -17,6 +17,7 @@ from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility
+from opid.suspensions.answer.stored_fit import store_fits
 from opid.suspensions.fitting.faults import Demand
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, chosen
@@ -176,6 +177,7 @@ def _structures(result: Identification) -> Json:
         "candidates": [asdict(candidate) for candidate in result.candidates],
         "runs": [_run_of_body(result, index) for index in range(len(result.runs))],
         "equivalents": [asdict(each) for each in result.equivalents],
+        "fits": [asdict(each) for each in store_fits(result)],
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +14,7 @@ from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.fitting.least_squares import least_squares
+from opid.suspensions.fitting.least_squares import AnyResidual, least_squares
 from opid.suspensions.fitting.start import Start
 from opid.suspensions.model.body import ImpossibleBodyError
 from opid.suspensions.model.driven_model import Errors, Model
@@ -512,6 +512,38 @@ def _minimize(
         except NO_FIT:
             return None
 
+    return minimize(
+        model,
+        evaluate,
+        theta,
+        free=free,
+        most_evaluations=most_evaluations,
+        least_promise=least_promise,
+        first=model.evaluate,
+    )
+
+
+def minimize(
+    model: Model,
+    evaluate: Callable[[FloatArray], AnyResidual | None],
+    theta: FloatArray,
+    *,
+    free: slice,
+    most_evaluations: int,
+    least_promise: float,
+    first: Callable[[FloatArray], AnyResidual] | None = None,
+) -> tuple[FloatArray, AnyResidual | None, int]:
+    """Return the vector of least squared error of a model, with its bounds, steps and settings.
+
+    Args:
+        model: the model.
+        evaluate: errors at a vector, and their derivatives; None if there are none.
+        theta: the start vector.
+        free: the entries that may move.
+        most_evaluations: most evaluations.
+        least_promise: as in `fit_model`.
+        first: replaces `evaluate` at the start, and may raise an error.
+    """
     settings = model.settings.fit
     lower, upper = model.bounds()
     return least_squares(
@@ -526,7 +558,7 @@ def _minimize(
         negligible_promise=settings.negligible_promise,
         first_damping=settings.first_damping,
         least_damping=settings.least_damping,
-        first=model.evaluate,
+        first=first,
     )
 
 

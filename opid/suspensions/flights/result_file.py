@@ -119,6 +119,28 @@ def find_page(result: Path) -> Path:
     return page if page.exists() else result
 
 
+def load_result(path: Path) -> dict[str, Any]:
+    """Return the content of a result.json.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: it cannot be read, or is no result of `opid identify`.
+    """
+    try:
+        document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
+    except ValueError as error:
+        raise InputError(f"{path} is no JSON: give the {RESULT_FILE} of `opid identify`") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
+        raise InputError(f"{path} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
+    return document
+
+
 def read_flight(path: Path, name: str) -> Flight:
     """Read a result.json as the flight that is called `name`.
 
@@ -129,16 +151,7 @@ def read_flight(path: Path, name: str) -> Flight:
     Raises:
         InputError: it cannot be read, is no result, or lacks a value of every result; all errors in one message.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except ValueError as error:
-        raise InputError(f"{path} is no JSON: give the {RESULT_FILE} of `opid identify`") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
-        raise InputError(f"{path} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
+    document = load_result(path)
     faults: list[str] = []
     flight = _flight(path, name, _Table(document, "", faults))
     faults = list(dict.fromkeys(faults))

@@ -145,9 +145,14 @@ class Mobility:
 
 
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
-    """Return the accelerances of a body at its attachments under a loading, (n_dof, n_dof) kg.
+    """Return the accelerances of a body at its attachments under a loading.
 
-    `shifts` are the true coordinates minus the stated ones, m.
+    Args:
+        body: the body.
+        theta: (n_parts,) free factors of its mass.
+        mu: one over the reference mass, 1/kg.
+        shifts: (n_coordinates,) true coordinates minus the stated ones, m.
+        loading: (n_dof, n_dof) mass matrix of the loading, kg.
 
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
@@ -234,7 +239,12 @@ def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, 
 
 
 def vertical(x_m: float, y_m: float) -> FloatArray:
-    """Return j, (3,): the vertical displacement at a point for a unit of heave, roll and pitch about the origin."""
+    """Return j, (3,): the vertical displacement at a point for a unit of heave, roll and pitch about the origin.
+
+    Args:
+        x_m: x of the point, forward.
+        y_m: y of the point, to the left.
+    """
     return np.array([1.0, y_m, -x_m])
 
 

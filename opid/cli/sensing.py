@@ -1,0 +1,163 @@
+"""Virtual sensors: `opid sense` gives the forces and motion of an identified body along a log."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import PATH, Number, Output, example, main, out_option, result_name, with_output
+
+if TYPE_CHECKING:
+    from opid.estimate import Estimate
+
+LOG_FILE = "virtual_sensors.csv"
+"""The log that is written where no other is named."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
+
+
+class NamedPlace(click.ParamType):
+    """A name and a place, x forward and y to the left, m."""
+
+    name = "NAME=X,Y"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, float, float]:
+        """Return name, x and y."""
+        found = re.fullmatch(rf"\s*([^=]+?)\s*=\s*({_NUMBER})\s*,\s*({_NUMBER})\s*(?:m\s*)?", str(value), re.IGNORECASE)
+        if found is None:
+            self.fail(f"{value!r} is no NAME=X,Y: give one, like tail=-5.0,0.0, in m", param, ctx)
+        return found[1], float(found[2]), float(found[3])
+
+
+class MassOfInterface(click.ParamType):
+    """A mass in kg with or without its standard deviation, of all interfaces or of one that is named."""
+
+    name = "[NAME=]KG[+-STD]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, float, float]:
+        """Return the name, empty where none is given, the mass and its standard deviation."""
+        words = rf"(?:\s*([^=]+?)\s*=)?\s*({_NUMBER})\s*(?:[+]-\s*({_NUMBER}))?\s*(?:kg)?\s*"
+        found = re.fullmatch(words, str(value), re.IGNORECASE)
+        if found is None:
+            self.fail(f"{value!r} is no mass: give one in kg, like 105+-5 or left=105+-5", param, ctx)
+        return found[1] or "", float(found[2]), float(found[3] or 0.0)
+
+
+@main.command(
+    epilog=example("opid sense study.toml result flight_12.csv --unsprung-mass 105+-2 --out flight_12_forces")
+)
+@click.argument("study", type=PATH, metavar="STUDY.toml | DIR")
+@click.argument("result", type=PATH, metavar="RESULT")
+@click.argument("log", required=False, type=PATH, metavar="[LOG]")
+@out_option("Folder for result.json, report and log.  [default: NAME_sensors]")
+@click.option("--run", metavar="NAME", help="Run of the study in the place of LOG.  [default: the first]")
+@click.option(
+    "--like", metavar="RUN", help="LOG has the loading of this run, and its channels are read in the same way."
+)
+@click.option(
+    "--mass-change",
+    "mass_change_kg",
+    type=Number("kg, negative for what was taken off"),
+    metavar="KG",
+    help="One gear: mass that it carries in LOG less that of the reference.",
+)
+@click.option(
+    "--unsprung-mass",
+    "unsprung",
+    type=MassOfInterface(),
+    multiple=True,
+    help="Mass that moves with the wheel, with its standard deviation; the tyre force is given only with it.",
+)
+@click.option(
+    "--place",
+    "places",
+    type=NamedPlace(),
+    multiple=True,
+    help="Place on a rigid body, m, whose motion is wanted; once for each.",
+)
+@click.option(
+    "--log",
+    "written",
+    type=PATH,
+    metavar="FILE",
+    help=f"Log that is written; its ending decides the format (.csv, .h5, ...).  [default: {LOG_FILE} in the folder]",
+)
+@with_output
+def sense(
+    study: Path,
+    result: Path,
+    log: Path | None,
+    run: str | None,
+    like: str | None,
+    mass_change_kg: float | None,
+    unsprung: tuple[tuple[str, float, float], ...],
+    places: tuple[tuple[str, float, float], ...],
+    written: Path | None,
+    output: Output,
+) -> None:
+    """Give forces, travel and motion of an identified body along a log, with bands.
+
+    RESULT is the result.json of `opid identify` of this STUDY, or its folder. LOG is a further log of the same sensors,
+    read as the study says; without it a run of the study is taken. The log that is written has strut force, travel,
+    its rate, and acceleration and velocity of the body, each followed by its standard deviation (NAME_std); the report
+    has rainflow counts of the strut forces.
+    """
+    from opid.report.suspensions.sensing import write_command
+    from opid.signals.logs import write_log
+    from opid.studies.stored_fits import read_fits
+    from opid.studies.study_file import read_study
+    from opid.studies.suspension_study import read_further_run
+    from opid.suspensions.sensing.virtual_sensors import sense as sense_run
+    from opid.suspensions.study import Study
+
+    if log is not None and run is not None:
+        raise click.UsageError(f"{log} and --run {run} are both given: give one of them")
+    if log is None and (like is not None or mass_change_kg is not None):
+        raise click.UsageError("--like and --mass-change say what LOG carries, and no LOG is given: leave them out")
+    if like is not None and mass_change_kg is not None:
+        raise click.UsageError("--like and --mass-change are both given: give one of them")
+    file = study / "study.toml" if (study / "study.toml").is_file() else study
+    output = output.reserve(
+        ("result.json", "report.html", *([] if written else [LOG_FILE])),
+        default=f"{log.stem if log else result_name(file)}_sensors",
+    )
+    assert output.out is not None  # there is a default
+    with output.progress() as say:
+        fits = read_fits(result)
+        read = read_study(file, kind=Study, progress=say)
+        wanted = run if log is None else read_further_run(
+            read, log, like=like, mass_change_kg=mass_change_kg, progress=say
+        )  # fmt: skip
+        found = sense_run(
+            read,
+            fits,
+            wanted,
+            places={name: (x_m, y_m) for name, x_m, y_m in places},
+            unsprung_mass_kg=_read_masses(unsprung),
+            progress=say,
+        )
+        options = {
+            "run": run,
+            "like": like,
+            "mass-change": mass_change_kg,
+        }
+        command = write_command(file, result, log, options, unsprung, places)
+        notes = output.write(found, command=command, progress=say)
+        path = written or output.out / LOG_FILE
+        say(path.name)
+        write_log(found.to_recording(), path)
+    output.show(found, notes=(*notes, f"Log: {path}"))
+
+
+def _read_masses(given: tuple[tuple[str, float, float], ...]) -> Estimate | dict[str, Estimate] | None:
+    from opid.estimate import Estimate
+
+    named = {name: Estimate.normal(mass_kg, std_kg) for name, mass_kg, std_kg in given}
+    if "" in named and len(given) > 1:
+        raise click.UsageError(
+            "--unsprung-mass is given with and without a name: name an interface in each, or in none"
+        )
+    return named.get("", named or None)

@@ -1,0 +1,219 @@
+"""A fit as result.json holds it, and the model that it is again for a record of the same sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.mechanics.laws.law import default_law
+from opid.signals.recording import FloatArray
+from opid.suspensions.candidates import Arrays, prepare_alone, prepare_rigid
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.unknowns import Group
+from opid.suspensions.result import Evidence, Identification
+from opid.suspensions.sensor_facts import Sensors
+from opid.suspensions.settings import Settings
+from opid.suspensions.study import Study
+
+
+@dataclass(frozen=True)
+class StoredGroup:
+    """Interfaces that share a suspension.
+
+    Args:
+        name: name of the group; empty for one gear.
+        members: indices of its interfaces in the fit.
+        law: name of its law.
+        has_ground: whether a spring to the ground is fitted.
+        origin_m: approximate distance of the origin of the law from the position of rest; None if the law rests there.
+    """
+
+    name: str
+    members: tuple[int, ...]
+    law: str
+    has_ground: bool
+    origin_m: float | None
+
+
+@dataclass(frozen=True)
+class StoredFit:
+    """A fit with the covariance of its vector.
+
+    Args:
+        kind: kind of the structure.
+        interfaces: names of its interfaces.
+        runs: names of its runs, in the order in which their entries follow the shared ones in the vector.
+        groups: groups of interfaces.
+        sensors: facts known of the sensors, with faults that the runs demanded.
+        noise_m_per_s2: noise of each sensor below the suspensions and on the body.
+        over_noise: residual of the fit over this noise.
+        motion_rms: rms travel (m) and velocity (m/s) of each interface.
+        names: names of the shared entries of the vector.
+        vector: all entries of the vector.
+        covariance: covariance of the vector, row by row.
+        has_mass: whether the mass is given; if not, forces are per unit of mass.
+        is_mass_fitted: whether one over the mass is an entry of the vector.
+        held_inverse_mass: one over the mass if it is no entry, 1/kg; 0 for ratios alone.
+        repeatability: relative standard deviation of springs, damping and friction from run to run.
+        band_hz: band in which readings were compared.
+        rate_hz: steps of the model a second.
+        forgets: whether the first periods of a run were not compared.
+    """
+
+    kind: Literal["single", "pair", "rigid_body"]
+    interfaces: tuple[str, ...]
+    runs: tuple[str, ...]
+    groups: tuple[StoredGroup, ...]
+    sensors: Sensors
+    noise_m_per_s2: tuple[tuple[float, ...], tuple[float, ...]]
+    over_noise: float
+    motion_rms: tuple[tuple[float, ...], ...]
+    names: tuple[str, ...]
+    vector: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    has_mass: bool
+    is_mass_fitted: bool
+    held_inverse_mass: float
+    repeatability: float
+    band_hz: tuple[float, float]
+    rate_hz: float
+    forgets: bool
+
+
+def store_fits(result: Identification) -> tuple[StoredFit, ...]:
+    """Return the fits that an answer consists of; none if it gives no number with an interval.
+
+    Args:
+        result: an identification by the model.
+    """
+    given = [each for interface in result.interfaces for _, each in interface.items()]
+    if result.is_refused or not any(each.std for each in given):
+        return ()
+    return tuple(_store_fit(result, each) for each in result.evidence)
+
+
+def _store_fit(result: Identification, evidence: Evidence) -> StoredFit:
+    fit, model = evidence.fit, evidence.fit.model
+    below, above = (tuple(np.atleast_1d(side).tolist()) for side in model.noise)
+    is_alone = model.body.dof == ("heave",)
+    return StoredFit(
+        kind="rigid_body" if not is_alone else "single" if len(evidence.interfaces) == 1 else "pair",
+        interfaces=tuple(result.study.names[k] for k in evidence.interfaces),
+        runs=tuple(run.name for run in result.study.runs),
+        groups=tuple(
+            StoredGroup(group.name, group.members, group.law.name, group.ground, group.origin_m)
+            for group in model.groups
+        ),
+        sensors=model.sensors,
+        noise_m_per_s2=(below, above),
+        over_noise=fit.ratio,
+        motion_rms=tuple(map(tuple, model.motion_rms.tolist())),
+        names=model.names,
+        vector=tuple(fit.theta.tolist()),
+        covariance=tuple(map(tuple, evidence.covariance.tolist())),
+        has_mass=not result.per_mass and model.inverse_mass(fit.theta) > 0.0,
+        is_mass_fitted=model.mass_free,
+        held_inverse_mass=model.held_inverse_mass,
+        repeatability=model.repeatability,
+        band_hz=model.settings.runs.band_hz,
+        rate_hz=model.runs[0].fs,
+        forgets=model.forgets,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class KnownModel:
+    """The model of one record, with what is known of its vector.
+
+    Args:
+        model: the model; the record is its only run.
+        mean: (n_unknowns,) expected vector.
+        covariance: (n_unknowns, n_unknowns) its covariance.
+        is_of_run: whether the record is a run of the fit, whose readings the vector knows already.
+    """
+
+    model: Model
+    mean: FloatArray
+    covariance: FloatArray
+    is_of_run: bool
+
+
+def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settings, *, is_run: bool) -> KnownModel:
+    """Return the model of a fit for a record of the same sensors.
+
+    Args:
+        fit: the fit.
+        study: the study with the record as its only run.
+        arrays: accelerations of the record.
+        settings: settings of the estimator.
+        is_run: whether the record is one of the runs of the fit.
+
+    Raises:
+        InputError: a result of other interfaces or of the mean of several, an unknown law, or a record that is too
+            short.
+    """
+    unknown = [name for name in fit.interfaces if name not in study.names]
+    if unknown or (fit.kind == "rigid_body" and fit.interfaces != study.names):
+        raise InputError(
+            f"the result is of {_list_names(fit.interfaces)}, and the study has {_list_names(study.names)}: give the "
+            "result of this study"
+        )
+    if fit.kind == "pair":
+        raise InputError(
+            f"the result is of the mean of {' and '.join(fit.interfaces)}, which does not tell the force of either: "
+            'identify the study again with kind = "single" or "rigid_body" in [structure]'
+        )
+    known = replace(settings, runs=replace(settings.runs, band_hz=fit.band_hz))
+    if fit.kind == "single":
+        picked = (study.names.index(fit.interfaces[0]),)
+        data = prepare_alone(study, arrays, study.sensor_facts(), picked, settings=known)
+    else:
+        data = prepare_rigid(study, arrays, study.sensor_facts(), settings=known)
+    finer = max(1, round(fit.rate_hz / data.runs[0].fs))
+    runs = data.runs if finer == 1 else tuple(run.sample_finer(finer) for run in data.runs)
+    groups = tuple(
+        Group(each.name, each.members, default_law(each.law), each.has_ground, each.origin_m) for each in fit.groups
+    )
+    usual = settings.repeatability.usual if study.repeatability is None else study.repeatability
+    model = Model(
+        runs,
+        data.body,
+        groups,
+        fit.sensors,
+        fit.is_mass_fitted,
+        np.array(fit.motion_rms),
+        known,
+        repeatability=fit.repeatability if is_run else fit.repeatability or usual,
+        held_inverse_mass=fit.held_inverse_mass,
+        noise=(np.array(fit.noise_m_per_s2[0]), np.array(fit.noise_m_per_s2[1])),
+        forgets=fit.forgets,
+    )
+    vector, covariance = np.array(fit.vector), np.array(fit.covariance)
+    if model.names != fit.names or covariance.shape != (vector.size, vector.size):
+        raise InputError(
+            "the result has other parameters than a model of this study: the study has changed, or the result is of "
+            "another one; identify it again"
+        )
+    shared = list(range(model.n_shared))
+    if is_run:
+        n_own = (vector.size - model.n_shared) // len(fit.runs)
+        first = model.n_shared + n_own * fit.runs.index(study.runs[0].name)
+        kept = [*shared, *range(first, first + n_own)]
+        return KnownModel(model, vector[kept], covariance[np.ix_(kept, kept)], True)
+    n = model.n_shared + model.n_own
+    known_before = np.zeros((n, n))
+    known_before[: len(shared), : len(shared)] = covariance[: len(shared), : len(shared)]
+    own = np.arange(len(shared), n)
+    starts = model.indices_of_run(0)[0]
+    known_before[own, own] = model.repeatability**2
+    at_start = settings.runs.start_rms * model.motion_rms.ravel()
+    known_before[range(starts.start, starts.stop), range(starts.start, starts.stop)] = at_start**2
+    return KnownModel(model, np.concatenate([vector[: len(shared)], np.zeros(own.size)]), known_before, False)
+
+
+def _list_names(names: Sequence[str]) -> str:
+    return f"interface{'s' * (len(names) > 1)} {', '.join(map(repr, names))}"
