@@ -5,8 +5,8 @@ Exit status 0: done. 1: the data do not determine the answer (what was determine
 Heavy imports stand inside the commands, so that help and usage errors come at once.
 """
 
-from opid.cli import campaign, laws, logs, modal, suspensions, update, virtual_structures, virtual_tests
+from opid.cli import campaign, logs, modal, suspensions, update, virtual_structures, virtual_tests
 from opid.cli.group import main
 
 # Importing the other modules adds their commands to `main`.
-__all__ = ["campaign", "laws", "logs", "main", "modal", "suspensions", "update", "virtual_structures", "virtual_tests"]
+__all__ = ["campaign", "logs", "main", "modal", "suspensions", "update", "virtual_structures", "virtual_tests"]

@@ -49,23 +49,26 @@ def result_json(result: Identification | PaperIdentification) -> Json:
     """
     if isinstance(result, PaperIdentification):
         return plain(
-            _head(result) | _describe_gear(result) | {"diagnostics": _paper_diagnostics(result)} | _tail(result)
+            _build_head(result)
+            | _describe_gear(result)
+            | {"diagnostics": _build_paper_diagnostics(result)}
+            | _build_tail(result)
         )
     if result.study.is_one_gear:
         return plain(
-            _head(result)
+            _build_head(result)
             | _describe_gear(result)
-            | _structures(result)
+            | _build_structures(result)
             | {"natural_frequency_of": result.frequency_of}
-            | {"diagnostics": _gear_diagnostics(result)}
-            | _tail(result)
+            | {"diagnostics": _build_gear_diagnostics(result)}
+            | _build_tail(result)
         )
     return plain(
-        _head(result)
+        _build_head(result)
         | _describe_body(result)
-        | _structures(result)
-        | {"diagnostics": _body_diagnostics(result)}
-        | _tail(result)
+        | _build_structures(result)
+        | {"diagnostics": _build_body_diagnostics(result)}
+        | _build_tail(result)
     )
 
 
@@ -83,9 +86,9 @@ def structure_json(result: StructureIdentification) -> Json:
         {
             "schema": STRUCTURE_SCHEMA,
             "per_mass": result.per_mass,
-            "masses": _estimates(result.masses),
-            "interfaces": {name: _spring(each, result.per_mass) for name, each in result.interfaces.items()},
-            "joints": {name: _spring(each, result.per_mass) for name, each in result.joints.items()},
+            "masses": _build_estimates(result.masses),
+            "interfaces": {name: _build_spring(each, result.per_mass) for name, each in result.interfaces.items()},
+            "joints": {name: _build_spring(each, result.per_mass) for name, each in result.joints.items()},
             **{name: getattr(result, name) for name in reported},
             "repeatability": asdict(result.repeatability),
             "limits": result.limits,
@@ -111,7 +114,7 @@ def chain_of(result: AnyIdentification) -> PaperChain | None:
 # ---- the answer ------------------------------------------------------------------------------------
 
 
-def _head(result: Identification | PaperIdentification) -> Json:
+def _build_head(result: Identification | PaperIdentification) -> Json:
     return {
         "schema": SCHEMA,
         "method": result.method,
@@ -120,7 +123,7 @@ def _head(result: Identification | PaperIdentification) -> Json:
     }
 
 
-def _tail(result: Identification | PaperIdentification) -> Json:
+def _build_tail(result: Identification | PaperIdentification) -> Json:
     return {"warnings": result.warnings, "not_determined": result.not_determined}
 
 
@@ -132,9 +135,9 @@ def _describe_gear(result: AnyIdentification) -> Json:
             "name": result.law.name,
             "latex": result.law.latex,
             "per_mass": result.per_mass,
-            "parameters": {kind: _estimates(values) for kind, values in result.law_estimates.items()},
+            "parameters": {kind: _build_estimates(values) for kind, values in result.law_estimates.items()},
         },
-        "restoring_force": _force(result.restoring_force),
+        "restoring_force": _build_force(result.restoring_force),
     }
 
 
@@ -147,11 +150,11 @@ def _describe_body(result: Identification) -> Json:
         "parameters": parameters | asdict(GearParameters()) | parameters,
         "ratios": asdict(result.ratios) | asdict(GearRatios()),
         "law": {"name": name, "latex": latex, "per_mass": result.per_mass, "parameters": {}},
-        "restoring_force": _force(VisitedForce(nothing, nothing, nothing, nothing, per_mass=result.per_mass)),
+        "restoring_force": _build_force(VisitedForce(nothing, nothing, nothing, nothing, per_mass=result.per_mass)),
     }
 
 
-def _structures(result: Identification) -> Json:
+def _build_structures(result: Identification) -> Json:
     best = result.recommended
     positions = {
         name: dict(zip(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), position, strict=True))
@@ -167,9 +170,9 @@ def _structures(result: Identification) -> Json:
             "residual_over_noise": result.residual_over_noise,
             "noise_m_per_s2": result.noise_m_per_s2,
             "places": positions,
-            "place_corrections": _estimates(result.place_corrections),
+            "place_corrections": _build_estimates(result.place_corrections),
         },
-        "interfaces": [_interface(result, interface) for interface in result.interfaces],
+        "interfaces": [_build_interface(result, interface) for interface in result.interfaces],
         "candidates": [asdict(candidate) for candidate in result.candidates],
         "runs": [_run_of_body(result, index) for index in range(len(result.runs))],
         "equivalents": [asdict(each) for each in result.equivalents],
@@ -191,10 +194,10 @@ def _run_of_body(result: Identification, index: int) -> Json:
     }
 
 
-def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
+def _build_interface(result: Identification, interface: InterfaceEstimate) -> Json:
     stiffness, _ = result.units
     x_m, y_m = result.places[interface.name][:2]
-    spring = _spring(interface, result.per_mass)
+    spring = _build_spring(interface, result.per_mass)
     return {
         "name": interface.name,
         "shared_with": interface.shared_with,
@@ -213,12 +216,12 @@ def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
     }
 
 
-def _spring(spring: SpringEstimate, per_mass: bool) -> Json:
+def _build_spring(spring: SpringEstimate, per_mass: bool) -> Json:
     stiffness, damping = units_of_suspensions(per_mass=per_mass)
     return {
         "stiffness": asdict(spring.stiffness) | {"unit": stiffness},
         "damping": asdict(spring.damping) | {"unit": damping},
-        "law": {kind: _estimates(values) for kind, values in spring.law_estimates.items()},
+        "law": {kind: _build_estimates(values) for kind, values in spring.law_estimates.items()},
         "law_name": spring.law.name,
         "latex": spring.law.latex,
         "rest_m": asdict(spring.rest_m),
@@ -226,11 +229,11 @@ def _spring(spring: SpringEstimate, per_mass: bool) -> Json:
     }
 
 
-def _estimates(estimates: Mapping[str, Estimate]) -> Json:
+def _build_estimates(estimates: Mapping[str, Estimate]) -> Json:
     return {name: asdict(estimate) for name, estimate in estimates.items()}
 
 
-def _force(force: VisitedForce) -> Json:
+def _build_force(force: VisitedForce) -> Json:
     unit = "m/s^2" if force.per_mass else "N"
     return {
         "travel": force.travel,
@@ -245,10 +248,10 @@ def _force(force: VisitedForce) -> Json:
 # ---- what it rests on ------------------------------------------------------------------------------
 
 
-def _gear_diagnostics(result: Identification) -> Json:
+def _build_gear_diagnostics(result: Identification) -> Json:
     evidence, chain = result.evidence[0], chain_of(result)
     return {
-        "settings": _channels(result.study)
+        "settings": _list_channels(result.study)
         | _list_options(result)
         | {
             "high_pass_hz": None if chain is None else chain.high_pass_hz,
@@ -258,19 +261,19 @@ def _gear_diagnostics(result: Identification) -> Json:
         "unexplained_over_floor": result.residual_over_noise,
         "n_lines": [run.frequency_hz.size for run in result.runs],
         "law_candidates": sorted(result.options.kinds),
-        "law_ladder": _ladder(evidence.ladder),
+        "law_ladder": _build_ladder(evidence.ladder),
         "law_alternatives": result.alternative_laws,
-        "runs": _runs_of_gear(result.study.runs, chain),
-        **_chain_parts(chain),
-        "model": _model(evidence)
+        "runs": _build_runs_of_gear(result.study.runs, chain),
+        **_build_chain_parts(chain),
+        "model": _build_evidence(evidence)
         | {"mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True))},
     }
 
 
-def _paper_diagnostics(result: PaperIdentification) -> Json:
+def _build_paper_diagnostics(result: PaperIdentification) -> Json:
     chain, settings = result.chain, asdict(result.settings)
     return {
-        "settings": _channels(result.study)
+        "settings": _list_channels(result.study)
         | {
             "law": settings.pop("law") or "searched",
             "ground": settings.pop("ground"),
@@ -283,19 +286,19 @@ def _paper_diagnostics(result: PaperIdentification) -> Json:
         "unexplained_over_floor": result.residual_over_noise,
         "n_lines": [frequency.size for frequency in result.joint.frequency_hz],
         "law_candidates": result.tried_kinds,
-        "law_ladder": _ladder(result.ladder),
+        "law_ladder": _build_ladder(result.ladder),
         "law_alternatives": result.alternative_laws,
-        "runs": _runs_of_gear(result.study.runs, chain),
-        **_chain_parts(chain),
+        "runs": _build_runs_of_gear(result.study.runs, chain),
+        **_build_chain_parts(chain),
         "model": None,
     }
 
 
-def _body_diagnostics(result: Identification) -> Json:
+def _build_body_diagnostics(result: Identification) -> Json:
     study, parts = result.study, result.evidence
     asked = _list_options(result)
     return {
-        "study": _source(study),
+        "study": _name_source(study),
         "law": asked["law"],
         "band_hz": asked["band_hz"],
         "settings": asked,
@@ -320,17 +323,17 @@ def _body_diagnostics(result: Identification) -> Json:
             for step in part.ladder
         ],
         "law_alternatives": result.alternative_laws,
-        "models": [_model(part) for part in parts],
+        "models": [_build_evidence(part) for part in parts],
         "mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True)),
     }
 
 
-def _source(study: Study) -> str | None:
+def _name_source(study: Study) -> str | None:
     return None if study.source is None else str(study.source)
 
 
-def _channels(study: Study) -> Json:
-    return {"study": _source(study), "sprung": study.sprung, "unsprung": study.unsprung}
+def _list_channels(study: Study) -> Json:
+    return {"study": _name_source(study), "sprung": study.sprung, "unsprung": study.unsprung}
 
 
 def _list_options(result: Identification) -> Json:
@@ -346,7 +349,7 @@ def _list_options(result: Identification) -> Json:
     }
 
 
-def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
+def _build_ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
     choice = chosen(ladder)
     return [
         {
@@ -362,7 +365,7 @@ def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
     ]
 
 
-def _model(evidence: Evidence) -> Json:
+def _build_evidence(evidence: Evidence) -> Json:
     """Return the evidence of a fit of the driven model."""
     fit = evidence.fit
     faults = {fault.name: fault for fault in fit.model.faults}
@@ -376,7 +379,8 @@ def _model(evidence: Evidence) -> Json:
     }
     return {
         "noise_m_per_s2": {
-            side: fit.ratio * _rms(level) for side, level in zip(("unsprung", "sprung"), fit.model.noise, strict=True)
+            side: fit.ratio * _compute_rms(level)
+            for side, level in zip(("unsprung", "sprung"), fit.model.noise, strict=True)
         },
         "whiteness": asdict(evidence.whiteness),
         "std_over_white": {name: each for name, each in evidence.std_over_white.items() if name not in faults},
@@ -391,8 +395,8 @@ def _model(evidence: Evidence) -> Json:
             }
             for name, fault in faults.items()
         },
-        "demanded": [_demand(demand) for demand in evidence.demands],
-        "implausible": [_demand(demand) for demand in evidence.implausible],
+        "demanded": [_build_demand(demand) for demand in evidence.demands],
+        "implausible": [_build_demand(demand) for demand in evidence.implausible],
         "imitates_ground_spring": evidence.ground.sentences,
         "surface": next(iter(surfaces.values()), None),
         "surfaces": surfaces,
@@ -403,11 +407,11 @@ def _model(evidence: Evidence) -> Json:
     }
 
 
-def _rms(levels: FloatArray) -> float:
+def _compute_rms(levels: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(levels))))
 
 
-def _demand(demand: Demand) -> Json:
+def _build_demand(demand: Demand) -> Json:
     return {
         "name": demand.name,
         "words": demand.words,
@@ -422,14 +426,14 @@ def _demand(demand: Demand) -> Json:
 # ---- the steps of the paper ------------------------------------------------------------------------
 
 
-def _chain_parts(chain: PaperChain | None) -> Json:
+def _build_chain_parts(chain: PaperChain | None) -> Json:
     return {
         "static_transmissibility_read_from_lines": None if chain is None else chain.static_transmissibility,
-        "peak_pairs": [] if chain is None else [_pair(pair) for pair in chain.pairs],
+        "peak_pairs": [] if chain is None else [_build_pair(pair) for pair in chain.pairs],
     }
 
 
-def _pair(pair: PeakPair) -> Json:
+def _build_pair(pair: PeakPair) -> Json:
     return {
         "run": pair.run_name,
         "reference_hz": pair.match.reference.frequency_hz,
@@ -443,7 +447,7 @@ def _pair(pair: PeakPair) -> Json:
     }
 
 
-def _runs_of_gear(runs: Sequence[Run], chain: PaperChain | None) -> list[Json]:
+def _build_runs_of_gear(runs: Sequence[Run], chain: PaperChain | None) -> list[Json]:
     """Return the runs of one gear; without the paper's chain only what the study states of them."""
     steps: Sequence[RunEvidence | None] = [None] * len(runs) if chain is None else chain.runs
     return [_run_of_gear(run, step) for run, step in zip(runs, steps, strict=True)]
@@ -471,13 +475,13 @@ def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
             {"term": verdict.name, "departure": verdict.departure, "statement": verdict.statement}
             for verdict in step.surface_fit.verdicts
         ],
-        "complex_least_squares": _direct(step.complex_fit),
-        "errors_in_variables": _direct(step.spectral_fit),
+        "complex_least_squares": _build_direct_fit(step.complex_fit),
+        "errors_in_variables": _build_direct_fit(step.spectral_fit),
         "peaks_hz": [peak.frequency_hz for peak in step.peaks],
     }
 
 
-def _direct(fit: DirectParameters) -> Json:
+def _build_direct_fit(fit: DirectParameters) -> Json:
     names = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
     return {
         **{name: [value, std] for name, value, std in zip(names, fit.value, fit.std, strict=True)},

@@ -7,12 +7,14 @@ The steps take any law, that of `identify_by_paper` or that of another fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from opid.mechanics.laws.law import Law
+from opid.progress import Say
 from opid.signals.health.inspection import Finding, check_channels, remove_spikes
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
@@ -80,7 +82,6 @@ class RunEvidence(PreparedRun):
         motion_mean_removed: relative motion exactly as the paper describes it.
         binned: the restoring-force points, averaged over cells.
         slices: stiffness curve and damping curve.
-        slice_fits: an arctangent on each.
         surface_fit: stiffness and damping arctangents on all points.
         T: transmissibility as measured.
         T_without_force: transmissibility of the linear suspension without the law (conditioned).
@@ -88,13 +89,13 @@ class RunEvidence(PreparedRun):
         peaks: peaks of |T|.
         complex_fit: complex least squares on `T_without_force`.
         spectral_fit: errors in variables on the run's transform.
+        settings: of the chain.
     """
 
     motion: Motion
     motion_mean_removed: Motion
     binned: BinnedSurface
     slices: tuple[SliceCurve, ...]
-    slice_fits: tuple[LawFit, ...]
     surface_fit: LawFit
     T: Transmissibility
     T_without_force: Transmissibility
@@ -102,6 +103,12 @@ class RunEvidence(PreparedRun):
     peaks: tuple[Peak, ...]
     complex_fit: DirectParameters
     spectral_fit: DirectParameters
+    settings: PaperSettings
+
+    @cached_property
+    def slice_fits(self) -> tuple[LawFit, ...]:
+        """An arctangent on each slice; only figures show them, so they are fitted when one is drawn."""
+        return tuple(fit_slice(curve, settings=self.settings) for curve in self.slices)
 
 
 @dataclass(frozen=True)
@@ -155,7 +162,8 @@ def compute_chain(
     ground: bool = True,
     band_hz: tuple[float, float] = PaperSettings.band_hz,
     settings: PaperSettings = DEFAULTS,
-    progress: Callable[[str], None] | None = None,
+    is_checked: bool = False,
+    progress: Say | None = None,
 ) -> PaperChain:
     """Run the steps of the paper on every run of a study, with the law of any fit.
 
@@ -166,6 +174,7 @@ def compute_chain(
         ground: whether the ground spring is free (else it is 0).
         band_hz: lines that are used, Hz; cut at `highest_fraction_of_rate` of the sampling rate.
         settings: all other settings.
+        is_checked: whether the runs hold what a check of their channels found, as those of `opid.identify` do.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -173,22 +182,25 @@ def compute_chain(
     """
     settings = replace(settings, ground=ground, band_hz=band_hz)
     say = progress or (lambda step: None)
-    runs = prepare_runs(study, settings, say)
+    runs = prepare_runs(study if is_checked else check_runs(study), settings, say)
     return chain_of(runs, law_per_mass, inverse_mass, settings, say)
 
 
-def prepare_runs(study: Study, settings: PaperSettings, say: Callable[[str], None]) -> tuple[PreparedRun, ...]:
-    """Check, mend and integrate the runs of a study."""
-    pair = (study.unsprung, study.sprung)
-    findings = [check_channels(run.recording, [pair], pair, run=run.name) for run in study.runs]
+def prepare_runs(study: Study, settings: PaperSettings, say: Say) -> tuple[PreparedRun, ...]:
+    """Mend and integrate the runs of a study whose channels are checked."""
     say("restoring force")
-    return tuple(
-        _prepare_run(study, run, (*run.findings, *found), settings)
-        for run, found in zip(study.runs, findings, strict=True)
-    )
+    return tuple(_prepare_run(study, run, settings) for run in study.runs)
 
 
-def _prepare_run(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
+def check_runs(study: Study) -> Study:
+    """Return the study with what the health check of the pair finds in each run."""
+    pair = (study.unsprung, study.sprung)
+    found = [tuple(check_channels(run.recording, [pair], pair, run=run.name)) for run in study.runs]
+    runs = [replace(run, findings=(*run.findings, *each)) for run, each in zip(study.runs, found, strict=True)]
+    return replace(study, runs=tuple(runs))
+
+
+def _prepare_run(study: Study, run: Run, settings: PaperSettings) -> PreparedRun:
     fs, high_pass_hz = study.fs, settings.high_pass_hz
     pair = [remove_spikes(samples, fs=fs)[0] for samples in study.accelerations(run)]
     band_hz, change_kg = settings.band_at(fs), run.mass_change_kg
@@ -199,7 +211,7 @@ def _prepare_run(study: Study, run: Run, findings: tuple[Finding, ...], settings
         time_s=run.recording.time_s,
         unsprung=pair[0],
         sprung=pair[1],
-        findings=findings,
+        findings=run.findings,
         noise_floor=(noise_floor(pair[0], fs=fs), noise_floor(pair[1], fs=fs)),
         surface=restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz),
         lines=equation_lines(*pair, fs=fs, band_hz=band_hz, high_pass_hz=high_pass_hz, mass_change_kg=change_kg),
@@ -211,7 +223,7 @@ def chain_of(
     law_per_mass: Law,
     inverse_mass: float,
     settings: PaperSettings,
-    say: Callable[[str], None],
+    say: Say,
 ) -> PaperChain:
     """Run the steps of the paper on prepared runs, see `compute_chain`."""
     say("runs")
@@ -219,12 +231,12 @@ def chain_of(
     found = tuple(
         _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
     )
-    static = float(np.mean([_static_transmissibility(run.T, settings.static_hz) for run in found]))
+    static = float(np.mean([_measure_static_transmissibility(run.T, settings.static_hz) for run in found]))
     # The noise of the sprung channel dominates the equation above resonance.
     noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
         runs=found,
-        pairs=_peak_pairs(found, static, settings.largest_mass_fraction),
+        pairs=_pair_peaks(found, static, settings.largest_mass_fraction),
         static_transmissibility=static,
         noise_floor_m_per_s2=float(np.sqrt(np.mean(np.square(noise)))),
         high_pass_hz=settings.high_pass_hz,
@@ -235,7 +247,7 @@ def chain_of(
 def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvidence:
     fs = run.fs
     motion = relative_motion(run.unsprung, run.sprung, fs=fs, high_pass_hz=settings.high_pass_hz)
-    measured, conditioned, subtracted = _transmissibilities(run, motion, law, settings.block_s)
+    measured, conditioned, subtracted = _estimate_transmissibilities(run, motion, law, settings.block_s)
     low, high = run.lines.band_hz
     # A block does not resolve lines below two of its own.
     complex_fit = complex_least_squares(
@@ -249,7 +261,6 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
         motion_mean_removed=relative_motion(run.unsprung, run.sprung, fs=fs, method="mean_removed"),
         binned=binned_surface(run.surface, n_travel=n, n_velocity=n, min_count=least),
         slices=slices,
-        slice_fits=tuple(fit_slice(curve, settings=settings) for curve in slices),
         surface_fit=fit_surface(run.surface.thinned(settings.start_points), settings=settings),
         T=measured,
         T_without_force=conditioned,
@@ -264,10 +275,11 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
         spectral_fit=errors_in_variables(
             run.lines, law, start=complex_fit, ground=settings.ground, cluster_hz=settings.cluster_hz
         ),
+        settings=settings,
     )
 
 
-def _transmissibilities(
+def _estimate_transmissibilities(
     run: PreparedRun, motion: Motion, law: Law, block_s: float
 ) -> tuple[Transmissibility, Transmissibility, Transmissibility]:
     """Return the transmissibility as measured, conditioned on the force of the law, and with it subtracted."""
@@ -283,13 +295,13 @@ def _transmissibilities(
     )
 
 
-def _static_transmissibility(T: Transmissibility, up_to_hz: float) -> float:
+def _measure_static_transmissibility(T: Transmissibility, up_to_hz: float) -> float:
     """Return |T| at the lowest lines, at least two of them."""
     low = (T.frequency_hz > 0) & (T.frequency_hz <= max(up_to_hz, 2.5 * T.frequency_hz[1]))
     return float(np.median(np.abs(T.value[low])))
 
 
-def _peak_pairs(runs: Sequence[RunEvidence], static: float, largest_mass_fraction: float) -> tuple[PeakPair, ...]:
+def _pair_peaks(runs: Sequence[RunEvidence], static: float, largest_mass_fraction: float) -> tuple[PeakPair, ...]:
     reference = next((run for run in runs if run.mass_change_kg == 0), runs[0])
     pairs = []
     for run in runs:

@@ -7,7 +7,7 @@ all runs at once, from the start values of the columns and from the time-domain 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +15,13 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, Term, default_law
+from opid.progress import Say
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.force_surface import VisitedForce, visited_force
 from opid.suspensions.law_search.pursuit import LawStep, chosen, search_laws
 from opid.suspensions.model.law_parameters import faint_terms, has_slope
 from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
-from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, prepare_runs
+from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, check_runs, prepare_runs
 from opid.suspensions.paper.restoring_force import RestoringForce, fit_surface
 from opid.suspensions.paper.result import (
     METHODS,
@@ -50,7 +51,7 @@ def identify_by_paper(
     high_pass_hz: float = PaperSettings.high_pass_hz,
     ground: bool = True,
     settings: PaperSettings = DEFAULTS,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> PaperIdentification:
     """Identify mass, springs, damping and law of a suspension by the chain of Iwaniec & Uhl (2007).
 
@@ -78,13 +79,13 @@ def identify_by_paper(
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
     say = progress or (lambda step: None)
     settings = replace(settings, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground)
-    runs = prepare_runs(study, settings, say)
+    runs = prepare_runs(check_runs(study), settings, say)
     say("law")
     ladder = _try_laws(runs, settings)
     joint = chosen(ladder).fit
     chain = chain_of(runs, joint.law, joint.inverse_mass, settings, say)
     say("added mass")
-    result = _without_numbers(study, method, chain, ladder, settings)
+    result = _build_without_numbers(study, method, chain, ladder, settings)
     if method == "paper":
         return _conclude_as_printed(result)
     return _refuse(result) if result.residual_over_noise > settings.verdicts.refused else _conclude(result)
@@ -106,7 +107,7 @@ def _try_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[Law
     )
 
 
-def _without_numbers(
+def _build_without_numbers(
     study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LawStep[JointFit], ...], settings: PaperSettings
 ) -> PaperIdentification:
     """Return the result without parameters, which follow from the evidence that it holds."""
@@ -161,7 +162,7 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
         stiffness, damping = added.slopes
     laws = law_estimates_of(law, law_std)
     result = replace(result, parameters=parameters, ratios=ratios, law=law, law_estimates=laws)
-    force = _force_of(result, stiffness, damping, per_mass=added is None)
+    force = _build_force(result, stiffness, damping, per_mass=added is None)
     return _withhold_intervals(replace(result, restoring_force=force, warnings=tuple(warnings_of(result))))
 
 
@@ -216,7 +217,7 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         has_one_mass = len({run.mass_change_kg for run in result.chain.runs}) == 1
         reason = "the runs have no peak of |T| in common, and the printed formula needs one pair"
         result = replace(result, not_determined=result.not_determined if has_one_mass else reason)
-        return replace(result, warnings=tuple(warnings), restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
+        return replace(result, warnings=tuple(warnings), restoring_force=_build_force(result, 0.0, 0.0, per_mass=True))
     found, per_mass = pair.as_printed, pair.as_printed.sprung_mass_kg <= 0
     mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
     ratios = GearRatios(Estimate(stiffness / mass), ground_stiffness_per_mass=Estimate(ground / mass))
@@ -228,11 +229,11 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         result = replace(result, parameters=parameters, law=result.law.scaled(mass), not_determined=None)
     if not pair.match.credible:
         warnings.append(pair.match.reason)
-    force = _force_of(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
+    force = _build_force(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
     return replace(result, ratios=ratios, restoring_force=force, warnings=tuple(warnings))
 
 
-def _force_of(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
+def _build_force(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
     return visited_force(
         np.concatenate([run.surface.travel for run in result.chain.runs]),
         np.concatenate([run.surface.velocity for run in result.chain.runs]),
@@ -274,7 +275,9 @@ class EquationLaws:
 
     def dictionaries(self, fit: JointFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit."""
-        offered = [term for kind in kinds if kind not in fit.law.parameters for term in self._faint(kind, fit)]
+        offered = [
+            term for kind in kinds if kind not in fit.law.parameters for term in self._list_faint_terms(kind, fit)
+        ]
         # Scales that are changed by a thousandth give the derivative by their logarithm.
         moved = [Term(term.name, (term.amplitude, *(1.001 * scale for scale in term.inner))) for term in offered]
         residual, by_law, by_others, by_terms = differentiate(self.runs, fit, [*offered, *moved])
@@ -302,7 +305,7 @@ class EquationLaws:
         """Return True: nothing is left out."""
         return True
 
-    def _faint(self, kind: str, fit: JointFit) -> list[Term]:
+    def _list_faint_terms(self, kind: str, fit: JointFit) -> list[Term]:
         """Return terms of a kind that are too weak to change the motion."""
         travel, velocity = (
             np.concatenate([getattr(run, name) for run in self.runs]) for name in ("travel", "velocity")

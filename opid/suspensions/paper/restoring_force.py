@@ -349,11 +349,11 @@ def _fit(
         law=fit.law,
         law_std=std[n_straight : std.size - fit.start_weights.size],
         residual=fit.residual,
-        verdicts=_verdicts(np.concatenate([columns, starts], axis=1), fit, motion, y, settings),
+        verdicts=_judge_terms(np.concatenate([columns, starts], axis=1), fit, motion, y, settings),
     )
 
 
-def _verdicts(
+def _judge_terms(
     columns: FloatArray, fit: SeparableFit, motion: Motion, y: FloatArray, settings: PaperSettings
 ) -> tuple[TermVerdict, ...]:
     """Return how much worse the fit is without each term, and how straight the term is."""
