@@ -29,9 +29,9 @@ from tqdm import tqdm
 
 from opid.estimate import Estimate
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
-from opid.suspensions.study import MeasuredInterface, StructureSettings
+from opid.suspensions.study import MeasuredInterface, PointMass, StructureSettings
 from opid.virtual.taxi_tests.aircraft import random_aircraft, with_bending
-from opid.virtual.taxi_tests.airframe import Airframe, Loading
+from opid.virtual.taxi_tests.airframe import Airframe
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_test
 
@@ -157,7 +157,7 @@ def study_of(seed: int, row: Row) -> tuple[Airframe, AnyStudy]:
         gear.name: (gear.x_m - rng.uniform(0.1, 0.4), gear.y_m - np.sign(gear.y_m) * rng.uniform(0.1, 0.4))
         for gear in aircraft.gears
     }
-    loading = Loading(rng.uniform(0.07, 0.13) * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
+    loading = PointMass(rng.uniform(0.07, 0.13) * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
     test = taxi_test(
         aircraft,
         rng=rng,

@@ -1,9 +1,12 @@
 """Campaigns on virtual flights: how the workers scale, what the engine costs, what a killed worker loses.
 
-Run `python benchmarks/campaigns.py --flights 2000`. Flights are short (15 s at 256 Hz), three of four those of one gear
-with its law given, the fourth that of a whole aircraft. Some logs of each are simulated, and each flight reads one of
-them. Times are those of the clock, from the first flight to the last, with the workers there; the machine should be
-idle. `--kill 60` kills a worker every 60 s in a further campaign, whose dataset is compared with that before.
+Run `python benchmarks/campaigns.py --flights 2000 --kill 60`. Flights are short (15 s at 256 Hz), three of four those
+of one gear with its law given, the fourth that of a whole aircraft. Some logs of each are simulated, and each flight
+reads one of them. Each line is printed as soon as it is known. Seconds are those of the clock, from the first flight to
+the last, with the workers there: they need an idle machine. Processor time does not; it is that of the command and of
+all workers, with their start. MB is the memory of the largest worker in each tenth of a campaign. `--kill 60` kills a
+worker every 60 s in a further campaign, whose dataset is compared with that before. `--parts loop one` measures only
+some parts.
 """
 
 from __future__ import annotations
@@ -15,8 +18,8 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
 
@@ -28,13 +31,19 @@ from opid.campaigns.engine import run_campaign
 from opid.campaigns.flight_task import FlightTask, run_task
 from opid.studies.study_file import write_study
 from opid.suspensions.flights.dataset import find_dataset
+from opid.suspensions.study import PointMass
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading
-from opid.virtual.taxi_tests.study import taxi_study
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_test
 
 N_LOGS = 8  # of each kind
 DURATION_S, FS = 15.0, 256.0
+PARTS = {
+    "loop": "plain loop in one process",
+    "one": "campaign with one worker",
+    "two": "campaign with two workers",
+    "killed": "the same, workers killed",
+}
 
 
 def write_fleet(directory: Path, n_flights: int) -> CampaignPlan:
@@ -42,7 +51,7 @@ def write_fleet(directory: Path, n_flights: int) -> CampaignPlan:
     for number in range(N_LOGS):
         for kind, airframe, change in (
             ("gear", LandingGear(), {"mass_removed_kg": 220.0}),
-            ("aircraft", default_aircraft(), {"loadings": [[Loading(500.0, -1.0, 0.2)]]}),
+            ("aircraft", default_aircraft(), {"loadings": [[PointMass(500.0, -1.0, 0.2)]]}),
         ):
             folder = directory / f"{kind}_{number}"
             folder.mkdir(parents=True)
@@ -61,59 +70,94 @@ def write_fleet(directory: Path, n_flights: int) -> CampaignPlan:
     return read_campaign(directory / "fleet.toml")
 
 
-def time_loop(plan: CampaignPlan, directory: Path) -> float:
-    """Return the seconds that a plain loop takes, after one flight of each kind has compiled what is needed."""
+@dataclass
+class Times:
+    """What a part took.
+
+    Args:
+        seconds: of the clock, from the first flight to the last.
+        cpu_s: processor time of the command and of all workers.
+        worker_s: processor time of each worker.
+        memory_mb: the largest memory of a worker in each tenth of the campaign; empty for the loop.
+    """
+
+    seconds: float
+    cpu_s: float
+    worker_s: tuple[float, ...] = ()
+    memory_mb: tuple[float, ...] = ()
+
+
+def time_loop(plan: CampaignPlan, directory: Path) -> Times:
+    """Time a plain loop, after one flight of each kind has compiled what is needed."""
     tasks = [FlightTask(flight, plan.options, directory) for flight in plan.flights]
     for task in tasks[:4]:
         run_task(FlightTask(task.flight, plan.options, directory / "first"))
-    start = time.perf_counter()
+    start, start_cpu = time.perf_counter(), time.process_time()
     for task in tasks:
         run_task(task)
-    return time.perf_counter() - start
+    return Times(time.perf_counter() - start, time.process_time() - start_cpu)
 
 
-@contextmanager
-def watch_workers(memory: list[list[float]], kill_every_s: float | None) -> Iterator[None]:
-    """Note the memory of the worker processes every second, MB, and kill one of them now and then."""
-    ended, chance = Event(), random.Random(1)
+class Watch:
+    """Notes memory and processor time of the worker processes every second, and kills one of them now and then."""
 
-    def watch() -> None:
+    def __init__(self, kill_every_s: float | None) -> None:
+        self.kill_every_s, self.chance = kill_every_s, random.Random(1)
+        self.memory_mb: list[float] = []
+        self.cpu_s: dict[int, float] = {}
+        self.has_begun = False  # A worker that dies before it is there ends the campaign.
+        self.ended = Event()
+        self.thread = Thread(target=self.run, daemon=True)
+
+    def __enter__(self) -> Watch:
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        self.thread.join()
+
+    def run(self) -> None:
+        """Look every second until the campaign has ended."""
         last = time.monotonic()
-        while not ended.wait(1.0):
-            below = psutil.Process().children(recursive=True)
-            workers = [each for each in below if any("spawn_main" in word for word in _list_words(each))]
-            memory.append([each.memory_info().rss / 2**20 for each in workers if each.is_running()])
-            if kill_every_s and workers and time.monotonic() - last > kill_every_s:
+        while not self.ended.wait(1.0):
+            alive = self.look()
+            if self.kill_every_s and self.has_begun and alive and time.monotonic() - last > self.kill_every_s:
                 last = time.monotonic()
-                os.kill(chance.choice(workers).pid, signal.SIGKILL)
+                os.kill(self.chance.choice(alive), signal.SIGKILL)
 
-    thread = Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-def _list_words(process: psutil.Process) -> list[str]:
-    try:
-        return process.cmdline()
-    except psutil.Error:
-        return []
+    def look(self) -> list[int]:
+        """Note what the workers have taken until now, and return the numbers of their processes."""
+        alive, sizes = [], [0.0]
+        for process in psutil.Process().children(recursive=True):
+            with suppress(psutil.Error):
+                if any("spawn_main" in word for word in process.cmdline()):
+                    sizes.append(process.memory_info().rss / 2**20)
+                    self.cpu_s[process.pid] = sum(process.cpu_times()[:2])
+                    alive.append(process.pid)
+        self.memory_mb.append(max(sizes))
+        return alive
 
 
-def time_campaign(
-    plan: CampaignPlan, directory: Path, workers: int, kill_every_s: float | None = None
-) -> tuple[float, list[float]]:
-    """Return the seconds from the first flight to the last, and the largest memory of a worker in each tenth of it."""
+def time_campaign(plan: CampaignPlan, directory: Path, workers: int, kill_every_s: float | None = None) -> Times:
+    """Time a campaign; of its results only the dataset is kept."""
     moments: list[float] = []
-    memory: list[list[float]] = []
-    with watch_workers(memory, kill_every_s):
-        run_campaign(plan, directory, workers=workers, progress=lambda step: moments.append(time.perf_counter()))
-    largest = [max(each, default=0.0) for each in memory]
-    tenths = [max(part) for part in np.array_split(largest, 10) if len(part)]
-    return moments[-1] - moments[0], tenths
+
+    def note(step: str) -> None:
+        # The first call says that no flight is done yet.
+        moments.append(time.perf_counter())
+        watch.has_begun = len(moments) > 1
+        if len(moments) == len(plan.flights) + 1:
+            watch.look()
+
+    start_cpu = time.process_time()
+    with Watch(kill_every_s) as watch:
+        run_campaign(plan, directory, workers=workers, progress=note)
+    shutil.rmtree(directory / "flights")
+    tenths = tuple(float(part.max()) for part in np.array_split(watch.memory_mb, 10) if part.size)
+    by_workers = tuple(watch.cpu_s.values())
+    cpu_s = time.process_time() - start_cpu + sum(by_workers)
+    return Times(moments[-1] - moments[1], cpu_s, by_workers, tenths)
 
 
 def read_rows(directory: Path) -> list[dict[str, object]]:
@@ -124,30 +168,49 @@ def read_rows(directory: Path) -> list[dict[str, object]]:
     return sorted(table.to_pylist(), key=str)
 
 
+def compare_with_others(part: str, found: dict[str, Times]) -> str:
+    """Return what a part says beside the parts before it."""
+    own, loop, one = found[part], found.get("loop"), found.get("one")
+    if part == "one" and loop is not None:
+        more = 100 * (own.seconds / loop.seconds - 1), 100 * (own.cpu_s / loop.cpu_s - 1)
+        return f"{more[0]:+.1f} % of the loop, {more[1]:+.1f} % of its processor time"
+    if part == "two" and one is not None:
+        evenly = sum(one.worker_s) / max(own.worker_s)
+        return f"{one.seconds / own.seconds:.2f} times as fast as one, {evenly:.2f} by processor time of the busier one"
+    return ""
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the table, a line after each part."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--kill", type=float, metavar="S", help="kill a worker so often, s, in a further campaign")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, help="parts to be measured; all by default")
     options = parser.parse_args()
     base = Path(tempfile.mkdtemp())
+    found: dict[str, Times] = {}
     try:
         plan = write_fleet(base / "logs", options.flights)
-        loop = time_loop(plan, base / "loop")
-        one, memory_of_one = time_campaign(plan, base / "one", 1)
-        two, memory_of_two = time_campaign(plan, base / "two", 2)
-        print("| what | seconds | a flight, s | beside |\n|---|---|---|---|")
         n = len(plan.flights)
-        print(f"| plain loop | {loop:.1f} | {loop / n:.3f} | |")
-        print(f"| one worker | {one:.1f} | {one / n:.3f} | {100 * (one / loop - 1):+.1f} % of the loop |")
-        print(f"| two workers | {two:.1f} | {two / n:.3f} | {one / two:.2f} times as fast as one |")
-        for name, tenths in (("one", memory_of_one), ("two", memory_of_two)):
-            listed = ", ".join(f"{each:.0f}" for each in tenths)
-            print(f"\nMemory of a worker of {name}, MB, the largest in each tenth of the campaign: {listed}.")
-        if options.kill:
-            killed, _ = time_campaign(plan, base / "killed", 2, options.kill)
-            words = "equal" if read_rows(base / "killed") == read_rows(base / "two") else "NOT EQUAL"
-            print(f"\nA worker killed every {options.kill:g} s: {killed:.1f} s; the dataset is {words}.")
+        print(f"| what | seconds for {n} flights | processor time, s | for a flight, s | MB | beside |")
+        print("|---|---|---|---|---|---|", flush=True)
+        for part in [each for each in PARTS if each in options.parts and (each != "killed" or options.kill)]:
+            if part == "loop":
+                found[part] = time_loop(plan, base / part)
+                shutil.rmtree(base / part)
+            else:
+                found[part] = time_campaign(
+                    plan, base / part, 1 if part == "one" else 2, options.kill if part == "killed" else None
+                )
+            own, beside = found[part], compare_with_others(part, found)
+            undisturbed = next((each for each in ("two", "one") if each in found), None)
+            if part == "killed" and undisturbed is not None:
+                is_equal = read_rows(base / part) == read_rows(base / undisturbed)
+                words = "equal" if is_equal else "NOT EQUAL"
+                beside = f"{len(own.worker_s) - 2} killed, dataset {words} to that of the undisturbed run"
+            memory = ", ".join(f"{each:.0f}" for each in own.memory_mb)
+            row = (PARTS[part], f"{own.seconds:.1f}", f"{own.cpu_s:.1f}", f"{own.cpu_s / n:.3f}", memory, beside)
+            print(f"| {' | '.join(row)} |", flush=True)
     finally:
         shutil.rmtree(base)
 

@@ -1,4 +1,4 @@
-"""Speed and memory of `driven_response`: the response, its derivatives, and what they replace.
+"""Speed and memory of a driven body: its response, its derivatives, and what they replace.
 
 Run `python benchmarks/driven.py`. A landing gear with friction, 40 s at 512 Hz. The same motion goes through scipy's
 DOP853; the same derivatives through differences of the response alone, two runs a parameter.
@@ -7,11 +7,15 @@ DOP853; the same derivatives through differences of the response alone, two runs
 import resource
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from opid.mechanics.driven import Interface, driven_response, half_steps
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from driven_response import driven_response
+
+from opid.mechanics.driven import Interface, half_steps
 from opid.mechanics.laws.law import default_law
 
 FS, DURATION_S, MASS_KG = 512.0, 40.0, 1850.0

@@ -15,7 +15,6 @@ from opid.suspensions.paper.result import PaperIdentification
 from opid.suspensions.result import Identification
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
-from opid.virtual.taxi_tests.airframe import Loading
 
 AnyStudy = Study
 GearIdentification = Identification | PaperIdentification
@@ -45,16 +44,13 @@ def gear_study(
 def aircraft_study(
     title: str,
     interfaces: Iterable[MeasuredInterface],
-    runs: Iterable[tuple[str, Recording, Iterable[Loading]]],
+    runs: Iterable[tuple[str, Recording, tuple[PointMass, ...]]],
     structure: StructureSettings,
     *,
     date: date | None = None,
 ) -> Study:
     """Return the study of an aircraft from (name, recording, loading) of each run, the same struts in all."""
-    told = tuple(
-        Run(name, recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
-        for name, recording, loading in runs
-    )
+    told = tuple(Run(name, recording, loading) for name, recording, loading in runs)
     return Study(title, tuple(interfaces), told, structure, repeatability=0.0, date=date)
 
 

@@ -1,7 +1,7 @@
 """Fleets of struts whose values are drawn: false alarms, a harmed strut, and the seasons, as a Markdown table.
 
 Run `python benchmarks/fleets.py --fleets 1000 --jobs 2`. Values of flights are drawn as `opid campaign` would write
-them (no flight is identified); `opid.suspensions.flights.fleet` then compares them. No fleet is dropped.
+them (no flight is identified); `opid.suspensions.flights.fleet_comparison` then compares them. No fleet is dropped.
 
 - unharmed: fleets of 1 to 200 struts with 3 to 60 flights each in 0.3 to 3 years, of 1 to 3 quantities, with any
   scatter between flights up to 1.5 %, intervals of 0.3 to 1.5 %, struts that differ by 1 to 10 %, with seasons and
@@ -25,7 +25,8 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.suspensions.flights.dataset import FleetDataset, FleetTable
-from opid.suspensions.flights.fleet import Fleet, compare_fleet
+from opid.suspensions.flights.fleet import Fleet
+from opid.suspensions.flights.fleet_comparison import compare_fleet
 from opid.suspensions.flights.result_file import Quantity
 
 UNIT = {"stiffness": "N/m", "damping": "N s/m", "mass": "kg"}

@@ -27,9 +27,8 @@ from tqdm import tqdm
 from opid.json_values import json_text
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
-from opid.suspensions.study import MeasuredInterface, StructureSettings
+from opid.suspensions.study import MeasuredInterface, PointMass, StructureSettings
 from opid.virtual.taxi_tests.aircraft import random_aircraft
-from opid.virtual.taxi_tests.airframe import Loading
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_test
 
@@ -46,7 +45,7 @@ def flight(job: tuple[int, int, bool, str]) -> None:
     aircraft = random_aircraft(rng)
     # the drawing is as wrong in every flight
     off = TOLERANCE_M * rng.standard_normal((len(aircraft.gears), 2))
-    loading = Loading(0.1 * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
+    loading = PointMass(0.1 * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
     if harmed:
         gears = tuple(
             replace(gear, suspension_stiffness_n_per_m=(1 - LOSS) * gear.suspension_stiffness_n_per_m)

@@ -25,8 +25,7 @@ from scenarios import random_case
 from opid import identify
 from opid.mechanics.repeatability import Departure
 from opid.suspensions.settings import RepeatabilitySettings, Settings
-from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.airframe import Loading
+from opid.suspensions.study import PointMass, Run, study_of_gear
 from opid.virtual.taxi_tests.taxiing import taxi_test
 
 # relative standard deviations of springs, damping and friction of each run
@@ -82,7 +81,7 @@ def run(job: Job) -> Outcome:
     drawn = np.array(WORLDS[job.world]) * rng.standard_normal((job.n_runs, 3))
     departures = [Departure(*each) for each in drawn.tolist()]
     airframe = case.gear.airframe
-    off = [Loading(-case.mass_removed_kg, airframe.x_cg_m, airframe.y_cg_m)]
+    off = [PointMass(-case.mass_removed_kg, airframe.x_cg_m, airframe.y_cg_m)]
     test = taxi_test(
         case.gear,
         rng=np.random.default_rng([92, job.seed]),

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.identification import predict, update_study
-from opid.updating.likelihood.backbones import BackboneData, backbone_data, log_likelihood
+from opid.updating.likelihood.backbones import BackboneData, backbone_data, likelihood_function
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import PAPER_CLASSES, Prior
 from opid.updating.posterior import update_class
@@ -90,7 +90,7 @@ def grid_posterior(data: BackboneData) -> tuple[np.ndarray, np.ndarray]:
     centre, half = THETA, 0.5
     for _ in range(4):
         theta = np.linspace(max(centre - half, 0.0), centre + half, 81)
-        value = log_likelihood(data, TRUTH, theta[:, None])
+        value, _ = likelihood_function(data, TRUTH)(theta[:, None])
         share = np.exp(value - value.max())
         share /= share.sum()
         centre = float(share @ theta)

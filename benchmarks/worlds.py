@@ -20,8 +20,9 @@ from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Recording, recording_from_arrays
+from opid.suspensions.study import PointMass
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
 from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
 from opid.virtual.taxi_tests.taxiing import TaxiTest, taxi_run, taxi_test, tyre_forces
@@ -377,7 +378,7 @@ def noise(seed: int) -> tuple[AnyStudy, None]:
 def rolling(seed: int) -> tuple[AnyStudy, float]:
     """The left main gear under its static part of the mass, and of a load over the centre of gravity."""
     aircraft = default_aircraft()
-    load = Loading(500.0, aircraft.x_cg_m, aircraft.y_cg_m)
+    load = PointMass(500.0, aircraft.x_cg_m, aircraft.y_cg_m)
     rng = np.random.default_rng(seed)
     test = taxi_test(aircraft, rng=rng, loadings=[[load]], coherent_tracks=False)
     # of what is over the centre of gravity, the nose 5 m before the main gears carries x_cg / 5

@@ -323,8 +323,12 @@ def _powers() -> Json:
 
 def _free_decay() -> Json:
     curve = ("amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
-    rest = ("start_s", "stop_s", "residual_share", "law_misfit", "warnings", "frequency_low_hz", "damping_low")
-    return fields_of(Decay, "name", "mode", *curve, *rest) | _powers()
+    rest = ("start_s", "stop_s", "law_misfit", "warnings", "frequency_low_hz", "damping_low")
+    return fields_of(Decay, "name", "mode", *curve, *rest) | _residual_of(Decay) | _powers()
+
+
+def _residual_of(record: type) -> Json:
+    return {"residual_share": fields_of(record, "residual_fraction")["residual_fraction"]}
 
 
 def _modal() -> Json:
@@ -332,10 +336,10 @@ def _modal() -> Json:
         return keys(dict.fromkeys((along, "force", "low", "high", "linear"), NUMBERS))
 
     always = ("mode", "frequency_hz", "damping_ratio", "stiffness_order", "damping_order", "free_linear", "tests")
-    forced = ("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass")
+    forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass")
     mode = fields_of(ModeFit, *always, "orders", "warnings") | _powers()
     mode |= {"known_by": {"enum": ["forced tests", "free decays"]}}
-    of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at")
+    of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at") | _residual_of(ModeFit)
     of_forced["force_curves"] = keys({"stiffness": force("displacement"), "damping": force("velocity")})
     mode |= {name: or_null(schema) for name, schema in of_forced.items()}
     low = ("frequency_low_hz", "damping_low", "amplitude", "frequency_hz", "damping_ratio", "misfit", "warnings")

@@ -34,7 +34,7 @@ def main() -> None:
     options = parser.parse_args()
     log = options.log or spoilt_log(options.out)
 
-    health = opid.inspect(opid.open_log(log))
+    health = opid.inspect(opid.signals.open_log(log))
 
     print(opid.text(health))
     options.out.mkdir(parents=True, exist_ok=True)

@@ -2,9 +2,9 @@
 
 Where to look: `read_study` or `study_from_logs`, then `identify`, then `text` and `write_report`. The steps of the
 methods are in the namespaces `suspensions`, `modal` and `updating`, what they are made of in `signals`, `laws` and
-`mechanics`, tests with known truth in `virtual`, figures in `plots`; `dir(opid.modal)` lists what is public there.
-`import opid.campaigns` identifies many flights at once, `import opid.planning` plans runs. Names load when they are
-first used, so that `import opid` is quick.
+`mechanics`, many flights at once in `campaigns`, tests with known truth in `virtual`, figures in `plots`;
+`dir(opid.modal)` lists what is public there. `import opid.planning` plans runs. Names load when they are first used, so
+that `import opid` is quick.
 """
 
 import logging

@@ -1,5 +1,6 @@
 # The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
 from . import (
+    campaigns as campaigns,
     laws as laws,
     mechanics as mechanics,
     modal as modal,
@@ -26,7 +27,6 @@ from .report import (
 )
 from .signals.health.inspection import inspect as inspect
 from .signals.logs import (
-    open_log as open_log,
     read_log as read_log,
     write_log as write_log,
 )

@@ -1,6 +1,7 @@
 """The two ways in which a call can fail for a reason that belongs to the user, and how that is said."""
 
 import difflib
+import math
 import shlex
 import sys
 from collections.abc import Iterable
@@ -62,6 +63,21 @@ def require(module: str, what: str, library: str, extra: str) -> None:
         raise missing_library(what, library, extra)
 
 
+def require_positive(what: str, value: float) -> float:
+    """Return a number as a float, or refuse it.
+
+    Args:
+        what: the name of the number in the sentence.
+        value: must be finite and above zero.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not (math.isfinite(value) and value > 0):
+        raise InputError(f"{what} is {value}: give a positive number")
+    return float(value)
+
+
 def refuse(faults: list[str], source: Path | None) -> None:
     """Say everything that is wrong at once.
 
@@ -118,3 +134,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
     if len(words) > MOST_LISTED:
         return f"there are {len(words)}, {words[0]!r} to {words[-1]!r}"
     return "known are " + ", ".join(repr(word) for word in words)
+
+
+def list_names(names: Iterable[object], most: int = 6) -> str:
+    """Return names in a sentence; if there are more than `most`, the first of them and the number of the others.
+
+    >>> list_names("abcdefgh"), list_names("ab")
+    ('a, b, c, d, e, f and 2 more', 'a, b')
+    """
+    words = [str(name) for name in names]
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

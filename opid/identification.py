@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, overload
 
 from opid.errors import InputError
+from opid.progress import Say
 
 if TYPE_CHECKING:
     from opid.modal.result import ModalIdentification
@@ -28,8 +28,6 @@ IDENTIFIERS = {
     "opid.updating.study.UpdatingStudy": ("opid.updating.identification", "update_study"),
 }
 """The full name of each kind of study, with the module and the name of what identifies from it."""
-
-Say = Callable[[str], None]
 
 
 class _ForSuspensions(TypedDict, total=False):

@@ -47,8 +47,8 @@ def json_text(document: Mapping[str, Any]) -> str:
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     # a list of numbers on one line: thousands of lines with one number each help nobody
-    return re.sub(r"\[[^\[\]{}\"]*\]", _joined, text) + "\n"
+    return re.sub(r"\[[^\[\]{}\"]*\]", _join_numbers, text) + "\n"
 
 
-def _joined(found: re.Match[str]) -> str:
+def _join_numbers(found: re.Match[str]) -> str:
     return re.sub(r"\n\s*", "", re.sub(r",\n\s*", ", ", found[0]))

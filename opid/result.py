@@ -67,10 +67,10 @@ class Result(ABC):
         return ()
 
     @abstractmethod
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         """Return in one line what this is about."""
 
-    def _remarks(self) -> Iterator[str]:
+    def _list_remarks(self) -> Iterator[str]:
         """Yield what has to be said beside the numbers, a line each."""
         reason, warnings = getattr(self, "not_determined", None), getattr(self, "warnings", ())
         if reason:
@@ -97,20 +97,20 @@ class Result(ABC):
     def __repr__(self) -> str:
         rows = self.summary()
         width = max((len(row.name) for row in rows[:MOST_ROWS]), default=0)
-        lines = [_shortened(f"{type(self).__name__}: {self._headline()}")]
+        lines = [_shorten_text(f"{type(self).__name__}: {self._write_headline()}")]
         for row in rows[:MOST_ROWS]:
             unit = "" if row.unit == "1" else f" {row.unit}"
             lines.append(f"  {row.name.ljust(width)}  {with_std(row.value, row.std)}{unit}")
         more = ["± is one standard deviation"] if any(row.std is not None for row in rows[:MOST_ROWS]) else []
         more += [f"{len(rows) - MOST_ROWS} more in summary()"] if len(rows) > MOST_ROWS else []
-        remarks = "; ".join([*more, *map(_shortened, self._remarks())])
+        remarks = "; ".join([*more, *map(_shorten_text, self._list_remarks())])
         return "\n".join([*lines, f"  {remarks}"] if remarks else lines)
 
     def _repr_html_(self) -> str:
         head = ("", "value", "standard deviation", "95 % interval", "unit")
-        table = [_html_row("th", head), *(_html_row("td", row.cells) for row in self.summary())]
-        remarks = "".join(f"<p>{escape(each)}</p>" for each in self._remarks())
-        return f"<p><b>{escape(self._headline())}</b></p><table>{''.join(table)}</table>{remarks}"
+        table = [_build_html_row("th", head), *(_build_html_row("td", row.cells) for row in self.summary())]
+        remarks = "".join(f"<p>{escape(each)}</p>" for each in self._list_remarks())
+        return f"<p><b>{escape(self._write_headline())}</b></p><table>{''.join(table)}</table>{remarks}"
 
 
 def first_lines(lines: Sequence[str], name: str) -> list[str]:
@@ -123,10 +123,10 @@ def first_lines(lines: Sequence[str], name: str) -> list[str]:
     return [*(f"  {line}" for line in lines[:MOST_ROWS]), *([f"  {more} more in {name}"] if more > 0 else [])]
 
 
-def _html_row(tag: str, cells: Sequence[str]) -> str:
+def _build_html_row(tag: str, cells: Sequence[str]) -> str:
     return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
-def _shortened(text: str, width: int = 100) -> str:
+def _shorten_text(text: str, width: int = 100) -> str:
     text = " ".join(text.split())
     return text if len(text) <= width else f"{text[: width - 3]}..."

@@ -14,7 +14,7 @@ from opid.suspensions.settings import Settings
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
 from opid.virtual.taxi_tests import taxiing
 from opid.virtual.taxi_tests.aircraft import default_aircraft, with_bending
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.road import iso8608_tracks
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
@@ -22,7 +22,7 @@ from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 NOISE = 5e-3
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
 """Of the sensors on the airframe."""
-LOADS = (Loading(500.0, 1.0, 0.2),)
+LOADS = (PointMass(500.0, 1.0, 0.2),)
 SHORT = {"fs": 128.0, "lowest_step_rate_hz": 1024.0}
 
 
@@ -53,7 +53,7 @@ def short_runs(
         **(SHORT | {"fs": fs}),
     )
     return tuple(
-        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+        Run(name, run.recording, loads)
         for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
     )
 
@@ -66,7 +66,7 @@ def one_track():
         return iso8608_tracks(lateral_m=[abs(y) for y in lateral_m], **settings)
 
     with mock.patch.object(taxiing, "iso8608_tracks", same_on_both_sides):
-        return short_runs(loads=(Loading(500.0, 1.0, 0.0),), fs=256.0)
+        return short_runs(loads=(PointMass(500.0, 1.0, 0.0),), fs=256.0)
 
 
 def interfaces(shift=(0.0, 0.0)):

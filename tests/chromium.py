@@ -19,7 +19,7 @@ def start_chromium():
 
 
 class Reader:
-    """A page that is open, with every chart drawn, and what the browser said meanwhile."""
+    """A page that is open, with every part unfolded and every chart drawn, and what the browser said meanwhile."""
 
     def __init__(self, browser, file, **settings):
         self.page = browser.new_context(accept_downloads=True, **settings).new_page()
@@ -29,6 +29,8 @@ class Reader:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(file.as_uri())
         self.folder = file.parent
+        for fold in self.page.locator("details.fold summary").all():
+            fold.click()
         self.boxes = self.page.locator("[data-chart]")
         for k in range(self.boxes.count()):
             self.boxes.nth(k).scroll_into_view_if_needed()

@@ -1,10 +1,14 @@
 """The command as tests drive it: in this process or in one of its own, and how it refuses."""
 
+import os
 import shlex
+import struct
 import subprocess
 import sys
+from contextlib import suppress
 
 import click
+import pytest
 from click.testing import CliRunner
 
 from opid import cli
@@ -23,6 +27,30 @@ def shell(*arguments, cwd=None):
 def opid(*arguments):
     """Run the command in this process; an exception that would be a traceback is raised here."""
     return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def run_on_terminal(*arguments, cwd=None):
+    """Run Python with stderr on a terminal of 80 columns; return what is written to it, and to stdout."""
+    pty = pytest.importorskip("pty")
+    fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    command = [sys.executable, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, cwd=cwd) as process:
+        os.close(theirs)
+        shown = b""
+        with suppress(OSError):  # Linux ends a terminal that nobody writes to with an error.
+            while part := os.read(ours, 65536):
+                shown += part
+        os.close(ours)
+        told = process.stdout.read()
+    assert process.returncode == 0, shown
+    return shown.decode(), told
+
+
+def lines_drawn(shown):
+    """Return what a terminal showed in one line after the other, each drawn over the one before."""
+    return [line.rstrip(" ") for line in shown.split("\r") if line.strip()]
 
 
 def commands(group=cli.main, words=("opid",)):

@@ -18,7 +18,7 @@ os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 @pytest.fixture(scope="session")
 def field_test(tmp_path_factory):
     """A directory with heavy.csv, light.csv, study.toml and truth.json of 20 s at 256 Hz; not to be changed."""
-    from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
+    from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_truth
     from opid.virtual.truth_file import write_field_test
 
     directory = tmp_path_factory.mktemp("field_test")

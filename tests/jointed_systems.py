@@ -26,7 +26,7 @@ def pylon_matrices(asymmetry=0.0, suspension=50.0):
     springs = [*((k, k + 1, 2.4e4) for k in range(N_PLATE - 1)), (6, 7, 1.5e4), (8, 9, 1.5e4)]
     leaves = [(1, 6, 1 + asymmetry), (1, 7, 1 - asymmetry), (4, 8, 1 + asymmetry / 2), (4, 9, 0.97 - asymmetry / 2)]
     stiffness = np.diag([suspension] * N_PLATE + [0.0] * 4)
-    for one, other, constant in [*springs, *((one, other, 3.3e3 * share) for one, other, share in leaves)]:
+    for one, other, constant in [*springs, *((one, other, 3.3e3 * fraction) for one, other, fraction in leaves)]:
         row = np.zeros(n)
         row[one], row[other] = -1.0, 1.0
         stiffness += constant * np.outer(row, row)

@@ -11,8 +11,8 @@ from opid.suspensions.model.run import driven_run
 from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import SensorPair, Sensors
 from opid.suspensions.settings import Settings
-from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading, loaded
+from opid.suspensions.study import PointMass, Run, study_of_gear
+from opid.virtual.taxi_tests.airframe import LandingGear, loaded
 from opid.virtual.taxi_tests.taxiing import TaxiTest, taxi_run, taxi_test
 
 MASS_KG, STIFFNESS, DAMPING, NOISE = 1850.0, 3.9e5, 6e3, 5e-3
@@ -20,7 +20,7 @@ MASS_KG, STIFFNESS, DAMPING, NOISE = 1850.0, 3.9e5, 6e3, 5e-3
 
 def weightless_test(gear, seed=0, **settings):
     """A taxi test of which both runs rest at one place of the law, as where the motion is horizontal."""
-    streams, removed = np.random.default_rng(seed).spawn(2), Loading(-220.0, 0.0)
+    streams, removed = np.random.default_rng(seed).spawn(2), PointMass(-220.0, 0.0)
     gears = (gear.airframe, loaded(gear.airframe, [removed]))
     runs = (taxi_run(each, rng=rng, **settings) for each, rng in zip(gears, streams, strict=True))
     return TaxiTest(tuple(runs), ((), (removed,)))

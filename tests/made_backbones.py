@@ -6,6 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.updating.likelihood.backbones import likelihood_function
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.structure.affine import AffineStructure
@@ -26,6 +27,12 @@ BOTH = ModelClass(
     (Prior("uniform", 0.0, 10.0), Prior("uniform", -40.0, 40.0)),
 )
 TRUTH = 1.58
+
+
+def log_likelihood(data, model_class, theta):
+    """Return log p(D | theta), (n,), of theta (n, n_parameters)."""
+    value, _ = likelihood_function(data, model_class)(theta)
+    return value
 
 
 def parts() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -36,7 +36,7 @@ def beat(peak_n, *, frequency_hz=FREQUENCY, fs=FS, beat_s=0.75, whole_s=6.0):
 
 
 def measured(model, force, rng=None, *, noise=0.01, name="beat", drive_point="a", fs=FS):
-    """Return the modal test of a model under a force, with noise of a share of each channel's rms."""
+    """Return the modal test of a model under a force, with noise of a fraction of each channel's rms."""
     response = simulate(model, force, fs=fs, drive_point=drive_point)
     samples = np.column_stack([force, response.samples])
     if rng is not None:

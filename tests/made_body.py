@@ -21,12 +21,11 @@ from opid.suspensions.result import (
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import Loading
 from opid.virtual.taxi_tests.taxiing import taxi_test
 
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
 """Of the sensors on the airframe, beside the struts."""
-LOADING = (Loading(500.0, -1.0, 0.2),)
+LOADING = (PointMass(500.0, -1.0, 0.2),)
 WHY = "one rigid body leaves 1.02 times the sensors' noise; each gear alone leaves 39.4 times the noise"
 
 
@@ -140,8 +139,8 @@ def _study(airframe):
 
 
 def _interface(gear, rng):
-    def near(value, share):
-        return Estimate.normal(value * (1 + share * rng.standard_normal()), share * value)
+    def near(value, fraction):
+        return Estimate.normal(value * (1 + fraction * rng.standard_normal()), fraction * value)
 
     phase = np.linspace(0, 60, 1500)
     return InterfaceEstimate(

@@ -20,7 +20,7 @@ def table(estimate, unit=None):
 
 
 def body_result(rng, *, std=0.01, scatter=0.0, loss=None, day=None, kind="arctan_velocity"):
-    """result.json of three gears; `loss` {(gear, quantity): share} is what has gone."""
+    """result.json of three gears; `loss` {(gear, quantity): fraction} is what has gone."""
     loss = loss or {}
     interfaces = []
     for gear, size in GEARS.items():

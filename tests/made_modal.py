@@ -5,11 +5,12 @@ from functools import cache
 import numpy as np
 
 from opid.estimate import Estimate
+from opid.mechanics.structure import modal_assurance
 from opid.modal.decay.free_decay import decay_of
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
 from opid.modal.linear.level_shifts import LevelShift
-from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance, modal_test
+from opid.modal.linear.modes import LinearModes, condition_number, modal_test
 from opid.modal.model import NonlinearModalModel, simulate, truth_test
 from opid.modal.power_laws import power_law
 from opid.modal.resonance.appropriation import Appropriation, AppropriationLevel
@@ -105,7 +106,7 @@ def small_fit():
         band_hz=(52.0, 68.0),
         n_lines=291,
         tests=("beat_2", "beat_5", "beat_10"),
-        residual_share=0.012,
+        residual_fraction=0.012,
         condition_raw=3e7,
         condition_scaled=21.0,
         modal_mass=Estimate.normal(1.002, 0.003),

@@ -25,7 +25,7 @@ class PeriodicMotion:
         frequency_hz: Hz.
         amplitude: first-harmonic amplitude of the sensor, m.
         displacement: (n_modes,) modal coordinates at the start, m kg^1/2; all velocities are zero there.
-        mismatch: what is missing to a motion that repeats itself, as a share of its size.
+        mismatch: what is missing to a motion that repeats itself, as a fraction of its size.
         iterations: of Newton's method.
     """
 

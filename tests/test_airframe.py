@@ -8,13 +8,13 @@ from opid.errors import InputError
 from opid.mechanics.laws.law import LINEAR
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure, linear_matrices, natural_frequencies
+from opid.suspensions.study import PointMass
 from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
 from opid.virtual.taxi_tests.airframe import (
     Airframe,
     BendingMode,
     Gear,
     LandingGear,
-    Loading,
     airframe_mass,
     airframe_structure,
     loaded,
@@ -26,7 +26,7 @@ from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test, tyre_forces
 
 BESIDE = {"nose": (4.4, 0.3), "left": (0.2, 1.1), "right": (-0.5, -1.9)}
 FURTHER = {"tail": (-4.5, 0.0), "cabin": (2.0, 0.4)}
-LOPSIDED = (Loading(300.0, 2.5, 0.8), Loading(-150.0, -2.0, -0.5), Loading(80.0, -4.0, 0.0))
+LOPSIDED = (PointMass(300.0, 2.5, 0.8), PointMass(-150.0, -2.0, -0.5), PointMass(80.0, -4.0, 0.0))
 
 
 def run(airframe=None, *, seed=1, duration_s=3.0, lowest_step_rate_hz=2048.0, **settings):
@@ -471,10 +471,10 @@ def test_what_pushes_the_airframe_moves_it_by_its_fraction_and_changes_no_runway
 
 
 def test_an_aircraft_test_has_one_run_a_loading_each_over_its_own_runway():
-    loadings = [[Loading(500.0, 1.0)], LOPSIDED]
+    loadings = [[PointMass(500.0, 1.0)], LOPSIDED]
     rng = np.random.default_rng(1)
     test = taxi_test(default_aircraft(), rng=rng, loadings=loadings, duration_s=1.0, fs=256.0)
-    assert test.loadings == ((), (Loading(500.0, 1.0),), LOPSIDED)
+    assert test.loadings == ((), (PointMass(500.0, 1.0),), LOPSIDED)
     assert [taxi.airframe for taxi in test.runs] == [loaded(default_aircraft(), one) for one in test.loadings]
     wheels = np.corrcoef([taxi.truth.channel("nose_lower_z") for taxi in test.runs])
     assert np.abs(wheels - np.eye(3)).max() < 0.8
@@ -518,9 +518,9 @@ NOSE = default_aircraft().gears[0]
         (lambda: bending(coupling=(0.0, 0.0)), "three couplings"),
         (lambda: with_bending(default_aircraft(), length_m=-3.0), "-3.0 m long"),
         (lambda: with_bending(default_aircraft(), length_m=5.0), "give it further stations"),
-        (lambda: Loading(np.nan, 0.0), "a loading of nan kg"),
-        (lambda: loaded(default_aircraft(), [Loading(-5400.0, 0.6)]), r"loadings of \[-5400.0\] kg leave"),
-        (lambda: loaded(default_aircraft(), [Loading(-900.0, 9.0)]), "not positive definite"),
+        (lambda: loaded(default_aircraft(), [PointMass(np.nan, 0.0)]), "a loading of nan kg"),
+        (lambda: loaded(default_aircraft(), [PointMass(-5400.0, 0.6)]), r"loadings of \[-5400.0\] kg leave"),
+        (lambda: loaded(default_aircraft(), [PointMass(-900.0, 9.0)]), "not positive definite"),
         (lambda: place_directions(default_aircraft(), [1.0, 2.0]), "a pair of finite numbers"),
         (lambda: run(sprung_sensors={"tail": (0.0, 0.0)}), "sprung_sensors has a gear 'tail'"),
         (lambda: run(sprung_sensors={"nose": (0.0,)}), "a pair of finite numbers"),

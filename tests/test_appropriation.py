@@ -44,8 +44,8 @@ def test_a_linear_mode_is_held_at_its_closed_form():
 
 def test_a_wrong_natural_frequency_is_corrected_from_either_side():
     rig, modes = one_mode()
-    for share in (0.97, 1.03):
-        wrong = replace(modes, frequency_hz=share * modes.frequency_hz)
+    for fraction in (0.97, 1.03):
+        wrong = replace(modes, frequency_hz=fraction * modes.frequency_hz)
         found = run(rig, wrong, [5.0], **QUIET)
         assert found.locked.all()
         np.testing.assert_allclose(found.frequency_hz, HZ, rtol=1.2 * ZETA / 57.0)

@@ -19,7 +19,8 @@ from jointed_systems import (
 from plain_backbones import plain_backbone
 
 from opid.errors import InputError
-from opid.mechanics.backbones.family import backbone, backbone_family, first_harmonic_factor
+from opid.mechanics.backbones.family import backbone, family_evaluator
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
 from opid.mechanics.laws.law import LINEAR, Law, default_law
 
@@ -211,8 +212,8 @@ def test_the_order_of_the_amplitudes_and_the_sensor_held_change_nothing():
 def test_a_family_is_its_backbones(harmonics):
     coefficients = np.array([[1e5, 0.0], [0.0, 5e7], [1.8e5, 3e7]])
     kinds = ("quadratic_stiffness", "cubic_stiffness")
-    family = backbone_family(
-        SYSTEM, kinds, coefficients, mode=4, sensor="tip 1", amplitude=AMPLITUDE, harmonics=harmonics
+    family = family_evaluator(SYSTEM, kinds, mode=4, sensor="tip 1", amplitude=AMPLITUDE, harmonics=harmonics)(
+        coefficients
     )
     assert family.converged.all()
     for row, (quadratic, cubic) in enumerate(coefficients):
@@ -224,9 +225,8 @@ def test_a_family_is_its_backbones(harmonics):
 
 def test_a_family_takes_the_inner_parameters_of_a_kind_as_columns():
     amplitude = AMPLITUDE[:3]
-    family = backbone_family(
-        one_mass(), ("signed_power_stiffness",), [[8e3, 1.5], [6e7, 3.0]], mode=1, sensor="mass", amplitude=amplitude
-    )
+    solve = family_evaluator(one_mass(), ("signed_power_stiffness",), mode=1, sensor="mass", amplitude=amplitude)
+    family = solve([[8e3, 1.5], [6e7, 3.0]])
     for row, law in enumerate((ROOT, CUBIC)):
         curve = backbone(one_mass(), law, mode=1, sensor="mass", amplitude=amplitude)
         np.testing.assert_allclose(family.frequency_hz[row], curve.frequency_hz, rtol=1e-12)
@@ -243,9 +243,8 @@ def test_points_without_a_solution_leave_the_rest_of_the_curve():
     assert np.isnan(curve.shapes[~exists]).all()
     assert "10 (0.002 m at 'mass')" in curve.reason
     assert "smaller steps" in curve.reason
-    family = backbone_family(
-        one_mass(), ("cubic_stiffness",), [[-4e7], [4e7]], mode=1, sensor="mass", amplitude=amplitude
-    )
+    solve = family_evaluator(one_mass(), ("cubic_stiffness",), mode=1, sensor="mass", amplitude=amplitude)
+    family = solve([[-4e7], [4e7]])
     np.testing.assert_array_equal(family.converged, [exists, np.ones(15, dtype=bool)])
 
 
@@ -288,6 +287,7 @@ def test_modes_that_cannot_be_held_are_refused():
 def test_families_refuse_what_they_cannot_take():
     given = {"mode": 3, "sensor": "tip 1", "amplitude": AMPLITUDE}
     with pytest.raises(InputError, match="no law 'cubic'"):
-        backbone_family(SYSTEM, ("cubic",), [[1.0]], **given)
+        family_evaluator(SYSTEM, ("cubic",), **given)
+    solve = family_evaluator(SYSTEM, ("cubic_stiffness",), **given)
     with pytest.raises(InputError, match=r"shape \(1, 2\): give \(n_samples, 1\)"):
-        backbone_family(SYSTEM, ("cubic_stiffness",), [[1.0, 2.0]], **given)
+        solve([[1.0, 2.0]])

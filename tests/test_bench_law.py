@@ -64,11 +64,11 @@ def simulated(nonlinear, seed=0, n=3000, noise_n=30.0, correlation=0.0):
 
 def bouc_wen(z, yield_n=400.0, stiffness=1e5):
     """x' = k z' (1 - |x/x_y| (1 + sgn(x z'))/2), in steps of the travel."""
-    share = np.zeros_like(z)
+    fraction = np.zeros_like(z)
     for i, step in enumerate(np.diff(z)):
-        turned = 0.5 * (1 + np.sign(step * share[i]))
-        share[i + 1] = share[i] + step * stiffness / yield_n * (1 - abs(share[i]) * turned)
-    return yield_n * share
+        turned = 0.5 * (1 + np.sign(step * fraction[i]))
+        fraction[i + 1] = fraction[i] + step * stiffness / yield_n * (1 - abs(fraction[i]) * turned)
+    return yield_n * fraction
 
 
 # ---- which law -------------------------------------------------------------------------------------

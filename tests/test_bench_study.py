@@ -196,9 +196,13 @@ def test_kinds_that_are_none_are_named(bench, tmp_path, kinds, words):
 
 def test_options_beside_a_study_are_left_out(bench, tmp_path):
     path = study_file(tmp_path)
-    words = f"{path} is a study, which states this itself: leave out --force and --mass and --quasi-static"
-    refused(command("law", path, "--force", "load", "--mass", 0, "--quasi-static"), words)
-    refused(command("law", bench, "--force", "load"), "--force COL --travel COL", "or give a study")
+    words = f"{path} is a study, which states this itself: leave out --force-channel and --mass and --quasi-static"
+    refused(command("law", path, "--force-channel", "load", "--mass", 0, "--quasi-static"), words)
+    refused(
+        command("law", bench, "--force-channel", "load"),
+        "--force-channel NAME --travel-channel NAME",
+        "or give a study",
+    )
     refused(command("law", tmp_path / "none.toml"), "there is no study file")
 
 
@@ -289,7 +293,7 @@ def test_an_area_that_contradicts_the_static_pressure_is_doubted_on_the_bench(tm
 
 def test_the_command_takes_the_area_and_refuses_one_that_no_piston_has(tmp_path):
     log = written(tmp_path / "bench.csv", strut())
-    named = ("--force", "load", "--travel", "stroke", "--velocity", "speed")
+    named = ("--force-channel", "load", "--travel-channel", "stroke", "--velocity-channel", "speed")
     done = command("law", log, *named, "--piston-area", AREA_M2, "--out", tmp_path / "result")
     assert done.exit_code == 0
     assert "gas: volume" in done.stdout

@@ -9,8 +9,9 @@ from opid.errors import InputError
 from opid.mechanics.laws.law import law
 from opid.mechanics.structure import Joint, Structure
 from opid.suspensions.model.body import RIGID, ImpossibleBodyError, mobility, own_body, rigid_body, vertical
+from opid.suspensions.study import PointMass
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import Loading, airframe_mass, loaded
+from opid.virtual.taxi_tests.airframe import airframe_mass, loaded
 
 PLACES = [(5.0, 0.0), (0.0, 1.6), (0.0, -1.6)]
 SENSORS = [(5.3, 0.2), (0.25, 1.4), (0.25, -1.4), (-4.0, 0.1)]
@@ -36,7 +37,7 @@ def test_the_mass_matrix_is_that_of_the_airframe_over_its_mass():
 def test_a_loading_adds_what_it_adds_to_the_airframe():
     aircraft = default_aircraft()
     loads = [(400.0, 2.0, 0.5), (-90.0, -1.0, -1.0)]
-    heavier = loaded(aircraft, [Loading(*each) for each in loads])
+    heavier = loaded(aircraft, [PointMass(*each) for each in loads])
     np.testing.assert_allclose(
         airframe_mass(heavier) - airframe_mass(aircraft), loading_of(*loads), rtol=1e-9, atol=1e-6
     )

@@ -4,16 +4,19 @@ import base64
 
 import numpy as np
 import pytest
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
-from matplotlib.ticker import StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import offset_copy
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from opid.plots.charts.artists import UnknownArtistError
 from opid.plots.charts.figure import build_chart
-from opid.plots.charts.looks import encode_numbers
+from opid.plots.charts.looks import describe_handle, encode_numbers
+from opid.plots.style import plain_numbers
 
 RNG = np.random.default_rng(1)
 
@@ -52,7 +55,7 @@ def test_a_line_has_its_values_its_look_and_its_unit():
     assert trace["x0"] + trace["dx"] * 4999 == pytest.approx(40)
     np.testing.assert_allclose(decoded(trace["y"]), y, atol=2e-4)
     assert trace["line"] == {"color": "#0072b2", "width": 2.0, "dash": "dash", "shape": "linear"}
-    assert trace["hovertemplate"] == "%{x:.5g} s, %{y:.5g} m/s²<extra>airframe</extra>"
+    assert trace["hovertemplate"] == "%{x:.6~g} s, %{y:.6~g} m/s²<extra>airframe</extra>"
     assert chart["layout"]["xaxis"]["range"] == [0, 40]
     assert chart["layout"]["yaxis"]["title"]["text"] == "acceleration [m/s²]"
 
@@ -60,14 +63,17 @@ def test_a_line_has_its_values_its_look_and_its_unit():
 def test_logarithmic_axes_texts_on_them_and_plain_numbers():
     ((ax,),) = axes()
     ax.set(xscale="log", yscale="log", xlim=(1, 1000), ylim=(0.1, 10))
-    ax.text(100, 1, "here")
-    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.text(100, 1, "here", fontsize=6)
+    plain_numbers(ax.xaxis)
     chart = build_chart(ax.figure)
     assert chart["layout"]["xaxis"]["range"] == pytest.approx([0, 3])
-    assert chart["layout"]["xaxis"]["dtick"] == "D2"
-    assert chart["layout"]["yaxis"]["exponentformat"] == "power"
+    # numbers with a format are of full size, those without one are small digits
+    assert (chart["layout"]["xaxis"]["dtick"], chart["layout"]["xaxis"]["tickformat"]) == ("D2", "~r")
+    assert chart["layout"]["yaxis"]["dtick"] == 1
+    assert "tickformat" not in chart["layout"]["yaxis"]
     (note,) = chart["layout"]["annotations"]
     assert (note["x"], note["y"], note["text"]) == (pytest.approx(2), pytest.approx(0), "here")
+    assert note["font"]["size"] == 10
 
 
 def test_rules_and_bands_across_a_panel_are_shapes():
@@ -150,6 +156,47 @@ def test_a_surface_is_made_of_triangles():
     points = np.stack([decoded(mesh[letter]) for letter in "xyz"], axis=1)
     np.testing.assert_allclose(points[:, 2], points[:, 0] * points[:, 1], atol=1e-6)
     assert len(mesh["i"]) == len(mesh["facecolor"]) == 2 * 3 * 2
+
+
+def test_each_face_of_a_surface_has_its_own_colour_also_once_it_was_drawn():
+    """matplotlib sorts the colours by depth when it draws; the faces keep their order."""
+    ax = Figure().add_subplot(projection="3d")
+    x, y = np.meshgrid(np.arange(12.0), np.arange(9.0))
+    corners = np.stack([x, y, x - y], axis=-1)
+    faces = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+    surface = Poly3DCollection(faces, cmap="gray")
+    surface.set_array(faces[..., 2].mean(axis=1))
+    ax.add_collection3d(surface)
+    ax.figure.draw_without_rendering()
+    (mesh,) = build_chart(ax.figure)["data"]
+    # the two triangles of a face begin at one corner, and all faces are alike
+    height = decoded(mesh["z"])[np.array(mesh["i"])]
+    brightness = [to_rgb(shade)[0] for shade in mesh["facecolor"]]
+    assert np.corrcoef(height, brightness)[0, 1] == pytest.approx(1, abs=1e-3)
+
+
+def test_the_legend_of_a_figure_is_that_of_its_chart():
+    ((left, right),) = axes(1, 2)
+    lines = [*left.plot([0, 1], [0, 1], label="measured"), *right.plot([0, 1], [1, 0], label="law")]
+    left.figure.legend(handles=lines, loc="outside lower center")
+    assert [entry["text"] for entry in build_chart(left.figure)["legend"]] == ["measured", "law"]
+
+
+def test_a_mark_with_a_white_edge_has_its_own_colour_in_the_legend():
+    full = Line2D([], [], marker="s", color="#D55E00", markeredgecolor="white", linestyle="none")
+    hollow = Line2D([], [], marker="o", color="#0072B2", markerfacecolor="white", linestyle="none")
+    assert describe_handle(full) == {"color": "#d55e00", "symbol": "square"}
+    assert describe_handle(hollow) == {"color": "#0072b2", "symbol": "circle-open"}
+
+
+def test_flights_that_are_counted_have_whole_numbers():
+    ((ax,),) = axes()
+    ax.plot([1, 2, 3], [0, 1, 0])
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axis = build_chart(ax.figure)["layout"]["xaxis"]
+    assert {1.0, 2.0, 3.0} <= set(axis["tickvals"])
+    assert all(value == int(value) for value in axis["tickvals"])
+    assert axis["ticktext"][axis["tickvals"].index(2.0)] == "2"
 
 
 def test_what_has_no_counterpart_is_an_error():

@@ -11,15 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_runs import opid, refused
+from cli_runs import lines_drawn, opid, refused, run_on_terminal
 from made_fleet import write_fleet
 from made_flights import body_result, day, write_result
 
 from opid.studies.study_file import write_study
 from opid.suspensions.flights.fleet_model import FleetSettings
 from opid.virtual.taxi_tests.airframe import LandingGear
-from opid.virtual.taxi_tests.study import taxi_study
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_test
 
 pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")
@@ -61,8 +60,8 @@ def test_a_campaign_writes_an_index_a_dataset_and_a_folder_for_each_flight(ran):
     assert done.exit_code == 0
     assert re.fullmatch(r"Dashboard: http\S+\n", done.stderr)
     assert "2 identified." in done.stdout
-    assert max(len(line) for line in done.stdout.splitlines() if "Index" not in line) <= 80
-    assert f"Index: {out / 'index.html'}" in done.stdout
+    assert max(len(line) for line in done.stdout.splitlines() if "Report" not in line) <= 80
+    assert f"Report: {out / 'index.html'}" in done.stdout
     assert sorted(path.name for path in out.iterdir()) == ["campaign.json", "dataset", "flights", "index.html"]
     for name in ("f1", "f2"):
         files = {path.name for path in (out / "flights" / "A" / name).iterdir()}
@@ -83,6 +82,41 @@ def test_a_second_run_says_how_many_were_done_before(ran, logs):
     assert again.exit_code == 0
     assert "by an earlier run" not in done.stdout
     assert "2 of 2 flights were done by an earlier run." in again.stdout
+
+
+def test_a_campaign_is_shown_as_asked(ran, logs):
+    _, out = ran
+    command = ("campaign", logs / "fleet.toml", "--out", out, "--workers", 1)
+    as_json = opid(*command, "--json", "--quiet", "--no-figures")
+    assert (as_json.exit_code, as_json.stderr) == (0, "")
+    assert as_json.stdout == (out / "campaign.json").read_text(encoding="utf-8")
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "data-chart" not in page
+    assert "checkbox" not in page
+    told = opid(*command, "--verbose")
+    assert told.exit_code == 0
+    assert re.search(r"(?m)^ *\d+\.\d s  2 of 2 flights, 2 by an earlier run", told.stderr)
+    assert "2 identified." in told.stdout
+    assert "data-chart" in (out / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_pages_of_flights_have_no_figures_where_none_are_wanted(logs, tmp_path):
+    done = opid("campaign", logs / "fleet.toml", "--out", tmp_path, "--workers", 1, "--pages", "--no-figures")
+    assert done.exit_code == 0
+    page = (tmp_path / "flights" / "A" / "f1" / "report.html").read_text(encoding="utf-8")
+    assert "sprung mass" in page
+    assert "data-chart" not in page
+
+
+def test_on_a_terminal_the_flights_are_counted_below_the_address_of_the_dashboard(ran, logs):
+    _, out = ran
+    command = ("-m", "opid", "campaign", logs / "fleet.toml", "--out", out, "--workers", 1, "--pages")
+    shown, told = run_on_terminal(*command)
+    lines = lines_drawn(shown)
+    assert sum(bool(re.fullmatch(r"Dashboard: http\S+", line)) for line in lines) == 1
+    assert any(line.endswith("| ? left: 2 of 2 flights, 2 by an earlier run") for line in lines)
+    assert shown.count("\n") == 1
+    assert "2 identified." in told
 
 
 def test_a_flight_that_fails_is_a_row_with_its_reason(ran, logs, tmp_path):
@@ -110,6 +144,9 @@ def test_a_campaign_without_any_answer_ends_with_status_1(logs, tmp_path):
     done = opid("campaign", tmp_path / "fleet" / "fleet.toml", "--out", tmp_path / "out", "--workers", 1)
     refused(done, "no flight has an answer", status=1)
     assert "2 failed." in done.stdout
+    done = opid("campaign", tmp_path / "fleet" / "fleet.toml", "--out", tmp_path / "out", "--workers", 1, "--json")
+    refused(done, f"the reasons stand in {tmp_path / 'out' / 'campaign.json'}", status=1)
+    assert json.loads(done.stdout)["counts"]["failed"] == 2
 
 
 def test_quiet_prints_nothing(ran, logs):

@@ -232,7 +232,7 @@ def test_inspect_writes_what_it_prints(field_test, tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     for log in logs:
         assert re.search(rf"<h2 id=.*>{log}</h2>", page)
-    assert f"<pre>opid inspect {logs[0]} {logs[1]}</pre>" in page
+    assert f'<pre tabindex="0">opid inspect {logs[0]} {logs[1]}</pre>' in page
     assert opid("inspect", *logs, "--quiet").output == ""
     assert f"opened {logs[0]}: CSV with 2 channels" in opid("inspect", *logs, "--verbose").stderr
 

@@ -41,11 +41,12 @@ def bench(tmp_path):
     return written(tmp_path / "bench.csv", damper())
 
 
-COLUMNS = ("--force", "load", "--travel", "stroke")
+NAMED = ("--force-channel", "load", "--travel-channel", "stroke")
+OF_BODY = ("--force-channel", "body", "--travel-channel", "stroke")
 
 
 def test_a_law_is_found_and_reported(bench, tmp_path):
-    done = opid("law", bench, *COLUMNS, "--velocity", "speed", "--out", tmp_path / "result")
+    done = opid("law", bench, *NAMED, "--velocity-channel", "speed", "--out", tmp_path / "result")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "Law: arctan_velocity" in done.stdout
     assert "no memory is seen" in done.stdout.lower()
@@ -66,12 +67,12 @@ def test_a_law_is_found_and_reported(bench, tmp_path):
     assert {"law", "r2", "r2_left_out", "bic", "kept", "chosen"} == set(result["ladder"][0])
     assert result["memory"]["seen"] is False
     page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
-    assert "--force load --travel stroke --velocity speed" in page
+    assert "--force-channel load --travel-channel stroke --velocity-channel speed" in page
     assert page.count('data-chart="') == 4
 
 
 def test_without_a_velocity_it_is_differentiated_and_nothing_is_written(bench, tmp_path):
-    done = opid("law", bench, *COLUMNS)
+    done = opid("law", bench, *NAMED)
     assert done.exit_code == 0
     assert "'stroke' differentiated up to" in done.stdout.replace("\n", " ")
     assert [path.name for path in tmp_path.iterdir()] == ["bench.csv"]
@@ -82,7 +83,7 @@ def test_moving_parts_have_their_mass(tmp_path):
     speed = np.gradient(columns["stroke [mm]"] / 1e3, 1 / FS)
     columns["load [kN]"] = columns["load [kN]"] + 1e-3 * 400 * np.gradient(speed, 1 / FS)
     path = written(tmp_path / "heavy.csv", columns)
-    done = opid("law", path, *COLUMNS, "--moving-mass", "--out", tmp_path / "result")
+    done = opid("law", path, *NAMED, "--moving-mass", "--out", tmp_path / "result")
     assert done.exit_code == 0, done.output
     assert "F = F0 + m z'' + K z" in done.stdout
     result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
@@ -101,7 +102,7 @@ def carried(unit="g"):
 
 def test_a_body_that_nothing_else_holds_tells_the_force(tmp_path):
     path = written(tmp_path / "carried.csv", carried())
-    done = opid("law", path, "--force", "body", "--travel", "stroke", "--mass", 250, "--out", tmp_path / "result")
+    done = opid("law", path, *OF_BODY, "--mass", 250, "--out", tmp_path / "result")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "The force is that of 250 kg with the acceleration 'body'" in " ".join(done.stdout.split())
     result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
@@ -109,18 +110,18 @@ def test_a_body_that_nothing_else_holds_tells_the_force(tmp_path):
     assert result["parameters"]["stiffness_n_per_m"]["value"] == pytest.approx(1e5, rel=0.01)
     # gravity is no spring
     assert result["parameters"]["offset_n"]["value"] == pytest.approx(-250 * 9.80665, rel=0.01)
-    assert "--force body --travel stroke --mass 250" in (tmp_path / "result" / "report.html").read_text("utf-8")
+    page = (tmp_path / "result" / "report.html").read_text("utf-8")
+    assert "--force-channel body --travel-channel stroke --mass 250" in page
 
 
 def test_a_mass_belongs_to_an_acceleration(bench, tmp_path):
     path = written(tmp_path / "carried.csv", carried())
-    body = ("--force", "body", "--travel", "stroke")
-    refused(opid("law", path, *body), "in m/s^2", "--mass")
-    refused(opid("law", bench, *COLUMNS, "--mass", 250), "a force already", "leave the mass out")
+    refused(opid("law", path, *OF_BODY), "in m/s^2", "--mass")
+    refused(opid("law", bench, *NAMED, "--mass", 250), "a force already", "leave the mass out")
     for wrong in (0, -3, "nan", "inf"):
-        refused(opid("law", path, *body, "--mass", wrong), "more than 0 kg")
-    refused(opid("law", path, *body, "--mass", "heavy"), "'heavy' is no number: give kg")
-    refused(opid("law", path, *body, "--mass", 250, "--moving-mass"), "leave one of them out")
+        refused(opid("law", path, *OF_BODY, "--mass", wrong), "more than 0 kg")
+    refused(opid("law", path, *OF_BODY, "--mass", "heavy"), "'heavy' is no number: give kg")
+    refused(opid("law", path, *OF_BODY, "--mass", 250, "--moving-mass"), "leave one of them out")
 
 
 @pytest.fixture
@@ -136,7 +137,7 @@ def slow_test(tmp_path, monkeypatch):
 
 
 def test_a_slow_test_needs_no_time(slow_test, tmp_path):
-    done = opid("law", slow_test, *COLUMNS, "--quasi-static", "--out", tmp_path / "result")
+    done = opid("law", slow_test, *NAMED, "--quasi-static", "--out", tmp_path / "result")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "F = F0 + K z + f(z)" in done.stdout
     assert "damping C" not in done.stdout
@@ -151,15 +152,15 @@ def test_a_slow_test_needs_no_time(slow_test, tmp_path):
 
 
 def test_a_test_without_time_is_told_how_to_do_without(slow_test):
-    refused(opid("law", slow_test, *COLUMNS), "there is no time column", "--quasi-static")
-    said = refused(opid("law", slow_test, *COLUMNS, "--quasi-static", "--moving-mass", "--velocity", "load"))
+    refused(opid("law", slow_test, *NAMED), "there is no time column", "--quasi-static")
+    said = refused(opid("law", slow_test, *NAMED, "--quasi-static", "--moving-mass", "--velocity-channel", "load"))
     assert "quasi_static beside velocity and moving_mass: a test without a time scale has none" in said
 
 
 def test_noise_ends_with_status_1_and_what_there_is(tmp_path):
     columns = damper() | {"load [kN]": np.random.default_rng(2).standard_normal(N)}
     path = written(tmp_path / "noise.csv", columns)
-    done = opid("law", path, *COLUMNS, "--out", tmp_path / "result")
+    done = opid("law", path, *NAMED, "--out", tmp_path / "result")
     not_determined(done, "no law of travel and velocity")
     result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
     assert result["not_determined"]
@@ -167,16 +168,19 @@ def test_noise_ends_with_status_1_and_what_there_is(tmp_path):
 
 def test_a_still_specimen_ends_with_status_1(tmp_path):
     path = written(tmp_path / "still.csv", damper() | {"stroke [mm]": np.full(N, 3.0)})
-    refused(opid("law", path, *COLUMNS), "'stroke' never moves", status=1)
+    refused(opid("law", path, *NAMED), "'stroke' never moves", status=1)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--force", "lod", "--travel", "stroke"), ("there is no channel 'lod'", "did you mean 'load'")),
-        (("--force", "stroke", "--travel", "load"), ("are force and travel swapped",)),
-        ((*COLUMNS, "--velocity", "load"), ("given for both force and velocity",)),
-        (("--force", "load"), ()),
+        (
+            ("--force-channel", "lod", *NAMED[2:]),
+            ("there is no channel 'lod'", "did you mean 'load'"),
+        ),
+        (("--force-channel", "stroke", "--travel-channel", "load"), ("are force and travel swapped",)),
+        ((*NAMED, "--velocity-channel", "load"), ("given for both force and velocity",)),
+        (("--force-channel", "load"), ()),
     ],
 )
 def test_wrong_columns_end_with_status_2(bench, tmp_path, options, words):
@@ -189,19 +193,19 @@ def test_wrong_columns_end_with_status_2(bench, tmp_path, options, words):
 def test_bad_records_end_with_status_2(tmp_path):
     columns = damper()
     pounds = {name.replace("kN", "lb"): values for name, values in columns.items()}
-    refused(opid("law", written(tmp_path / "pounds.csv", pounds), *COLUMNS), "lb is a mass, lbf a force")
+    refused(opid("law", written(tmp_path / "pounds.csv", pounds), *NAMED), "lb is a mass, lbf a force")
     strange = {name.replace("kN", "parsec"): values for name, values in columns.items()}
-    refused(opid("law", written(tmp_path / "strange.csv", strange), *COLUMNS), "parsec")
+    refused(opid("law", written(tmp_path / "strange.csv", strange), *NAMED), "parsec")
     short = {name: values[:50] for name, values in columns.items()}
-    refused(opid("law", written(tmp_path / "short.csv", short), *COLUMNS), "50 samples", "at least 200")
+    refused(opid("law", written(tmp_path / "short.csv", short), *NAMED), "50 samples", "at least 200")
     huge = columns | {"load [kN]": 1e300 * columns["load [kN]"]}
-    refused(opid("law", written(tmp_path / "huge.csv", huge), *COLUMNS), "reaches", "check its unit")
+    refused(opid("law", written(tmp_path / "huge.csv", huge), *NAMED), "reaches", "check its unit")
     columns["load [kN]"][7] = np.nan
-    said = refused(opid("law", written(tmp_path / "gap.csv", columns), *COLUMNS), "line 9", "load", "mend the log")
+    said = refused(opid("law", written(tmp_path / "gap.csv", columns), *NAMED), "line 9", "load", "mend the log")
     assert "more row" not in said
-    refused(opid("law", tmp_path / "missing.csv", *COLUMNS), "there is no file")
+    refused(opid("law", tmp_path / "missing.csv", *NAMED), "there is no file")
 
 
 def test_a_place_that_cannot_be_written_to_is_said_before_the_work(bench, monkeypatch):
     monkeypatch.setattr(bench_law, "law_of_bench", None)
-    refused(opid("law", bench, *COLUMNS, "--out", bench), "is no directory")
+    refused(opid("law", bench, *NAMED, "--out", bench), "is no directory")

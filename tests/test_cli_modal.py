@@ -69,7 +69,7 @@ def test_the_same_seed_gives_the_same_files(simulated, tmp_path):
         assert (tmp_path / name).read_bytes() == (simulated / name).read_bytes()
 
 
-def test_stated_modes_may_be_wrong_by_a_share(tmp_path, monkeypatch):
+def test_stated_modes_may_be_wrong_by_a_fraction(tmp_path, monkeypatch):
     seen = {}
     monkeypatch.setattr(
         "opid.virtual.modal_tests.series.virtual_study", lambda series, **given: seen.update(given) or 1 / 0
@@ -140,7 +140,7 @@ def test_the_first_study_of_the_page_runs_from_python_and_from_files(tmp_path, m
     assert result["modes"][0]["k"]["3"]["value"] == pytest.approx(in_memory.value, rel=1e-4)
     assert result["warnings"] == []
     assert max(each["nrmse_nonlinear"] for each in result["truth_tests"][0]["sensors"].values()) < 0.01
-    assert "<pre>opid modal study.toml</pre>" in Path("out", "report.html").read_text(encoding="utf-8")
+    assert '<pre tabindex="0">opid modal study.toml</pre>' in Path("out", "report.html").read_text(encoding="utf-8")
 
 
 def test_help_says_where_to_begin():

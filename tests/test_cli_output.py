@@ -1,16 +1,13 @@
 """What commands that write show of their work, and what they do with an older result: the same options everywhere."""
 
-import io
 import json
 import re
+import subprocess
 import sys
-import time
 
 import click
 import pytest
-from cli_runs import CHANNELS, commands, opid, refused
-
-from opid.cli.group import progress
+from cli_runs import CHANNELS, commands, lines_drawn, opid, refused, run_on_terminal
 
 # a campaign goes on where an earlier run ended, in the same folder
 WRITING = {
@@ -25,7 +22,7 @@ GIVEN = {
     "demo": ("--out",),
     "identify": ("study.toml", "--out"),
     "inspect": ("log.csv", "--out"),
-    "law": ("bench.csv", "--force", "load", "--travel", "stroke", "--out"),
+    "law": ("bench.csv", "--force-channel", "load", "--travel-channel", "stroke", "--out"),
     "modal": ("study.toml", "--out"),
     "simulate": (),
     "update": ("study.toml", "--out"),
@@ -40,11 +37,12 @@ def options_of(command):
 def test_every_command_that_writes_has_the_options():
     assert {words[1] for words in WRITING} == set(GIVEN)
     for each in WRITING.values():
-        assert "--overwrite" in options_of(each)
-        assert "--force" in options_of(each)  # of `opid law` it is the column of the force
-        assert "--quiet" in options_of(each)
-    for each in REPORTING.values():
-        assert {"--json", "--quiet", "--verbose", "--no-figures", "--png"} <= options_of(each)
+        (force,) = [option for option in each.params if "--force" in option.opts]
+        assert (force.name, force.is_flag, force.opts) == ("overwrite", True, ["--force"])
+        assert {"--json", "--quiet", "--verbose"} <= options_of(each)
+    (campaign,) = (each for words, each in commands() if words[1:] == ("campaign",))
+    for each in (*REPORTING.values(), campaign):
+        assert {"--force", "--json", "--quiet", "--verbose", "--no-figures", "--png"} <= options_of(each)
 
 
 @pytest.mark.parametrize("words", WRITING, ids=" ".join)
@@ -54,9 +52,8 @@ def test_an_older_result_is_not_overwritten(words, tmp_path, monkeypatch):
     older = tmp_path / "older" / name
     older.parent.mkdir(parents=True)
     older.write_text("mine", encoding="utf-8")
-    option = "--overwrite" if words[1] == "law" else "--force"
     done = opid(*words[1:], *GIVEN[words[1]], "older")
-    refused(done, f"older has {name} already: choose another folder, or overwrite with {option}")
+    refused(done, f"older has {name} already: choose another folder, or overwrite with --force")
     assert done.stdout == ""
     assert [path for path in (tmp_path / "older").rglob("*") if path.is_file()] == [older]
     assert older.read_text(encoding="utf-8") == "mine"
@@ -105,37 +102,6 @@ def test_the_result_is_shown_as_asked(field_test, tmp_path):
     refused(opid(*command, "--verbose", "--quiet"), "give one of them")
 
 
-class Terminal(io.StringIO):
-    """What is written, line by line as it is drawn over."""
-
-    def isatty(self):
-        return True
-
-    def drawn(self):
-        return self.getvalue().split("\r")[1:]
-
-
-def test_the_step_is_drawn_again_while_it_takes_its_time(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress() as say:
-        say("law search")
-        while sum("law search (" in line for line in sys.stderr.drawn()) < 2:
-            time.sleep(0.05)
-    assert sys.stderr.drawn()[-1] == ""
-    assert sys.stderr.drawn()[-2].strip() == ""
-    assert len({len(line) for line in sys.stderr.drawn()[:-1]}) == 1
-
-
-def test_no_step_is_drawn_where_nobody_looks(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress(quiet=True) as say:
-        say("law search")
-    monkeypatch.setattr(Terminal, "isatty", lambda self: False)
-    with progress() as say:
-        say("law search")
-    assert sys.stderr.getvalue() == ""
-
-
 def test_a_report_has_no_figures_where_none_are_wanted(field_test, tmp_path):
     command = ("identify", field_test / "study.toml", "--law", "arctan_velocity", "--out", tmp_path / "out")
     (tmp_path / "out").mkdir()
@@ -167,3 +133,82 @@ def test_what_is_not_determined_is_shown_as_json_too(field_test, tmp_path):
     done = opid("identify", field_test / "heavy.csv", *CHANNELS, "--json", "--out", tmp_path / "out")
     refused(done, "not determined", status=1)
     assert json.loads(done.stdout)["not_determined"]
+
+
+# ---- the line of progress ----------------------------------------------------------------------------
+
+LONG = "a step with a long name, " * 20
+STEPS = f"""
+import sys, time
+from opid.cli.group import progress
+from opid.progress import Step
+with progress(quiet="quiet" in sys.argv) as say:
+    say("law search")
+    time.sleep(2.3)
+    for part in (0.0, 0.25, 0.5):
+        say(Step("class 1", part))
+        time.sleep(0.6)
+    for part in (0.25, 0.5):
+        say(Step("class 2", part))
+        time.sleep(1.2)
+    say("model [/red] {{elapsed}}")
+    say({LONG!r})
+print("done", file=sys.stderr)
+"""
+SERIES = """
+import time
+from opid.cli.group import progress
+from opid.progress import Step
+with progress() as say:
+    for number in range(3):
+        say(Step(f"test {number + 1}", number / 3))
+        time.sleep(0.7)
+"""
+
+
+def test_a_step_is_drawn_with_its_time_every_second_and_with_a_bar_where_it_is_counted():
+    shown, _ = run_on_terminal("-c", STEPS)
+    *lines, end = lines_drawn(shown)
+    assert end == "done"
+    assert shown.count("\n") == 1  # The line of progress is drawn over and leaves nothing.
+    assert list(dict.fromkeys(line for line in lines if line.endswith("law search"))) == [
+        f"00:0{second} law search" for second in range(3)
+    ]
+    bars = [line for line in lines if "class 1" in line]
+    assert re.fullmatch(r"00:00   0%\| {20}\| \? left: class 1", bars[0])
+    assert re.fullmatch(r"00:01  50%\|█{10} {10}\| 00:0[12] left: class 1", bars[-1])
+    # What was done before the first word of it says nothing about the time that is left.
+    other = [line for line in lines if "class 2" in line]
+    assert re.fullmatch(r"00:00  25%\|█{5} {15}\| \S+ left: class 2", other[0])
+    assert re.fullmatch(r"00:01  50%\|█{10} {10}\| 00:0[23] left: class 2", other[-1])
+    assert "00:00 model [/red] {elapsed}" in lines
+    longest = next(line for line in lines if "long name" in line)
+    assert f"00:00 {LONG}".startswith(longest)
+    assert 70 < len(longest) <= max(map(len, lines)) <= 80
+
+
+def test_tests_of_a_series_share_one_bar():
+    shown, _ = run_on_terminal("-c", SERIES)
+    last = next(line for line in lines_drawn(shown) if "test 3" in line)
+    assert re.fullmatch(r"00:01  67%\|█{13}\S? +\| 00:00 left: test 3", last)
+
+
+def test_no_step_is_drawn_where_nobody_looks():
+    assert run_on_terminal("-c", STEPS, "quiet")[0].split() == ["done"]
+    done = subprocess.run([sys.executable, "-c", STEPS], capture_output=True, text=True, check=True)
+    assert done.stderr.split() == ["done"]
+
+
+def test_a_command_on_a_terminal_leaves_its_text_alone(field_test, tmp_path):
+    command = ("-m", "opid", "inspect", field_test / "heavy.csv")
+    shown, told = run_on_terminal(*command, cwd=tmp_path)
+    assert "00:00 heavy.csv" in lines_drawn(shown)
+    assert "\n" not in shown
+    assert re.search(r"\r +\r+$", shown)  # The line is erased.
+    assert "heavy.csv" in told
+    assert "\r" not in told
+    said, same = run_on_terminal(*command, "--verbose", cwd=tmp_path)
+    assert same == told
+    assert any(line.endswith(" s  heavy.csv") for line in said.splitlines())
+    assert all(re.match(r" *\d+\.\d s  \S", line) for line in said.splitlines())
+    assert run_on_terminal(*command, "--quiet", cwd=tmp_path) == ("", "")

@@ -1,5 +1,7 @@
 """`opid demo` and `opid simulate taxi` as a user drives them."""
 
+import json
+
 import numpy as np
 import pytest
 from cli_runs import opid, parsed, refused
@@ -82,6 +84,21 @@ def test_the_next_command_is_one_that_a_shell_takes(tmp_path):
         tmp_path / "my runs" / "truth.json",
     )
     assert given["truth"].is_file()
+
+
+def test_what_was_made_is_shown_as_asked(tmp_path):
+    done = opid("simulate", "taxi", tmp_path / "a", "--duration", 2, "--fs", 256, "--json", "--verbose")
+    assert done.exit_code == 0
+    made = json.loads(done.stdout)
+    study, truth = tmp_path / "a" / "study.toml", tmp_path / "a" / "truth.json"
+    assert (made["study"], made["truth"]) == (str(study), str(truth))
+    assert made["made"] == [f"1850 kg: {tmp_path / 'a' / 'heavy.csv'}", f"1630 kg: {tmp_path / 'a' / 'light.csv'}"]
+    assert (parsed(made["next"]).params["paths"], parsed(made["next"]).params["truth"]) == ((study,), truth)
+    assert [line.split(" s  ")[1] for line in done.stderr.splitlines() if "opened" not in line][:2] == [
+        "two taxi runs",
+        "the files",
+    ]
+    refused(opid("simulate", "taxi", tmp_path / "b", "--quiet", "--verbose"), "give one of them")
 
 
 def test_no_friction_is_no_term(tmp_path):

@@ -40,7 +40,7 @@ def commands(field_test, tmp_path):
     bench = as_pandas_writes(tmp_path / "bench.csv", spring())
     t = np.arange(2000) / FS
     ringing = {"time": t, "az": np.exp(-t) * np.sin(2 * np.pi * 20 * t)}
-    g, columns = ("--unit", "g"), ("--force", "load", "--travel", "stroke")
+    g, columns = ("--unit", "g"), ("--force-channel", "load", "--travel-channel", "stroke")
     made = {
         "inspect": (logs[:1], g, lambda found: found["logs"][0]["channels"][-1]["unit"], "m/s^2"),
         "decay": (

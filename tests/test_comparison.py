@@ -116,8 +116,10 @@ def test_scatter_larger_than_the_intervals_does_not_cry_wolf():
     results = [compare(each) for each in fleets]
     # with the intervals as they are stated every one of them would be flagged
     assert sum(bool(result.changes) for result in results) <= 3
-    shares = [series.scatter for result in results for series in result.series if series.quantity.name == "stiffness"]
-    assert np.median(shares) == pytest.approx(0.01, rel=0.15)
+    fractions = [
+        series.scatter for result in results for series in result.series if series.quantity.name == "stiffness"
+    ]
+    assert np.median(fractions) == pytest.approx(0.01, rel=0.15)
     assert all("neighbouring flights differ by more than their intervals" in " ".join(r.warnings) for r in results[:3])
 
 

@@ -66,8 +66,8 @@ def test_unequal_leaves_give_the_wing_an_interaction_that_equal_ones_do_not_have
     given = {"mode": 7, "sensor": "10", "first_amplitude_m": 1.5e-3, "last_amplitude_m": 2.6e-3, "harmonics": (1, 3, 5)}
     cubic = spring("cubic_stiffness", 1.58 * 6.8e7)
     found = []
-    for share in (0.0, 0.05):
-        system = modes_of(craig_bampton(wing_engine_structure(WingEngine(leaf_asymmetry=share)), UPDATED))
+    for fraction in (0.0, 0.05):
+        system = modes_of(craig_bampton(wing_engine_structure(WingEngine(leaf_asymmetry=fraction)), UPDATED))
         found.append(continued_backbone(system, cubic, **given))
     equal, curve = found
     assert equal.turning_points.size == 0

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.decay.fit import predict_decay, solve_slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
-from opid.modal.power_laws import harmonic_factor
 
 FS = 2048.0
 OMEGA = 2.0 * np.pi * 60.0
@@ -30,19 +29,8 @@ def clean():
     return acceleration()
 
 
-def noisy(signal, seed, share=0.01):
-    return signal + share * signal.std() * np.random.default_rng(seed).standard_normal(signal.size)
-
-
-@pytest.mark.parametrize("power", [1, 2, 3, 4, 5])
-def test_the_harmonic_factors_are_the_first_fourier_coefficients(power):
-    integral, _ = quad(lambda angle: np.abs(np.cos(angle)) ** (power + 1) / np.pi, 0.0, 2.0 * np.pi, epsabs=1e-10)
-    assert harmonic_factor(power) == pytest.approx(integral, rel=1e-9)
-
-
-def test_two_of_the_factors_are_known():
-    assert harmonic_factor(2) == pytest.approx(8.0 / (3.0 * np.pi), rel=1e-12)
-    assert harmonic_factor(3) == pytest.approx(0.75, rel=1e-12)
+def noisy(signal, seed, fraction=0.01):
+    return signal + fraction * signal.std() * np.random.default_rng(seed).standard_normal(signal.size)
 
 
 def test_the_flow_of_a_linear_mode_is_its_closed_form():

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from driven_response import driven_response
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
-from opid.mechanics.driven import Interface, UnboundedResponseError, driven_response, half_steps
+from opid.mechanics.driven import Interface, UnboundedResponseError, half_steps
 from opid.mechanics.laws.law import LAWS, default_law
 from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_run
@@ -64,8 +65,8 @@ def test_derivatives_are_those_of_the_steps(name):
     law = default_law(name)
     start = np.array([[1e-3], [0.02], [1e-3], [0.01]])
     drive = _drive(_half(n))[:, None]
-    share = 1 / 1850.0
-    base = np.array([3.9e5, 6e3, 1e5, 0.002, *law.vector, share, 0.0, *start[:, 0]])
+    fraction = 1 / 1850.0
+    base = np.array([3.9e5, 6e3, 1e5, 0.002, *law.vector, fraction, 0.0, *start[:, 0]])
 
     def answer(p):
         n_law = law.vector.size

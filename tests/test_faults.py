@@ -10,7 +10,7 @@ from law_runs import MASS_KG, STIFFNESS, fitted, runs_of, study_of
 from opid.mechanics.laws.law import LINEAR
 from opid.signals.recording import Recording
 from opid.suspensions.candidates import fit_rigid, gear_body
-from opid.suspensions.fitting.faults import Hypothesis, _hypotheses, _is_plausible, add_faults, find_coupling
+from opid.suspensions.fitting.faults import Hypothesis, _is_plausible, _list_hypotheses, add_faults, find_coupling
 from opid.suspensions.fitting.fit import carry_over, fit_model
 from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
@@ -117,7 +117,7 @@ def test_a_fault_far_beyond_what_sensors_do_is_not_let_in():
 def test_an_ac_coupling_with_no_corner_is_none(corners_hz, is_one):
     """It would only free the offsets of the sensors, which mend whatever is slow."""
     fit, _ = first_fit()
-    (coupling,) = (each for each in _hypotheses(fit.model, False, FaultSettings()) if each.is_coupling)
+    (coupling,) = (each for each in _list_hypotheses(fit.model, False, FaultSettings()) if each.is_coupling)
     model = coupling.add_to(fit.model)
     corners = dict(zip(("corner_unsprung_hz", "corner_sprung_hz"), corners_hz, strict=True))
     theta = carry_over(fit, model, corners)

@@ -10,13 +10,13 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from opid.errors import InputError, NotDeterminedError
-from opid.suspensions.flights.fleet import compare_fleet
+from opid.suspensions.flights.departures import find_threshold
+from opid.suspensions.flights.fleet_comparison import compare_fleet
 from opid.suspensions.flights.fleet_model import (
     FleetSettings,
     FleetValues,
     Population,
     _sum_over_flights,
-    find_threshold,
     fit_population,
     judge_flights,
 )

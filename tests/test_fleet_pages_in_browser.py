@@ -4,6 +4,7 @@ import csv
 import re
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
 from chromium import Reader, needs_chromium, start_chromium
 from made_fleet import make_campaign, write_fleet
@@ -11,7 +12,7 @@ from made_fleet import make_campaign, write_fleet
 import opid
 from opid.provenance import traced
 from opid.suspensions.flights.dataset import read_dataset
-from opid.suspensions.flights.fleet import compare_fleet
+from opid.suspensions.flights.fleet_comparison import compare_fleet
 
 pytestmark = needs_chromium
 
@@ -240,6 +241,18 @@ def test_a_curve_of_a_strut_is_hidden_whole(fleet):
     fleet.page.wait_for_function(f"{left}.length === 12")
 
 
+def test_the_caption_of_the_map_says_what_an_empty_cell_is(fleet):
+    said = fleet.page.locator("section", has=fleet.page.locator("[data-chart=fleet_1]")).inner_text()
+    days = int(re.search(r"stands for about (\d+) days; it is empty where the strut did not fly", said)[1])
+    edges, cells = fleet.page.evaluate(
+        """() => { const [{ x, z }] = document.querySelector("[data-chart=fleet_1] .plot").data;
+             return [[...x], z.map((row) => [...row])]; }"""
+    )
+    assert days == pytest.approx((edges[1] - edges[0]) / 864e5, abs=0.5)
+    assert np.isnan(cells).any()
+    assert fleet.page.locator("[data-chart=fleet_1] .gridlayer path").count() == 0
+
+
 # ---- both --------------------------------------------------------------------------------------------
 
 
@@ -259,3 +272,41 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser, name, scheme, 
     narrow = Reader(browser, request.getfixturevalue(name), color_scheme=scheme, viewport={"width": 480, "height": 900})
     assert narrow.errors == []
     assert narrow.find_overflow() <= 0
+
+
+def find_cut(reader, name):
+    """Return by how many pixels the table below a heading is wider than its place."""
+    return reader.page.evaluate(
+        """(name) => { const head = [...document.querySelectorAll("h2")].find((each) => each.textContent === name);
+             let box = head; while (!box.matches(".scroll")) box = box.nextElementSibling;
+             return box.scrollWidth - box.clientWidth; }""",
+        name,
+    )
+
+
+def test_the_tables_fit_into_the_window(index, fleet):
+    assert find_cut(index, "Flights") <= 0
+    assert find_cut(fleet, "Struts") <= 0
+
+
+@pytest.fixture(scope="module")
+def narrow_index(browser, index_file):
+    return Reader(browser, index_file, viewport={"width": 480, "height": 900})
+
+
+def test_a_telephone_shows_the_whole_table_with_the_reasons(narrow_index):
+    assert find_cut(narrow_index, "Flights") <= 0
+    cell = narrow_index.page.locator("table.sorted td", has_text="failed: there is no file")
+    box = cell.bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= 480
+
+
+def test_stacked_panels_have_their_labels_and_no_gap_below(narrow_index):
+    choose(narrow_index, "A f1")
+    chart = narrow_index.page.locator("[data-chart=laws]")
+    chart.locator(".x2title").wait_for()
+    assert chart.locator(".xtitle, .x2title").all_text_contents() == ["travel [mm]", "rate [m/s]"]
+    last = chart.locator(".x2title").bounding_box()
+    tools = chart.locator(".tools").bounding_box()
+    assert tools["y"] - (last["y"] + last["height"]) < 40

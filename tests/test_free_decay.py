@@ -47,7 +47,7 @@ def damping_of(amplitude):
 
 
 def record(signal, noise=0.01, seed=0):
-    """The signal after a quiet start, in white noise of a share of its rms."""
+    """The signal after a quiet start, in white noise of a fraction of its rms."""
     whole = np.concatenate([np.zeros(QUIET), signal])
     return whole + noise * signal.std() * np.random.default_rng(seed).standard_normal(whole.size)
 

@@ -49,7 +49,7 @@ def test_the_first_loading_has_its_closed_form(chi, beta):
     limit = phi_max(chi, beta)
     u = np.geomspace(1e-3, 1.0, 300) * limit
     force = np.array([force_of(sliders, [each])[0][0] for each in u])
-    # between the limits of the ranges the discrete model is the stiffer one, by a share of one range
+    # between the limits of the ranges the discrete model is the stiffer one, by a fraction of one range
     np.testing.assert_allclose(force, first_loading(u, chi, beta), rtol=6e-3)
     n_ranges = sliders.n - (beta > 0.0)
     edges = np.geomspace(1e-3, 1.0, n_ranges) * limit * (1.0 - 1e-12)
@@ -82,13 +82,13 @@ def test_the_energy_of_a_cycle_is_a_power_of_its_amplitude(chi, beta):
     chi=st.floats(-0.9, 0.0),
     beta=st.floats(0.0, 5.0),
     amplitude=st.floats(0.01, 2.0),
-    share=st.floats(-1.0, 1.0),
+    fraction=st.floats(-1.0, 1.0),
 )
-def test_masing_a_reversal_is_the_first_loading_twice_as_large(chi, beta, amplitude, share):
+def test_masing_a_reversal_is_the_first_loading_twice_as_large(chi, beta, amplitude, fraction):
     sliders = iwan(stiffness_n_per_m=STIFFNESS, slip_force_n=SLIP, chi=chi, beta=beta)
     top = amplitude * phi_max(chi, beta)
-    first, _ = force_of(sliders, [top, share * top])
-    back, _ = force_of(sliders, [(1.0 - share) * top / 2.0])
+    first, _ = force_of(sliders, [top, fraction * top])
+    back, _ = force_of(sliders, [(1.0 - fraction) * top / 2.0])
     assert first[1] == pytest.approx(first[0] - 2.0 * back[0], abs=1e-9 * SLIP)
 
 

@@ -30,7 +30,7 @@ from opid.suspensions.study import (
     Study,
     study_of_gear,
 )
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.virtual.taxi_tests.airframe import LandingGear
 
 LAW = "arctan_velocity"
 GEAR = LandingGear()
@@ -161,7 +161,7 @@ def test_noise_that_is_not_stated_and_a_low_rate_are_told():
 
 
 def test_a_loading_that_moves_nothing_does_not_give_the_mass():
-    runs = short_runs(loads=(Loading(1.0, 1.0, 0.2),))
+    runs = short_runs(loads=(PointMass(1.0, 1.0, 0.2),))
     found = identify(study(runs=runs), law=LAW)
     assert found.structure == "rigid_body"
     assert found.residual_over_noise < 1.2

@@ -11,6 +11,7 @@ from opid.suspensions.answer.intervals import (
     bootstrap_over_white,
     honest_covariance,
     std_over_white,
+    withhold_frequency,
 )
 from opid.suspensions.fitting.noise import measure_whiteness
 from opid.suspensions.fitting.repeatability import Levels
@@ -155,3 +156,11 @@ def test_a_mass_change_of_the_wrong_sign_is_a_negative_mass(known):
     assert wrong.has_negative_mass
     assert wrong.mass == Estimate(None)
     assert not known.has_negative_mass
+
+
+def test_a_frequency_whose_interval_reaches_zero_is_withheld():
+    frequency, zeta = Estimate.normal(2.0, 12.0), Estimate.normal(0.2, 1.6)
+    assert withhold_frequency(frequency, zeta) == (Estimate(), Estimate())
+    known = Estimate.normal(2.0, 0.1)
+    assert withhold_frequency(known, zeta) == (known, zeta)
+    assert withhold_frequency(Estimate(2.0), zeta) == (Estimate(2.0), zeta), "without an interval the value stands"

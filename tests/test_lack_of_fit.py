@@ -6,7 +6,7 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.updating.likelihood.backbones import backbone_data, log_likelihood
+from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.settings import UPDATING
 from opid.updating.warnings import LackOfFit, lack_of_fit, unexplained_fraction, warn_of_fit
 
@@ -15,7 +15,7 @@ GRID = np.linspace(0.3, 4.0, 371)[:, None]
 
 def misfits_at_best(measured, model_class, **settings):
     data = backbone_data(made.system(), measured, harmonics=(1,), **settings)
-    best = GRID[np.argmax(log_likelihood(data, model_class, GRID))]
+    best = GRID[np.argmax(made.log_likelihood(data, model_class, GRID))]
     return data, best, lack_of_fit(data, model_class, best)
 
 

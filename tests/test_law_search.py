@@ -15,7 +15,7 @@ from opid.suspensions.fitting.search import SearchResult, with_simpler_laws
 from opid.suspensions.law_search.driven import DrivenLaws, is_impossible
 from opid.suspensions.law_search.pursuit import (
     LawStep,
-    _limits,
+    _list_limits,
     _moves,
     add_neighbours,
     alternatives,
@@ -363,10 +363,10 @@ def test_what_a_law_contains_as_a_limit_is_tried_in_its_place():
     z, v = np.random.default_rng(0).standard_normal((2, 200)) * [[1e-3], [0.05]]
     for lag_s in (20.0, -20.0):
         mixed = law("arctan_mixed", amplitude_n=400.0, scale_m=0.4, lag_s=lag_s)
-        by_velocity, by_travel = _limits(mixed + law("cubic_stiffness", stiffness_n_per_m3=1.0), library())
+        by_velocity, by_travel = _list_limits(mixed + law("cubic_stiffness", stiffness_n_per_m3=1.0), library())
         np.testing.assert_allclose(by_velocity.force(z, v), mixed.force(z, v), atol=2.0)
         assert by_travel.name == "arctan_displacement+cubic_stiffness"
-    assert not list(_limits(law("arctan_mixed", amplitude_n=400.0, scale_m=0.4, lag_s=1.0), ["arctan_mixed"]))
+    assert not list(_list_limits(law("arctan_mixed", amplitude_n=400.0, scale_m=0.4, lag_s=1.0), ["arctan_mixed"]))
 
 
 @pytest.mark.parametrize("stiffness", [2e6, -2e6])
@@ -374,7 +374,7 @@ def test_what_a_law_contains_as_a_limit_is_tried_in_its_place():
 def test_a_stop_is_tried_in_the_place_of_a_dead_zone(stiffness, rest_m):
     """As far as the motion does not visit its other corner both are the same, but for a straight line."""
     zone = law("dead_zone_stiffness", stiffness_n_per_m=stiffness, gap_m=0.006).resting_at(rest_m)
-    stops = list(_limits(DEFAULT_LAW.resting_at(rest_m) + zone, library()))
+    stops = list(_list_limits(DEFAULT_LAW.resting_at(rest_m) + zone, library()))
     corner = np.copysign(0.006, stiffness)
     ways = {"rebound_stop": corner - rest_m, "bump_stop": corner + rest_m}
     assert {each.name for each in stops} == {f"arctan_velocity+{name}" for name, way in ways.items() if way > 0.0}
@@ -385,7 +385,7 @@ def test_a_stop_is_tried_in_the_place_of_a_dead_zone(stiffness, rest_m):
         before, beyond = side * ways[name] * np.array([0.9, 1.1])
         bend = [float(np.diff(each.gradient([before, beyond], 0.0)[0])[0]) for each in (zone, stop)]
         np.testing.assert_allclose(bend, 2e6)
-    assert not list(_limits(zone, ["dead_zone_stiffness"]))
+    assert not list(_list_limits(zone, ["dead_zone_stiffness"]))
 
 
 def test_stops_beyond_the_travel_are_not_offered(friction):

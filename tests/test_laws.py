@@ -1,3 +1,4 @@
+import gc
 import json
 import os
 import shutil
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 from compiled_force import compiled_force
 from hypothesis import given, strategies as st
+from numba import njit
 from scipy.integrate import solve_ivp
 
 import opid.mechanics
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
 from opid.mechanics.kernels import law_arrays
+from opid.mechanics.kernels.compilation import part
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
@@ -303,6 +306,20 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     steps = package / "mechanics" / "kernels" / "steps.py"
     steps.write_text(steps.read_text() + "\n")
     assert force_and_hits() == ["16.0", "0"]
+
+
+def test_a_part_is_compiled_once_for_all_constants_and_garbage_is_collected_afterwards():
+    @part(inline=False)
+    def scale(value, factor, is_scaled):
+        return value * factor if is_scaled else value
+
+    @njit
+    def use_constants():
+        return scale(2.0, 3, True) + scale(2.0, 4, False)
+
+    assert use_constants() == 8.0
+    assert len(scale.signatures) == 1
+    assert gc.isenabled()
 
 
 def test_an_unknown_law_names_those_that_are_searched_apart_from_those_that_are_only_known():

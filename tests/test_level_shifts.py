@@ -115,10 +115,10 @@ def test_noise_alone_makes_no_mode_nonlinear(noise, width):
     assert all("the data cannot decide" in shift.reason for shift in shifts if not shift.determined)
 
 
-@pytest.mark.parametrize("share", [0.02, 0.05, 0.2, -0.05, -0.2])
-def test_a_cubic_spring_shifts_the_frequency_of_its_mode_alone(share):
+@pytest.mark.parametrize("fraction", [0.02, 0.05, 0.2, -0.05, -0.2])
+def test_a_cubic_spring_shifts_the_frequency_of_its_mode_alone(fraction):
     q, _ = largest(3)
-    model = NonlinearModalModel(MODES, {3: power_law({3: -share * STIFFNESS[2] / q**2}, {})})
+    model = NonlinearModalModel(MODES, {3: power_law({3: -fraction * STIFFNESS[2] / q**2}, {})})
     shifts = level_shifts(driven(model, np.random.default_rng(2), (5, 100)))
     assert nonlinear_modes(shifts) == (3,)
     shift = shifts[1]
@@ -126,8 +126,8 @@ def test_a_cubic_spring_shifts_the_frequency_of_its_mode_alone(share):
     assert shift.determined
     assert "mode 3 shifts in frequency by" in shift.reason
     assert "threshold 0.2 %" in shift.reason
-    # softening lowers it, by less than at the peak: 3/8 of the force's share
-    assert 0 > np.sign(share) * shift.frequency_shift.value > -3 / 8 * abs(share) * 1.1
+    # softening lowers it, by less than at the peak: 3/8 of the fraction of the force
+    assert 0 > np.sign(fraction) * shift.frequency_shift.value > -3 / 8 * abs(fraction) * 1.1
 
 
 def test_a_cubic_spring_is_not_taken_for_damping():

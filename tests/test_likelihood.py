@@ -8,7 +8,7 @@ from scipy.stats import invgamma, multivariate_normal
 from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone
 from opid.updating.likelihood import backbones as likelihood
-from opid.updating.likelihood.backbones import backbone_data, coefficient_of_variation, log_likelihood
+from opid.updating.likelihood.backbones import backbone_data, coefficient_of_variation
 from opid.updating.likelihood.noise import (
     OWN_WEIGHT,
     RATIOS,
@@ -26,7 +26,7 @@ def measured():
     return made.backbones(1)
 
 
-def by_loops(measured, theta, form, cov, sigma_share=None):
+def by_loops(measured, theta, form, cov, sigma_fraction=None):
     """Song eqs. (10) to (12) and (17), point by point, with backbones solved at every measured amplitude."""
     system, total = made.system(), 0.0
     for one in measured:
@@ -59,7 +59,7 @@ def test_papers_forms_are_their_equations(measured, form):
     cov = {2: 0.006, 3: 0.008}
     data = backbone_data(made.system(), measured, form=form, harmonics=(1,), noise=NoiseSettings(cov=cov))
     expected = [by_loops(measured, theta, form, cov) for theta in THETA[:, 0]]
-    assert log_likelihood(data, made.CUBIC, THETA) == pytest.approx(expected, abs=1e-5)
+    assert made.log_likelihood(data, made.CUBIC, THETA) == pytest.approx(expected, abs=1e-5)
 
 
 def test_mean_of_squares_tells_classes_apart_and_the_square_of_the_mean_does_not():
@@ -68,7 +68,7 @@ def test_mean_of_squares_tells_classes_apart_and_the_square_of_the_mean_does_not
     gap = {}
     for form in ("paper", "literal"):
         data = backbone_data(made.system(), measured, form=form, harmonics=(1,), noise=NoiseSettings(shapes=False))
-        best = [log_likelihood(data, each, grid).max() for each in (made.CUBIC, made.QUADRATIC)]
+        best = [made.log_likelihood(data, each, grid).max() for each in (made.CUBIC, made.QUADRATIC)]
         gap[form] = best[0] - best[1]
     assert gap["paper"] > 5
     assert abs(gap["literal"]) < 1
@@ -87,7 +87,7 @@ def test_few_nodes_are_as_good_as_all_amplitudes(measured, monkeypatch):
     monkeypatch.setattr(likelihood, "N_NODES", 200)
     all_of_them = backbone_data(made.system(), measured, form="recommended", harmonics=(1,))
     assert all_of_them.modes[0].parts[0][1].size > 12
-    both = [log_likelihood(data, made.CUBIC, THETA) for data in (few, all_of_them)]
+    both = [made.log_likelihood(data, made.CUBIC, THETA) for data in (few, all_of_them)]
     assert both[0] == pytest.approx(both[1], abs=1e-5)
 
 
@@ -97,20 +97,20 @@ def test_the_likelihood_is_the_same_to_the_last_digit_whatever_was_drawn_before(
     for seed in range(3):
         np.random.seed(seed)  # noqa: NPY002
         data = backbone_data(made.system(), measured, form="recommended", harmonics=(1,))
-        values.append(log_likelihood(data, made.CUBIC, THETA).tolist())
+        values.append(made.log_likelihood(data, made.CUBIC, THETA).tolist())
     assert values[0] == values[1] == values[2]
 
 
 @pytest.mark.parametrize("form", ["paper", "recommended"])
 def test_units_and_order_of_curves_change_nothing(measured, form):
     in_turn = [
-        log_likelihood(backbone_data(made.system(), each, form=form, harmonics=(1,)), made.CUBIC, THETA)
+        made.log_likelihood(backbone_data(made.system(), each, form=form, harmonics=(1,)), made.CUBIC, THETA)
         for each in (measured, measured[::-1])
     ]
     assert in_turn[0] == pytest.approx(in_turn[1], abs=1e-6)
     scaled = replace(made.CUBIC, scales=(2 * made.CUBIC.scales[0],))
     data = backbone_data(made.system(), measured, form=form, harmonics=(1,))
-    assert log_likelihood(data, scaled, THETA / 2) == pytest.approx(in_turn[0], abs=1e-6)
+    assert made.log_likelihood(data, scaled, THETA / 2) == pytest.approx(in_turn[0], abs=1e-6)
 
 
 def test_the_largest_entry_of_a_unit_shape_tells_nothing_more(measured):
@@ -128,9 +128,9 @@ def test_an_error_of_the_linear_frequency_costs_the_recommended_form_little():
     grid = np.linspace(1.3, 1.9, 121)[:, None]
     means = []
     for each in (exact, off):
-        value = log_likelihood(backbone_data(made.system(), each, harmonics=(1,)), made.CUBIC, grid)
-        share = np.exp(value - value.max())
-        means.append(share @ grid[:, 0] / share.sum())
+        value = made.log_likelihood(backbone_data(made.system(), each, harmonics=(1,)), made.CUBIC, grid)
+        fraction = np.exp(value - value.max())
+        means.append(fraction @ grid[:, 0] / fraction.sum())
     assert means[0] == pytest.approx(means[1], abs=0.03)
 
 

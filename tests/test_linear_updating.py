@@ -6,13 +6,14 @@ import pytest
 from scipy import integrate, sparse, stats
 
 from opid.errors import InputError
+from opid.mechanics.structure import modal_assurance
 from opid.updating.likelihood.linear import linear_data, log_likelihood, log_posterior
 from opid.updating.linear_updating import _find_peak, update_linear
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
 from opid.updating.sampling.evidence import maximum_a_posteriori
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes, modal_assurance, ritz_model, ritz_modes
+from opid.updating.structure.reduction import lowest_modes, ritz_model, ritz_modes
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 TRUTH = np.array(list(UPDATED.values()))
@@ -82,7 +83,7 @@ def test_ritz_vectors_give_the_modes_of_the_full_structure():
         np.testing.assert_allclose(eigenvalue[row, 6:], exact[6:], rtol=2e-8)
         assert (eigenvalue[row, 6:] >= exact[6:] * (1 - 1e-9)).all()
         for mode in (6, 7):
-            assert modal_assurance(full[wing().sensor_indices, mode], shapes[row, :, mode]) > 1 - 1e-8
+            assert modal_assurance(full[wing().sensor_indices, mode], shapes[row, :, mode]).item() > 1 - 1e-8
 
 
 def test_ritz_vectors_of_a_small_structure_are_exact():
@@ -99,7 +100,7 @@ def test_the_error_of_a_shape_is_one_less_the_mac():
         one, other = rng.standard_normal((2, 14))
         unit, model = one / np.linalg.norm(one), other / np.linalg.norm(other)
         error = unit - (unit @ model) * model  # eq. (4) with its a_m
-        assert error @ error == pytest.approx(1 - modal_assurance(one, other), abs=1e-14)
+        assert error @ error == pytest.approx(1 - modal_assurance(one, other).item(), abs=1e-14)
 
 
 def test_the_likelihood_is_that_of_normal_errors():
@@ -115,7 +116,7 @@ def test_the_likelihood_is_that_of_normal_errors():
             weight = 2.0 if each.mode == 1 else 1.0
             value, shape = truth[each.mode]
             expected += stats.norm.logpdf(each.eigenvalue[0], value, weight * 0.05 * each.eigenvalue[0])
-            angle = np.sqrt(1 - modal_assurance(each.amplitude[0], shape))
+            angle = np.sqrt(1 - modal_assurance(each.amplitude[0], shape).item())
             expected += stats.norm.logpdf(angle, 0, weight * np.sqrt(2) * 0.05)  # eq. (6); one free entry of two
         assert found[row] == pytest.approx(expected, rel=1e-9)
 
@@ -293,13 +294,13 @@ def covered(cov, shape_std, n_seeds, *, counts=COUNTS, linear_error=0.0, common_
 
 def test_intervals_hold_an_error_that_all_curves_share():
     assert (covered("inferred", "inferred", 16, linear_error=0.004) < 0.8).any()
-    share = covered("inferred", "inferred", 16, linear_error=0.004, common_error=0.004)
-    assert (share > 0.78).all()  # three standard deviations below 0.95
+    fraction = covered("inferred", "inferred", 16, linear_error=0.004, common_error=0.004)
+    assert (fraction > 0.78).all()  # three standard deviations below 0.95
 
 
 def test_intervals_of_known_noise_cover_the_truth():
-    share = covered(COV, 0.01, 40)
-    assert (share > 0.84).all()  # three standard deviations below 0.95
+    fraction = covered(COV, 0.01, 40)
+    assert (fraction > 0.84).all()  # three standard deviations below 0.95
 
 
 def test_more_curves_make_the_posterior_narrower():

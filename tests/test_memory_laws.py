@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driven_response import driven_response
 from law_runs import gear_model, gear_study, runs_of, vector_of
 from scipy.integrate import solve_ivp
 
 from opid import identify, text
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.driven import Interface, Noise, driven_response, predict
+from opid.mechanics.driven import Interface, Noise, predict
 from opid.mechanics.laws.kinds import BUILT_IN, Kind, Parameter
 from opid.mechanics.laws.law import LINEAR, Law, Term, TermSet, WithCandidates, default_law, law
 from opid.mechanics.laws.own_kinds import register_kind

@@ -133,8 +133,8 @@ def test_two_drive_points_tell_two_modes_at_one_frequency_apart():
     double, single = np.argmin(np.abs(lines - 50.0)), np.argmin(np.abs(lines - 90.0))
     # at the double frequency the second value peaks, too; at the single one it does not
     assert lines[np.argmax(found.value[:, 1])] == pytest.approx(50.0, abs=0.1)
-    share = found.value[:, 1] / found.value[:, 0]
-    assert share[double] > 5 * share[single]
+    fraction = found.value[:, 1] / found.value[:, 0]
+    assert fraction[double] > 5 * fraction[single]
 
 
 def test_what_cannot_be_averaged_is_refused(hit):

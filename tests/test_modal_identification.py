@@ -156,13 +156,13 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     assert measure_outside_shapes(test, band)[0] < 0.01
     for row, words in ((3, "with the opposite sign of 'd'"), (6, "with the opposite sign of 'g'")):
         turned = right.shapes * np.where(np.arange(8) == row, -1.0, 1.0)[:, None]
-        share, cause = measure_outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
-        assert share > 0.1
+        fraction, cause = measure_outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
+        assert fraction > 0.1
         assert cause.startswith(words)
     exchanged = replace(right, shapes=right.shapes[[0, 4, 2, 3, 1, 5, 6, 7]])
-    share, cause = measure_outside_shapes(replace(test, modes=exchanged), band)
+    fraction, cause = measure_outside_shapes(replace(test, modes=exchanged), band)
     assert cause.startswith("with 'b' and 'e' exchanged")
-    assert MODAL.warned_outside < share < MODAL.most_outside
+    assert MODAL.warned_outside < fraction < MODAL.most_outside
     wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
     faults, (warning,) = check_shapes(wrong, 3, band)
     assert not faults

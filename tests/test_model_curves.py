@@ -8,7 +8,7 @@ import pytest
 
 from opid.errors import NotDeterminedError
 from opid.json_values import plain
-from opid.mechanics.backbones.family import backbone_family
+from opid.mechanics.backbones.family import family_evaluator
 from opid.updating import identification, warnings
 from opid.updating.identification import predict
 from opid.updating.likelihood import backbones
@@ -18,7 +18,6 @@ from opid.updating.likelihood.backbones import (
     describe_interactions,
     find_met_modes,
     likelihood_function,
-    log_likelihood,
     make_curves,
     without_interactions,
 )
@@ -72,7 +71,7 @@ def between(low, high):
 
 @pytest.mark.parametrize("hole", [between(6e-4, 8.5e-4), between(1.95e-3, 1.0), between(0.0, 2.5e-4)])
 def test_a_gap_is_bridged_from_the_rest_of_the_curve(data, monkeypatch, hole):
-    whole, mode = log_likelihood(data, made.CUBIC, THETA), data.modes[0]
+    whole, mode = made.log_likelihood(data, made.CUBIC, THETA), data.modes[0]
     exact = make_curves(data, mode, made.CUBIC)(THETA)
     with_holes(monkeypatch, backbones, hole)
     eigenvalue, shapes, missing, lost = make_curves(data, mode, made.CUBIC)(THETA)
@@ -213,15 +212,15 @@ def test_an_interaction_neither_moves_theta_nor_makes_steps(wing):
     theta = np.linspace(1.53, 1.63, 101)
     value, failed = likelihood_function(data, PAPERS_CUBIC)(theta[:, None])
     assert failed == 0
-    share = np.exp(value - value.max()) / np.exp(value - value.max()).sum()
-    mean = share @ theta
+    fraction = np.exp(value - value.max()) / np.exp(value - value.max()).sum()
+    mean = fraction @ theta
     assert abs(mean / WING_THETA - 1) < 0.0015
-    assert np.sqrt(share @ (theta - mean) ** 2) / WING_THETA == pytest.approx(0.00175, rel=0.1)
+    assert np.sqrt(fraction @ (theta - mean) ** 2) / WING_THETA == pytest.approx(0.00175, rel=0.1)
     # smooth: with the loops in the model these differences are up to 240
     assert np.abs(np.diff(value, 4)).max() < 1e-5
     for law, middle in ((PAPER_CLASSES[0], 1.6), (PAPER_CLASSES[2], 1.06)):
         theta = np.linspace(0.95, 1.05, 41)[:, None] * middle
-        assert np.abs(np.diff(log_likelihood(data, law, theta), 4)).max() < 0.01
+        assert np.abs(np.diff(made.log_likelihood(data, law, theta), 4)).max() < 0.01
 
 
 def test_beside_an_interaction_the_curve_is_that_of_the_whole_structure(wing):
@@ -231,10 +230,9 @@ def test_beside_an_interaction_the_curve_is_that_of_the_whole_structure(wing):
     assert (find_met_modes(data, mode) + 1).tolist() == [12, 13]
     third = 3 * np.sqrt(mode.eigenvalue) / (2 * np.pi)
     apart = np.abs(third / system.frequency_hz[12] - 1) > 0.02
-    exact = backbone_family(
-        system, PAPERS_CUBIC.kinds, PAPERS_CUBIC.coefficients([[WING_THETA]]),
-        mode=8, sensor="10", amplitude=np.sort(mode.amplitude[apart]), harmonics=(1, 3),
-    )  # fmt: skip
+    amplitude = np.sort(mode.amplitude[apart])
+    solve = family_evaluator(system, PAPERS_CUBIC.kinds, mode=8, sensor="10", amplitude=amplitude, harmonics=(1, 3))
+    exact = solve(PAPERS_CUBIC.coefficients([[WING_THETA]]))
     eigenvalue, _, _, _ = make_curves(data, mode, PAPERS_CUBIC)(np.array([[WING_THETA]]))
     order = np.argsort(mode.amplitude[apart])
     np.testing.assert_allclose((mode.between @ eigenvalue[0])[apart][order], exact.eigenvalue[0], rtol=5e-5)

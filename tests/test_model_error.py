@@ -123,17 +123,17 @@ def rolling(seed, *, coherent=False):
 # ---- a strut with memory --------------------------------------------------------------------------
 
 
-def hysteretic_run(mass_kg, rng, amplitude_n, travel_m, pushed_share):
+def hysteretic_run(mass_kg, rng, amplitude_n, travel_m, pushed_fraction):
     """A Bouc-Wen element beside the springs: F = a w, travel_m w' = z' - (0.5 |z'| w + 0.5 z' |w|), by Runge-Kutta.
 
-    A force of a flat spectrum on the body moves it by a share of what two metres a second squared would be.
+    A force of a flat spectrum on the body moves it by a fraction of what two metres a second squared would be.
     """
     road_rng, noise_rng, push_rng = rng.spawn(3)
     speed = SpeedProfile(18.0, 0.5, DURATION_S)
     rate = 8 * FS
     n = round((LEAD_S + DURATION_S + 0.5) * rate)
     push = tyre_forces(roads(road_rng, 1, speed), speed, np.arange(2 * n) / (2 * rate))[:, 0].tolist()
-    drawn = 2.0 * pushed_share * push_rng.standard_normal(n // 8 + 2)
+    drawn = 2.0 * pushed_fraction * push_rng.standard_normal(n // 8 + 2)
     aside = np.interp(np.arange(2 * n) / 16, np.arange(drawn.size), drawn).tolist()
     k1, c1, m1 = GEAR.tyre_stiffness_n_per_m, GEAR.tyre_damping_n_s_per_m, GEAR.unsprung_mass_kg
     k2, c2 = GEAR.suspension_stiffness_n_per_m, GEAR.suspension_damping_n_s_per_m
@@ -161,8 +161,8 @@ def hysteretic_run(mass_kg, rng, amplitude_n, travel_m, pushed_share):
     return readings(acceleration[:, 0], acceleration[:, 1], noise_rng)
 
 
-def hysteretic(seed, amplitude_n=400.0, travel_m=0.5e-3, pushed_share=0.0):
-    return _hysteretic(seed, amplitude_n, travel_m, pushed_share)
+def hysteretic(seed, amplitude_n=400.0, travel_m=0.5e-3, pushed_fraction=0.0):
+    return _hysteretic(seed, amplitude_n, travel_m, pushed_fraction)
 
 
 @cache
@@ -255,16 +255,16 @@ def test_an_unrecorded_leak_widens_the_interval_until_it_holds_the_mass(seed):
     assert not result.evidence[0].whiteness.white
 
 
-@pytest.mark.parametrize("share", [0.03, 0.1])
+@pytest.mark.parametrize("fraction", [0.03, 0.1])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed, share):
-    result = identify(hysteretic(seed, amplitude_n=0.0, pushed_share=share), law="linear")
+def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed, fraction):
+    result = identify(hysteretic(seed, amplitude_n=0.0, pushed_fraction=fraction), law="linear")
     assert result.residual_over_noise > 5
     assert result.limited_by == "unmeasured forces"
     error = result.evidence[0].error
     assert error.departure < 2
     for left in (*result.runs, *error.left_out):
-        assert share / 2 < left.unexplained < 3 * share
+        assert fraction / 2 < left.unexplained < 3 * fraction
     assert result.left_out == error.left_out
     for found, run in zip(error.left_out, result.study.runs, strict=True):
         assert 0.8 < found.inside <= 1.0
@@ -278,7 +278,7 @@ def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed
         power = 2 * np.abs(np.fft.rfft(run.recording.channel("upper_z"))) ** 2 / run.recording.n_samples**2
         of_bands, _ = np.histogram(np.fft.rfftfreq(run.recording.n_samples, 1 / FS), spectrum.edges_hz, weights=power)
         np.testing.assert_allclose(spectrum.measured_m_per_s2, np.sqrt(of_bands), rtol=0.01)
-        pushed = 2.0 * share * np.sqrt(np.diff(spectrum.edges_hz) / (FS / 2))
+        pushed = 2.0 * fraction * np.sqrt(np.diff(spectrum.edges_hz) / (FS / 2))
         stiff = (spectrum.edges_hz[:-1] > 10) & (n_lines > 60)
         assert stiff.sum() > 3
         np.testing.assert_allclose(spectrum.error_m_per_s2[stiff], pushed[stiff], rtol=0.3)
@@ -286,7 +286,7 @@ def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed
     pairs = (result.parameters.sprung_mass_kg, MASS_KG), (result.parameters.suspension_stiffness_n_per_m, 3.9e5)
     for estimate, true in pairs:
         assert abs(estimate.value - true) < 4 * estimate.std
-        assert estimate.std < 2 * share * true
+        assert estimate.std < 2 * fraction * true
     for equivalent, mass_kg in zip(result.equivalents, (MASS_KG, MASS_KG + CHANGE_KG), strict=True):
         assert abs(equivalent.stiffness_per_mass.value - 3.9e5 / mass_kg) < 4 * equivalent.stiffness_per_mass.std
     assert any("limited by something that moves the body" in warning for warning in result.warnings)
@@ -378,7 +378,7 @@ def test_no_interval_where_no_piece_of_a_run_can_be_fitted(monkeypatch):
 
 def test_little_more_than_the_noise_of_one_gear_is_not_called_the_models():
     """Between what is explained and what is worth a warning nothing was looked into."""
-    result = identify(hysteretic(0, amplitude_n=0.0, pushed_share=0.0), law="linear")
+    result = identify(hysteretic(0, amplitude_n=0.0, pushed_fraction=0.0), law="linear")
     for ratio in (1.0, 1.3):
         assert replace(result, residual_over_noise=ratio).limited_by == "noise"
 

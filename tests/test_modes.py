@@ -7,7 +7,6 @@ from opid.modal.linear.modes import (
     LinearModes,
     condition_number,
     force_projection,
-    modal_assurance,
     modal_filter,
     modes_of_structure,
     with_sensors,
@@ -67,15 +66,6 @@ def test_stiffness_and_damping_follow_from_frequency_and_ratio():
     modes = LinearModes([0.0, 10.0], [0.0, 0.01], [[1.0, 1.0]], ("a",))
     np.testing.assert_allclose(modes.stiffness(), [0.0, (20 * np.pi) ** 2])
     np.testing.assert_allclose(modes.damping(), [0.0, 2 * 0.01 * 20 * np.pi])
-
-
-def test_modal_assurance_knows_scale_sign_and_phase_from_shape():
-    shapes = some_modes().shapes
-    np.testing.assert_allclose(np.diag(modal_assurance(shapes, -7.0 * np.exp(0.3j) * shapes)), 1, atol=1e-12)
-    own = modal_assurance(shapes)
-    np.testing.assert_allclose(own, own.T, atol=1e-14)
-    assert ((own >= 0) & (own <= 1 + 1e-12)).all()
-    assert modal_assurance(shapes, shapes[:, :2]).shape == (3, 2)
 
 
 def test_orthogonal_shapes_have_condition_one_and_alike_ones_a_high_one():
@@ -142,13 +132,6 @@ def test_unknown_sensors_and_modes_are_named():
     for mode in (0, 2):
         with pytest.raises(InputError, match="from 1 to 1"):
             modes.index(mode)
-    with pytest.raises(InputError, match="give both at the same sensors"):
-        modal_assurance(np.ones((3, 2)), np.ones((4, 2)))
-
-
-def test_assurance_takes_single_shapes_and_zero_ones():
-    np.testing.assert_allclose(modal_assurance([1.0, 2.0], [2.0, 4.0]), [[1.0]])
-    assert modal_assurance(np.eye(2), [[0.0], [0.0]]).tolist() == [[0.0], [0.0]]
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_without_weight_nothing_is_known_of_the_gas_but_its_exponent():
 
 
 def test_every_strut_of_an_aircraft_has_gas_of_a_usual_exponent_before_any_measurement():
-    """Gears of a body carry shares of the weight that are not known: of the gas of each only its exponent is."""
+    """Gears of a body carry fractions of the weight that are not known: of the gas of each only its exponent is."""
     names, column = ("nose", "left", "right"), LAW.scaled(1 / MASS_KG)
     places = np.array([(5.0, 0.0), (0.0, 1.5), (0.0, -1.5)])
     rng = np.random.default_rng(0)

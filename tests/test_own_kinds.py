@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from compiled_force import compiled_force
+from driven_response import driven_response
 
 from opid.errors import InputError
-from opid.mechanics.driven import Interface, driven_response
+from opid.mechanics.driven import Interface
 from opid.mechanics.kernels import law_arrays
 from opid.mechanics.laws.kinds import LAWS, Kind, Parameter
 from opid.mechanics.laws.law import default_law, law

@@ -59,8 +59,8 @@ def runs():
 WHERE = {"interfaces": {"low": "floor"}, "sensors": {"low": "low", "high": "high"}, "noise_m_per_s2": NOISE}
 
 
-def near(estimate, truth, share=0.05):
-    return abs(estimate.value - truth) < 4 * estimate.std and estimate.std < share * abs(truth)
+def near(estimate, truth, fraction=0.05):
+    return abs(estimate.value - truth) < 4 * estimate.std and estimate.std < fraction * abs(truth)
 
 
 def check_springs(found, per=1.0):

@@ -144,6 +144,18 @@ def test_the_chain_takes_the_law_of_any_fit(study, result):
     assert compute_chain(study, ground=False, **settings).runs[0].spectral_fit.value[2] == 0.0
 
 
+def test_what_was_checked_is_not_checked_again_and_slices_are_fitted_for_figures_only(study, result, monkeypatch):
+    monkeypatch.setattr("opid.suspensions.paper.chain.check_channels", lambda *_, **__: pytest.fail("checked again"))
+    given = {"law_per_mass": result.joint.law, "inverse_mass": result.joint.inverse_mass}
+    found = [replace(run, findings=each.findings) for run, each in zip(study.runs, result.chain.runs, strict=True)]
+    again = compute_chain(replace(study, runs=tuple(found)), is_checked=True, **given)
+    assert [run.findings for run in again.runs] == [run.findings for run in result.chain.runs]
+    assert again.pairs == result.chain.pairs
+    first = again.runs[0]
+    assert "slice_fits" not in vars(first)
+    assert [fit.law.name for fit in first.slice_fits] == ["arctan_displacement", "arctan_velocity"]
+
+
 def test_equal_masses_give_ratios_only():
     result = identify_by_paper(_study(_taxi(seed=1, mass_removed_kg=0.0), change=0.0), law="arctan_velocity")
     assert "only ratios to the mass" in result.not_determined

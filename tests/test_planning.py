@@ -14,8 +14,7 @@ from opid.suspensions.identification import identify
 from opid.suspensions.planning.result import Costs, PlannedRun
 from opid.suspensions.planning.search import SearchSpace, plan_runs
 from opid.virtual.taxi_tests.airframe import LandingGear
-from opid.virtual.taxi_tests.study import taxi_study
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_test
 
 FRICTION = {"arctan_velocity": {"amplitude_n": 400.0, "scale_m_per_s": 0.02}}
 GEAR = GuessedGear(

@@ -162,6 +162,23 @@ def test_estimates_mark_the_truth_and_write_what_lies_beyond(identified):
     assert bool(beyond) == bool(mass.texts)
 
 
+def test_the_peak_formula_can_be_left_out(identified):
+    grid = plots.estimates(identified.result, has_peak_formula=False)
+    assert not any(line.get_marker() in ("D", "s", "p", "<", ">") for ax in grid[0] for line in ax.lines)
+    named = [label.get_text() for label in grid[0, 0].get_yticklabels()]
+    assert len(named) == 3
+    assert not any("peak" in name for name in named)
+    low, high = grid[0, 0].get_xlim()
+    assert 0 < low < identified.result.parameters.sprung_mass_kg.value < high
+
+
+def test_both_sections_of_the_force_have_one_scale(identified):
+    surface = next(iter(identified.result.evidence[0].surfaces.values()))
+    along_travel, along_velocity = plots.force_sections(surface)[0]
+    assert along_travel.get_ylim() == along_velocity.get_ylim()
+    assert along_velocity.get_title(loc="left").startswith("Law over velocity: up to 0.2")
+
+
 def test_a_mark_beyond_the_frame_keeps_its_shape(identified):
     grid = plots.estimates(identified.result, truth=identified.truth)
     drawn = [line.get_marker() for ax in grid[0] for line in ax.lines]

@@ -13,11 +13,11 @@ from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import law
 from opid.plots.body import list_sensor_names
-from opid.plots.style import GREEN, VERMILION
+from opid.plots.style import GREEN, INK, VERMILION
 from opid.report.suspensions.figures import list_figures
 from opid.suspensions.answer.model_error import LeftOut, LeftOutSpectrum, ModelError
 from opid.suspensions.result import BodyParameters, BodyRatios
-from opid.virtual.taxi_tests.study import taxi_truth
+from opid.virtual.taxi_tests.taxiing import taxi_truth
 
 TRUE = taxi_truth(short_test(duration_s=0.5))
 DRAWN = {
@@ -96,9 +96,9 @@ def test_a_body_without_predictions_has_no_figure_of_them(result):
 
 
 def test_axes_that_are_given_are_drawn_on(result):
-    given = matplotlib.figure.Figure().subplots(4, 1)
-    assert plots.predicted_accelerations(result, given)[2, 0] is given[2]
-    with pytest.raises(ValueError, match="3 Axes are given"):
+    given = matplotlib.figure.Figure().subplots(4, 2)
+    assert plots.predicted_accelerations(result, given)[2, 0] is given[2, 0]
+    with pytest.raises(ValueError, match="6 Axes are given"):
         plots.predicted_accelerations(result, given[:3])
 
 
@@ -113,6 +113,16 @@ def test_left_is_left_and_the_centre_of_gravity_is_as_long_as_its_interval(resul
     # without a value there is no cross, and the figure stands
     lost = replace(result, parameters=BodyParameters(), ratios=BodyRatios())
     assert not any(line.get_marker() == "x" for line in plots.plan_view(lost).lines)
+
+
+def test_no_ring_hides_a_sensor(result):
+    ax = plots.plan_view(result)
+    rings = [line for line in ax.lines if line.get_marker() == "o" and line.get_color() == INK]
+    sensors = [line for line in ax.lines if line.get_marker() == "^"]
+    assert len(rings) == 3
+    assert len(sensors) == 4
+    assert {line.get_markerfacecolor() for line in rings} == {"none"}
+    assert min(line.get_zorder() for line in sensors) > max(line.get_zorder() for line in rings)
 
 
 def test_candidates_stand_on_a_logarithmic_axis_beside_the_line(result):
@@ -176,16 +186,21 @@ def test_the_linear_force_is_seen_where_the_law_adds_nothing(result):
 
 
 def test_heights_say_of_what(result):
-    assert {ax.get_ylabel() for ax in axes_of(plots.predicted_accelerations(result))} == {"acceleration [m/s²]"}
+    measured, difference = plots.predicted_accelerations(result).T
+    assert {ax.get_ylabel() for ax in measured} == {"acceleration [m/s²]"}
+    assert {ax.get_ylabel() for ax in difference} == {"difference [mm/s²]"}
     assert [row[0].get_ylabel() for row in plots.body_residuals(result)] == 2 * ["residual over noise"]
 
 
 def test_an_offset_of_a_sensor_is_no_difference(result):
     run = result.runs[0]
     shifted = replace(run, measured=run.measured + 0.3)
-    ax = plots.predicted_accelerations(replace(result, runs=(shifted,)))[0, 0]
-    labels = [line.get_label() for line in ax.lines]
-    assert any(label.startswith(("difference, 4.", "difference, 5")) for label in labels), labels
+    difference = plots.predicted_accelerations(replace(result, runs=(shifted,)))[0, 1]
+    assert difference.get_title(loc="left").startswith(("4.", "5"))
+    # noise of 5 mm/s^2 fills its panel
+    (line,), (low, high) = difference.lines, difference.get_ylim()
+    assert np.ptp(line.get_ydata()) > 0.8 * (high - low)
+    assert high - low < 100
     chosen = plots.predicted_accelerations(result, run="loaded", start_s=21.0)
     assert chosen[-1, 0].get_xlabel() == "time [s], run 'loaded'"
     assert chosen[0, 0].get_xlim() == pytest.approx((21.0, 25.0), abs=0.02)
@@ -204,4 +219,4 @@ def test_a_structure_whose_fit_ran_away_does_not_stretch_the_axis():
     away = replace(first, residual_over_noise=1e107, left_out_over_noise=None)
     ax = plots.structure_candidates(replace(result, candidates=(away, *others)))
     assert ax.get_xlim()[1] < 1e5
-    assert "1e+107" in [text.get_text() for text in ax.texts]
+    assert "1×10¹⁰⁷" in [text.get_text() for text in ax.texts]

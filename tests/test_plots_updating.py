@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 
 from opid import plots
 from opid.errors import InputError
+from opid.estimate import format_number
 from opid.plots import ForceBand
 from opid.plots.style import RUN_COLORS, VERMILION
 from opid.updating.structure.reduction import ReductionErrors
@@ -98,9 +99,9 @@ def test_the_contours_hold_their_share_of_the_samples():
     contours = [
         line for line in plots.parameter_samples(drawn, ["a", "b"])[1, 0].lines if line.get_color() == VERMILION
     ]
-    for share, line in zip((0.5, 0.9, 0.99), contours, strict=True):
+    for fraction, line in zip((0.5, 0.9, 0.99), contours, strict=True):
         path = matplotlib.path.Path(np.column_stack(line.get_data()))
-        assert path.contains_points(drawn).mean() == pytest.approx(share, abs=0.01)
+        assert path.contains_points(drawn).mean() == pytest.approx(fraction, abs=0.01)
 
 
 def test_running_moments_end_at_those_of_all_samples():
@@ -154,7 +155,27 @@ def test_evidences_near_and_far_are_within_the_axes(offsets):
     )
     ax = plots.log_evidences(replace(result, classes=classes))
     low, high = ax.get_xlim()
-    assert low < min(offset for offset in offsets if np.isfinite(offset)) <= 0 < high
+    assert low < 0.3
+    assert max(-offset for offset in offsets if np.isfinite(offset)) < high
+    said = [text.get_text() for text in ax.texts]
+    assert said == [format_number(-offset) if np.isfinite(offset) else "not determined" for offset in offsets]
+    named = [label.get_text() for label in ax.get_xticklabels()]
+    assert named[0] == "best"
+    assert len(named) < 9
+
+
+def test_a_difference_of_five_is_seen_beside_one_of_thousands():
+    result = small_updating()
+    classes = tuple(
+        replace(each, evidences=(replace(each.evidences[0], log_evidence=below),))
+        for each, below in zip(result.classes, (0.0, -5.5, -4000.0), strict=True)
+    )
+    ax = plots.log_evidences(replace(result, classes=classes))
+    plots.figure_of(ax).draw_without_rendering()
+    x = [ax.transAxes.inverted().transform(ax.transData.transform((at, 0)))[0] for at in (0.3, 5.5, 4000.0)]
+    assert np.diff(x).min() > 0.2
+    marks = {handle.get_marker() for handle in ax.get_legend().legend_handles}
+    assert len(marks) == len(ax.get_legend().get_texts())
 
 
 def test_the_axis_of_the_evidences_tells_what_bars_are_where_there_are_any():

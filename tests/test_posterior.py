@@ -92,15 +92,15 @@ def test_every_sampler_finds_the_same(data, cubic, sampler):
 
 
 def test_the_transitional_sampler_tells_its_progress_and_walkers_are_enough(data):
-    shares = []
+    fractions = []
     found = update_class(
         data, made.CUBIC, rng=np.random.default_rng(3), sampler="transitional", n_samples=1000, evidences=("laplace",),
-        progress=shares.append,
+        progress=fractions.append,
     )  # fmt: skip
     assert found.diagnostics.sampler == "transitional"
-    assert shares == sorted(shares)
-    assert len(shares) > 2
-    assert shares[-1] == 1.0
+    assert fractions == sorted(fractions)
+    assert len(fractions) > 2
+    assert fractions[-1] == 1.0
     found = update_class(
         data, made.CUBIC, rng=np.random.default_rng(3), sampler="ensemble", n_samples=1000, evidences=("laplace",)
     )

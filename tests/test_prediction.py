@@ -4,10 +4,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from driven_response import driven_response
 from scipy.linalg import block_diag, expm
 
 from opid.errors import InputError
-from opid.mechanics.driven import Interface, Noise, UnboundedResponseError, driven_response, half_steps, predict
+from opid.mechanics.driven import Interface, Noise, UnboundedResponseError, half_steps, predict
 from opid.mechanics.laws.kinds import BUILT_IN, Kind, Parameter
 from opid.mechanics.laws.law import default_law, law
 from opid.mechanics.laws.own_kinds import register_kind, unregister_kind
@@ -126,7 +127,7 @@ def _directions(n):
 
 
 def _vector(world):
-    """The parameters in the order of the sensitivity; the shares of the directions are zero."""
+    """The parameters in the order of the sensitivity; the fractions of the directions are zero."""
     own = [[i.stiffness, i.damping, i.ground_stiffness, i.law.rest_m, *i.law.vector] for i in world["interfaces"]]
     return np.concatenate([*own, [0.0] * 4, world["start"][:-2].ravel()])
 

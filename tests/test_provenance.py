@@ -54,7 +54,7 @@ def test_a_recording_keeps_the_file_that_it_was_read_from(log):
     assert recording.section(0.5, 1.5).files == expected
     renamed = opid.read_log(log, channels={"c": opid.signals.ChannelSettings("a")})
     assert on_common_clock([recording, renamed]).files == expected
-    assert opid.inspect(opid.open_log(log)).files == opid.inspect(recording).files == expected
+    assert opid.inspect(opid.signals.open_log(log)).files == opid.inspect(recording).files == expected
     made = opid.signals.recording_from_arrays([[0.0, 1.0]], ["a"], fs=2.0)
     assert made.files == opid.inspect(made).files == ()
 

@@ -9,7 +9,6 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import (
     craig_bampton,
     lowest_modes,
-    modal_assurance,
     modes_of,
     reduce,
     reduction_errors,
@@ -145,13 +144,6 @@ def test_a_free_structure_has_a_rigid_mode_at_zero():
         errors = reduction_errors(floating, craig_bampton(floating, n_modes=30, method=method), 10)
         assert errors.reduced_hz[0] < 1e-3 * errors.frequency_hz[1]
         assert np.abs(errors.relative[1:]).max() < 1e-3
-
-
-def test_modal_assurance_knows_neither_length_nor_sign():
-    one, other = np.array([1.0, 2.0, -1.0]), np.array([2.0, -1.0, 0.0])
-    assert modal_assurance(one, -3 * one) == pytest.approx(1.0)
-    assert modal_assurance(one, other) == 0.0
-    assert modal_assurance(one, 0 * one) == 0.0
 
 
 def test_records_cannot_be_changed():

@@ -9,25 +9,27 @@ import sys
 from dataclasses import asdict, fields, replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from matplotlib.text import Text
 
 import opid
 from opid import plots
 from opid.errors import InputError, NotDeterminedError
-from opid.estimate import Estimate, rounded, with_std
+from opid.estimate import RAISED, Estimate, format_number, rounded, with_std
 from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import default_law, law_from_parameters
 from opid.mechanics.truth import BodyNumbers, BodyTruth, GearNumbers, GearTruth, SuspensionTruth
-from opid.report.as_text import wrap_text
-from opid.report.document import Table
+from opid.report.as_text import lay_out_text, wrap_text
+from opid.report.document import Document, Table, build_columns
 from opid.report.estimates import build_estimate_row
+from opid.report.sketch import sketch_suspensions
 from opid.report.suspensions import identification as report_module
 from opid.report.suspensions.again import write_command, write_python
 from opid.report.suspensions.figures import list_figures
-from opid.report.suspensions.sketch import build_sketch
 from opid.report.writing import build_document
 from opid.signals import files
 from opid.signals.files import make_directory, require_directory, write_together
@@ -72,6 +74,12 @@ OLD_DIAGNOSTICS = {
 }
 """What result.json of one gear has always told."""
 N_PICTURES = 13
+
+
+def read_number(text):
+    """The value of a number as every text and picture of opid writes it."""
+    mantissa, _, power = text.partition("×10")
+    return float(f"{mantissa}e{power.translate({raised: letter for letter, raised in RAISED.items()}) or 0}")
 
 
 def one_picture(name):
@@ -242,6 +250,29 @@ def test_text_shows_each_parameter_within_80_columns(identified):
         assert warning.split(":")[0][:40] in " ".join(text.split())
 
 
+LAW = "blow_off_damping + cubic_stiffness + coulomb_friction"
+STRUCTURES = (
+    ("rigid body", "1.0", "1.1", "5400 ± 3", LAW, "recommended"),
+    ("each gear alone", "11", "12", "5390 ± 20", "linear", "rejected"),
+)
+
+
+def test_a_wide_table_breaks_the_names_of_laws_and_cuts_none():
+    heads = ("structure", "fit", "left out", "mass ± std [kg]", "law", "verdict")
+    table = Table(build_columns(*heads, left=(0, 4, 5), elastic=(4,)), STRUCTURES)
+    lines = lay_out_text(Document("a car", "", "known", blocks=(table,))).splitlines()[4:]
+    assert max(map(len, lines)) <= 80
+    assert [line.split() for line in lines] == [
+        " ".join(heads).split(),
+        ["rigid", "body", "1.0", "1.1", "5400", "±", "3", "blow_off_damping", "+", "recommended"],
+        ["cubic_stiffness", "+"],
+        ["coulomb_friction"],
+        ["each", "gear", "alone", "11", "12", "5390", "±", "20", "linear", "rejected"],
+    ]
+    words = ("law", "blow", "cubic", "coulomb", "linear")
+    assert len({line.find(word) for line, word in zip(lines, words, strict=True)}) == 1
+
+
 def test_text_compares_with_the_truth(identified):
     table = rows_of(identified.result, identified.truth)
     value, _, unit, true, error, inside = table["sprung mass M2"]
@@ -283,7 +314,7 @@ def test_what_is_found_of_a_sensor_stands_beside_what_was_known_of_it(field_test
     ((_, lag_s, std, *before),) = table.rows
     assert before == ["0", "0.002"]
     # the simulated sensors have none
-    assert abs(float(lag_s)) < 4 * float(std) < 0.002
+    assert abs(read_number(lag_s)) < 4 * read_number(std) < 0.002
 
 
 @given(
@@ -292,8 +323,26 @@ def test_what_is_found_of_a_sensor_stands_beside_what_was_known_of_it(field_test
 )
 def test_rounding_keeps_what_the_uncertainty_leaves(value, std):
     text = rounded(value, std)
-    assert abs(float(text) - value) <= 0.051 * std + 1e-12 * abs(value)
-    assert not text.startswith("-0") or float(text) != 0
+    assert abs(read_number(text) - value) <= 0.051 * std + 1e-12 * abs(value)
+    assert not text.startswith("-0") or read_number(text) != 0
+
+
+@given(st.floats(-1e12, 1e12).filter(lambda x: x == 0 or abs(x) > 1e-12), st.integers(1, 9))
+def test_a_number_has_one_style_and_the_digits_that_count(value, digits):
+    text = format_number(value, digits)
+    assert read_number(text) == pytest.approx(value, rel=0.51 * 10.0 ** (1 - digits))
+    assert re.fullmatch(r"-?(\d{1,6}(\.\d*[1-9])?|[1-9](\.\d*[1-9])?×10⁻?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)", text)
+    assert format_number(value, digits, has_sign=True) == ("+" if read_number(text) > 0 else "") + text
+
+
+def test_no_number_of_a_report_has_groups_or_a_power_of_ten_of_a_program(identified, by_paper, one_run):
+    for result in (identified.result, by_paper, one_run):
+        document = build_document(result)
+        assert not re.findall(r"\d[eE][+-]?\d|\d,\d{3}\b", opid.text(result))
+        for figure in document.figures:
+            drawn = plots.figure_of(figure.draw())
+            said = [text.get_text() for text in drawn.findobj(Text)]
+            assert not [text for text in said if re.search(r"\de[+-]?\d|\d,\d{3}\b|\d \d{3}\b", text)], figure.name
 
 
 def test_health_is_told_in_words_and_json(field_test):
@@ -395,6 +444,30 @@ def test_no_figure_of_a_refused_answer_draws_its_fit(refused):
             draw(refused)
     magnitude = plots.transmissibilities(refused)[0, 0]
     assert "fitted suspension" not in [line.get_label() for line in magnitude.lines]
+
+
+def test_the_peak_formula_is_drawn_only_where_the_method_of_the_paper_is_asked_for(identified, by_paper):
+    for result, expected in ((identified.result, False), (by_paper, True)):
+        (figure,) = (each for each in list_figures(result) if each.name == "estimates")
+        assert ("peak formula" in figure.text) is expected
+        names = " ".join(label.get_text() for label in figure.draw()[0, 0].get_yticklabels())
+        assert ("peak formula" in names) is expected
+
+
+def test_a_law_whose_errors_prevent_an_answer_is_not_drawn(identified, one_run):
+    """The terms of a wrong law that was given may be thousands of times the force, and cancel."""
+
+    def fail(result):
+        evidence = replace(result.evidence[0], error=SimpleNamespace(limit="model", left_out=()))
+        failed = replace(result, evidence=(evidence,), not_determined="an error of the model biases the parameters")
+        return {figure.name for figure in list_figures(failed)}
+
+    of_law = {"law_curves", "estimates"}
+    assert of_law <= {figure.name for figure in list_figures(identified.result)}
+    assert not of_law & fail(identified.result)
+    assert {"law_ladder", "force_sections", "force_departures", "equation_residual"} <= fail(identified.result)
+    # one run gives no mass whatever its law is
+    assert of_law <= fail(one_run)
 
 
 @pytest.mark.parametrize("method", ["classical", "paper"])
@@ -659,9 +732,9 @@ def test_a_constant_is_printed_as_one():
     """As the samples of a chain that lies at a bound of its prior: their scatter is rounding."""
     samples = np.full(7, 0.1) + np.array([0, 0, 0, 0, 0, 0, 1e-17])
     estimate = Estimate(float(samples.mean()), 1.4e-17, (0.1 - 2.8e-17, 0.1))
-    assert build_estimate_row("share", "1", estimate)[1:5] == ("0.1000", "-", "-", "1")
-    assert build_estimate_row("share", "1", estimate, 0.1)[1:4] == ("0.1000", "-", "-")
-    assert build_estimate_row("share", "1", Estimate.normal(0.1, 1e-6))[1:3] == ("0.1000000", "0.0000010")
+    assert build_estimate_row("fraction", "1", estimate)[1:5] == ("0.1000", "-", "-", "1")
+    assert build_estimate_row("fraction", "1", estimate, 0.1)[1:4] == ("0.1000", "-", "-")
+    assert build_estimate_row("fraction", "1", Estimate.normal(0.1, 1e-6))[1:3] == ("0.1000000", "0.0000010")
 
 
 @pytest.mark.parametrize(
@@ -690,11 +763,11 @@ def test_the_page_begins_with_a_sketch_that_holds_the_numbers(identified, report
         assert words in sketch[2]
     assert "K₃" not in sketch[2]  # no spring to the ground was found
     assert html.index('class="sketch"') < html.index("<table>")
-    assert build_sketch(refused) is None
+    assert sketch_suspensions(refused) is None
 
 
 def test_a_spring_to_the_ground_is_drawn_where_there_is_one_and_ratios_where_no_mass_is(identified, one_run):
     found = identified.result
     changed = replace(found.parameters, ground_stiffness_n_per_m=Estimate.normal(5e4, 500.0))
-    assert "K₃ = 50000 ± 500 N/m" in build_sketch(replace(found, parameters=changed)).alt
-    assert build_sketch(one_run).alt.startswith("M₂ is not determined; K₂/M₂ = ")
+    assert "K₃ = 50000 ± 500 N/m" in sketch_suspensions(replace(found, parameters=changed)).alt
+    assert sketch_suspensions(one_run).alt.startswith("M₂ is not determined; K₂/M₂ = ")

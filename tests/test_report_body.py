@@ -1,6 +1,7 @@
 """A body on several suspensions as text, JSON and page, and the truth of a simulated one."""
 
 import json
+import re
 from dataclasses import fields, replace
 
 import pytest
@@ -9,17 +10,19 @@ from made_body import LOADING, WHY, body_without_mass, short_test, small_body
 
 import opid
 from opid.errors import InputError
-from opid.estimate import Estimate
+from opid.estimate import Estimate, with_std
 from opid.json_values import json_text
 from opid.mechanics.laws.law import law
 from opid.mechanics.truth import BodyTruth
 from opid.report.document import Table
+from opid.report.sketch import sketch_suspensions
 from opid.report.suspensions.figures import list_figures
 from opid.report.writing import build_document
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
+from opid.suspensions.study import StructureSettings
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.study import taxi_truth
+from opid.virtual.taxi_tests.taxiing import taxi_truth
 from opid.virtual.truth_file import read_truth, tabulate_truth
 
 
@@ -238,3 +241,40 @@ def test_a_truth_is_read_back(tmp_path, truth):
     path.write_text(json.dumps({**table, "parameters": {}}), encoding="utf-8")
     with pytest.raises(InputError, match=r"not the truth of a simulated aircraft, it has no .*: give the truth"):
         read_truth(path, BodyTruth)
+
+
+def test_the_sketch_shows_each_suspension_from_above_with_its_numbers():
+    sketch = sketch_suspensions(small_body())
+    places = {
+        name: tuple(
+            map(float, re.search(rf'<circle cx="([^"]+)" cy="([^"]+)"[^>]*/>\n<text[^>]*>{name}<', sketch.svg).groups())
+        )
+        for name in ("nose", "left", "right")
+    }
+    # the front is above, and left is left
+    assert places["nose"][1] < places["left"][1] == places["right"][1]
+    assert places["left"][0] < places["nose"][0] < places["right"][0]
+    for words in ("M = 5403.1 ± 4.9 kg", "Ixx = 15960 ± 41 kg m²", "c.g. x = 0.6013 ± 0.0011 m"):
+        assert words in sketch.svg
+        assert words in sketch.alt
+    for each in small_body().interfaces:
+        assert f"{each.name}: K = {with_std(each.stiffness.value, each.stiffness.std)} N/m, C = " in sketch.alt
+    assert sketch.svg.count("N/m<") == sketch.svg.count("law: ") == 3
+
+
+def test_the_sketch_of_one_loading_shows_ratios_and_that_of_a_refused_body_nothing():
+    sketch = sketch_suspensions(body_without_mass())
+    assert "M is not determined" in sketch.svg
+    assert "K/M = " in sketch.svg
+    nothing = tuple(replace(each, stiffness=Estimate()) for each in small_body().interfaces)
+    assert sketch_suspensions(replace(small_body(), interfaces=nothing)) is None
+
+
+def test_suspensions_on_one_line_are_sketched_on_both_sides():
+    whole = small_body()
+    places = [{"x_m": x, "y_m": 0.0, "sensor_x_m": x, "sensor_y_m": 0.0} for x in (2.0, 1.0, 0.0)]
+    line = tuple(replace(each, **place) for each, place in zip(whole.study.interfaces, places, strict=True))
+    study = replace(whole.study, interfaces=line, structure=StructureSettings("single", noise_m_per_s2=0.005))
+    sketch = sketch_suspensions(replace(whole, study=study, structure="single"))
+    assert {float(x) for x in re.findall(r'<circle cx="([^"]+)"', sketch.svg)} == {310}
+    assert {"start", "end"} <= set(re.findall(r'text-anchor="(\w+)"', sketch.svg))

@@ -11,10 +11,13 @@ from made_fleet import REFUSED, draw_fleet, make_campaign, write_fleet
 from made_flights import body_result, day, write_result
 
 import opid
+from opid.estimate import with_std
+from opid.report.document import Table
+from opid.report.writing import build_document
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.dataset import read_dataset
-from opid.suspensions.flights.fleet import compare_fleet
-from opid.suspensions.flights.result_file import StrutLaw
+from opid.suspensions.flights.fleet_comparison import compare_fleet
+from opid.suspensions.flights.result_file import Quantity, StrutLaw
 from opid.suspensions.flights.results import read_flights
 
 
@@ -181,3 +184,19 @@ def test_the_formula_of_a_law_is_typeset_on_the_page_and_plain_in_the_text(ident
     page = opid.write_report(identified.result, tmp_path, figures=False).read_text(encoding="utf-8")
     assert re.search(r"<math[ >].*arctan.*</math>", page)
     assert "f = A (2/pi) arctan(z' / s)" in flat(opid.text(identified.result))
+
+
+def test_compared_flights_stand_in_a_table_with_their_values(tmp_path):
+    rng = np.random.default_rng(4)
+    folders = [write_result(tmp_path / f"f{number}", body_result(rng, day=day(number))) for number in range(4)]
+    found = compare(read_flights(folders))
+    table = next(block for block in build_document(found).details() if isinstance(block, Table))
+    heads = [column.head for column in table.columns]
+    assert heads[:3] == ["flight", "date", "method"]
+    assert len(heads) == 3 + len(found.series)
+    place = heads.index("left stiffness [N/m]")
+    estimates = [each.values[Quantity("left", "stiffness", "N/m")] for each in found.flights]
+    assert [row[place] for row in table.rows] == [with_std(each.value, each.std) for each in estimates]
+    nothing = replace(found, flights=tuple(replace(each, values={}) for each in found.flights))
+    table = next(block for block in build_document(nothing).details() if isinstance(block, Table))
+    assert table.rows[0][3:] == ("-",) * len(found.series)

@@ -10,12 +10,14 @@ from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 
 import opid
 from opid.errors import InputError
+from opid.estimate import with_std
 from opid.json_values import json_text
 from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.model import Comparison
 from opid.report.document import Table
 from opid.report.nonlinear_modes import list_figures, write_command
+from opid.report.sketch import sketch_decay, sketch_modes
 from opid.report.writing import build_document
 from opid.virtual.truth_file import read_truth, tabulate_truth
 
@@ -36,7 +38,7 @@ def test_the_text_holds_the_numbers_within_eighty_columns(result):
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "4 modes (1 rigid), 6 sensors, force at 'case_x'; condition number" in text
     assert "60.00 Hz" in text
-    assert "-1.5030e+11" in text
+    assert "-1.5030×10¹¹" in text
     assert "cannot tell" in text
     assert "Truth test 'strong'" in text
     assert "Warning: the shapes do not look mass-normalised" in text
@@ -72,7 +74,9 @@ def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
         found = replace(result, settings={"study": "my study.toml", **settings})
         given = {"command": write_command(found, given["options"])} if given else {}
         text = opid.write_report(found, tmp_path, **given).read_text(encoding="utf-8")
-        return next(line for line in text.splitlines() if "opid modal" in line).removeprefix("<pre>")[: -len("</pre>")]
+        return next(line for line in text.splitlines() if "opid modal" in line).removeprefix('<pre tabindex="0">')[
+            : -len("</pre>")
+        ]
 
     thresholds = {"frequency_threshold": 0.002, "damping_threshold": 0.15}
     head = "opid modal &#39;my study.toml&#39;"
@@ -97,7 +101,7 @@ def test_green_dots_are_spoken_of_only_where_they_are(result):
 def test_truth_stands_beside_each_coefficient(result):
     lines = opid.text(result, TRUTH).splitlines()
     cubic = next(line for line in lines if line.startswith("k3"))
-    assert "-1.5e+11" in cubic
+    assert "-1.5×10¹¹" in cubic
     assert cubic.endswith("yes")
     assert next(line for line in lines if line.startswith("k2")).endswith("yes")  # the truth has none: zero
 
@@ -222,3 +226,30 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
             read_truth(path, ModalTruth)
     with pytest.raises(InputError, match="cannot read"):
         read_truth(tmp_path / "none.json", ModalTruth)
+
+
+def test_the_sketch_shows_frequency_and_damping_of_each_nonlinear_mode():
+    found = small_result()
+    fit = found.fits[0]
+    sketch = sketch_modes(found)
+    for words in ("k(q)", "c(q)", "f = 60.00 Hz, ζ = 0.5 %", f"f = {fit.frequency_at_hz[-1]:.2f} Hz"):
+        assert words in sketch.svg
+    assert "mode 3 at q = 0.00025 m √kg:" in sketch.svg
+    assert sketch_modes(replace(found, fits=())) is None
+    many = replace(found, fits=tuple(replace(fit, mode=mode) for mode in range(1, 6)))
+    assert "and 2 more in the table" in sketch_modes(many).svg
+
+
+def test_a_mode_that_only_decays_show_is_sketched():
+    decay = small_decay()
+    found = replace(small_result(decays=(decay,)), fits=(), decay_laws={3: law_of_decays([decay])})
+    assert f"f = {found.decay_laws[3].frequency_hz.max():.2f} Hz" in sketch_modes(found).alt
+
+
+def test_the_sketch_of_a_decay_shows_both_ends():
+    decay = small_decay()
+    sketch = sketch_decay(decay)
+    assert "mode 3, modal mass 1" in sketch.svg
+    for k in (0, -1):
+        assert f"f = {with_std(decay.frequency_hz[k], decay.frequency_std_hz[k])} Hz" in sketch.svg
+    assert "k(x)" in sketch_decay(replace(decay, mode=None, amplitude_unit="m")).svg

@@ -1,5 +1,6 @@
 """An updating as text, JSON and page."""
 
+import csv
 import json
 import re
 import sys
@@ -18,9 +19,11 @@ from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.truth import UpdatingTruth
 from opid.report.document import Table
+from opid.report.sketch import sketch_joints
 from opid.report.updating import say_orders, say_reductions
 from opid.report.writing import build_document
 from opid.updating.chain_files import write_chains
+from opid.updating.sampling.chains import Chain, effective_samples, split_r_hat
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
 from opid.virtual.truth_file import read_truth, tabulate_truth
@@ -66,7 +69,7 @@ def test_truth_stands_beside_the_classes_that_hold_the_true_law(result):
     text = opid.text(result, small_truth())
     rows = [line for line in text.splitlines() if line.startswith(("cubic", "quadratic", "quartic"))]
     assert rows[0].split()[-3:] == ["-", "-", "-"]  # no cubic term: there is no true value
-    assert rows[1].split()[-3:] == ["1.0744e+08", "+0.00%", "yes"]
+    assert rows[1].split()[-3:] == ["1.0744×10⁸", "+0.00%", "yes"]
     assert rows[2].split()[-1] == "no"
     assert rows[3].split()[-3:] == ["0", "-", "yes"]
     assert line_of(text, "E_steel").split()[-3:] == ["0.31", "+0.00%", "yes"]
@@ -175,7 +178,7 @@ def test_the_text_says_what_the_reduction_keeps(result):
         "29 coordinates, modes with sensors and joints held: frequency of modes 1 and 2 off by at most 0.0002 %, "
         "modes 1 to 3 by less than 1 %",
         "28 coordinates (1 direction cut off), free modes (the paper's words): frequency of modes 1 and 2 off by at "
-        "most 3e-07 %, modes 1 to 2 by less than 1 %",
+        "most 3×10⁻⁷ %, modes 1 to 2 by less than 1 %",
     )
     text = opid.text(reduced)
     assert text.count("Reduction: ") == 2
@@ -217,8 +220,9 @@ def test_missing_points_of_a_band_are_counted_and_null(result):
     assert "The band of mode 1 has no frequency at 3 of its 40 amplitudes" in " ".join(opid.text(broken).split())
     band = json.loads(json_text(broken.to_dict()))["prediction"][0]
     assert band["frequency_hz"][:4] == [None, None, None, pytest.approx(first.frequency_hz[3])]
-    assert "Where it breaks off" in build_document(broken).figures[-2].text
-    assert "Where it breaks off" not in build_document(broken).figures[-1].text
+    texts = {figure.name: figure.text for figure in build_document(broken).figures}
+    assert "Where it breaks off" in texts["predicted_mode_1"]
+    assert "Where it breaks off" not in texts["predicted_mode_2"]
 
 
 def test_bands_of_one_mode_and_sensor_share_a_cell(result):
@@ -275,6 +279,36 @@ def test_arviz_reads_back_the_chains_that_are_written(result, tmp_path):
             np.testing.assert_array_equal(read[name].to_numpy().ravel(), column)
 
 
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+def test_the_diagnostics_of_several_chains_are_those_of_arviz(result, tmp_path):
+    real = pytest.importorskip("arviz")
+    n_of = {"class 1": 1, "class 2": 4, "class 4": 4}  # The first is one of particles.
+    classes = tuple(
+        replace(each, chain=Chain(samples, np.zeros(samples.shape[:2]), 0.3, samples[..., 0].size, "adaptive", 0))
+        for each in result.classes
+        for samples in [each.samples.reshape(n_of[each.model_class.name], -1, len(each.estimates))]
+    )
+    summary = write_chains(replace(result, classes=classes), tmp_path)[-1]
+    assert summary == tmp_path / "chains_summary.csv"
+    rows = {tuple(row[:2]): row[2:] for row in csv.reader(summary.read_text(encoding="utf-8").splitlines())}
+    head = rows.pop(("posterior", "parameter"))
+    assert list(rows) == [("class_2", "theta_1"), ("class_3", "theta_1"), ("class_3", "theta_2")]
+    for (name, parameter), row in rows.items():
+        told = dict(zip(head, map(float, row), strict=True))
+        data = real.from_netcdf(tmp_path / f"chains_{name}.nc")["posterior"][[parameter]]
+        for column, expected in {
+            "mcse_mean": real.mcse(data, method="mean"),
+            "ess_bulk": real.ess(data, method="bulk"),
+            "ess_tail": real.ess(data, method="tail"),
+            "r_hat": real.rhat(data),
+        }.items():
+            assert told[column] == pytest.approx(float(expected[parameter]), rel=1e-6)
+        # opid's own numbers, which a plain installation has, are the same
+        samples = classes[int(name[-1]) - 1].chain.samples[..., [int(parameter[-1]) - 1]]
+        assert effective_samples(samples)[0] == pytest.approx(told["ess_bulk"], rel=0.03)
+        assert split_r_hat(samples)[0] == pytest.approx(told["r_hat"], rel=0.03)
+
+
 def test_without_the_writer_of_arviz_chains_are_refused_in_a_sentence(result, arviz, tmp_path, monkeypatch):
     def to_netcdf(self, path):
         raise ValueError("no suitable backend")
@@ -319,3 +353,30 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
             read_truth(path, UpdatingTruth)
     with pytest.raises(InputError, match="cannot read"):
         read_truth(tmp_path / "none.json", UpdatingTruth)
+
+
+def test_the_sketch_shows_the_joints_with_the_law_of_the_best_class(result):
+    sketch = sketch_joints(result)
+    for words in (
+        "f(z): cubic (class 2)",
+        "cubic: 1.074×10⁸ ± 2.7×10⁶ N/m³",
+        "E_steel = 0.3100 ± 0.0020",
+    ):
+        assert words in sketch.alt
+    assert all(f">{name}</text>" in sketch.svg for name in ("left", "right"))
+    assert sketch_joints(replace(result, best_class="")) is None
+
+
+def test_what_few_readers_need_is_folded(result):
+    found = build_document(result)
+    shown = [figure.name for figure in found.figures if not figure.fold]
+    best = ["class_2_samples"]
+    assert shown == ["measured_mode_1", "log_evidences", "joint_forces", *best, "predicted_mode_1", "predicted_mode_2"]
+    running = {figure.fold for figure in found.figures if figure.name.endswith("_running")}
+    assert len(running) == 1
+    others = {figure.name: figure.fold for figure in found.figures}["class_3_samples"]
+    assert others
+    assert others not in running
+    assert {
+        table.fold != "" for table in found.blocks if isinstance(table, Table) and table.columns[0].head == "sampling"
+    } == {True}

@@ -25,15 +25,15 @@ def error(recording, frequency_hz):
 @pytest.mark.parametrize(
     ("fs", "new"), [(512.0, 500.0), (5000.0, 512.0), (400.0, 1000.0), (117.0371, 100.0), (5e3, 500.0)]
 )
-@pytest.mark.parametrize("share", [0.02, 0.2, 0.39])
-def test_a_tone_that_both_rates_hold_is_kept(fs, new, share):
-    frequency_hz = share * min(fs, new)
+@pytest.mark.parametrize("fraction", [0.02, 0.2, 0.39])
+def test_a_tone_that_both_rates_hold_is_kept(fs, new, fraction):
+    frequency_hz = fraction * min(fs, new)
     assert error(resampled(tone(frequency_hz, fs, duration_s=4000 / min(fs, new)), new), frequency_hz) < 1e-3
 
 
-@pytest.mark.parametrize("share", [STOP + 0.01, 0.7, 0.95, 1.3])
-def test_what_the_lower_rate_cannot_hold_is_gone(share):
-    fast = tone(share * 500.0, 5000.0, duration_s=20.0)
+@pytest.mark.parametrize("fraction", [STOP + 0.01, 0.7, 0.95, 1.3])
+def test_what_the_lower_rate_cannot_hold_is_gone(fraction):
+    fast = tone(fraction * 500.0, 5000.0, duration_s=20.0)
     slow = resampled(fast, 500.0).samples[500:-500]
     assert np.abs(slow).max() < 3e-4
     # without the filter it would fold back in full
@@ -41,11 +41,11 @@ def test_what_the_lower_rate_cannot_hold_is_gone(share):
 
 
 @settings(max_examples=20, deadline=None)
-@given(shift=st.floats(0.0, 3.0), share=st.floats(0.01, PASS))
-def test_nothing_is_shifted_in_time(shift, share):
-    moved = resampled(tone(share * 200.0, 200.0, duration_s=20.0), 200.0, start_s=shift, n_samples=3000)
+@given(shift=st.floats(0.0, 3.0), fraction=st.floats(0.01, PASS))
+def test_nothing_is_shifted_in_time(shift, fraction):
+    moved = resampled(tone(fraction * 200.0, 200.0, duration_s=20.0), 200.0, start_s=shift, n_samples=3000)
     assert moved.start_s == shift
-    assert error(moved, share * 200.0) < 1e-3
+    assert error(moved, fraction * 200.0) < 1e-3
 
 
 def test_against_the_fourier_way_on_a_periodic_signal():

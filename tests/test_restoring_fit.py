@@ -5,12 +5,12 @@ import pytest
 from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ONE, ZETA, beat, beats, measured, softening
 
 from opid.errors import InputError
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.restoring_fit import fit_coefficients, fit_modal_mass, fit_unweighted
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.power_laws import harmonic_factor
 
 BAND = (100.0, 140.0)
 CUBIC = {"stiffness_order": 3, "damping_order": 3}
@@ -131,7 +131,7 @@ def test_curves_hold_the_truth_and_start_at_zero(noisy):
     inside = (fit.stiffness_curve.low - 2 <= K3 * q**3) & (fit.stiffness_curve.high + 2 >= K3 * q**3)
     assert inside.mean() > 0.9
     assert fit.stiffness_curve.force[0] == 0
-    natural = np.sqrt(OMEGA**2 + harmonic_factor(3) * K3 * q**2) / (2 * np.pi)
+    natural = np.sqrt(OMEGA**2 + first_harmonic_factor(3) * K3 * q**2) / (2 * np.pi)
     np.testing.assert_allclose(fit.frequency_at_hz, natural, rtol=2e-3)
 
 

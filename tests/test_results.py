@@ -33,7 +33,7 @@ from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.fitting.repeatability import Repeatability
 from opid.suspensions.flights.comparison import compare
-from opid.suspensions.flights.fleet import compare_fleet
+from opid.suspensions.flights.fleet_comparison import compare_fleet
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.identification import identify
 from opid.suspensions.own_structure import StructureIdentification
@@ -342,7 +342,7 @@ def test_the_command_of_a_page_is_quoted_for_the_shell(maker, request, tmp_path)
     command = next(each for each in Pieces(page).inside["pre"] if each.startswith("opid "))
     assert odd in shlex.split(command)
     if maker is bench:
-        assert shlex.split(command)[3:5] == ["--force", "F [kN]"]
+        assert shlex.split(command)[3:5] == ["--force-channel", "F [kN]"]
 
 
 def test_results_are_frozen_records(result):

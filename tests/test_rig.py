@@ -79,14 +79,14 @@ def test_the_steps_follow_the_highest_natural_frequency_and_are_enough():
 
 
 def test_the_second_harmonic_of_the_shaker_reaches_the_structure():
-    def share(shaker):
+    def fraction(shaker):
         voltage = 20.0 * np.sin(2 * np.pi * 100.0 / FS * np.arange(4000)) * np.minimum(1.0, np.arange(4000) / 1000)
         force = quiet(rig(shaker=shaker), voltage).clean.channel("force")[2000:]
         lines = np.abs(np.fft.rfft(force))
         return lines[200] / lines[100]
 
-    assert share(Shaker()) < 2e-3
-    assert share(Shaker(second_harmonic=0.1)) > 10 * share(Shaker())
+    assert fraction(Shaker()) < 2e-3
+    assert fraction(Shaker(second_harmonic=0.1)) > 10 * fraction(Shaker())
 
 
 @pytest.mark.parametrize("shaker", [None, Shaker(second_harmonic=0.02)])

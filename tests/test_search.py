@@ -20,7 +20,7 @@ from opid.suspensions.identification import identify
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.model.unknowns import Group
 from opid.suspensions.settings import Settings
-from opid.suspensions.study import PointMass, Run
+from opid.suspensions.study import Run
 from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import taxi_test
@@ -261,8 +261,7 @@ def fast():
         upper_sensor=Sensor(noise_m_per_s2=NOISE),
         lowest_step_rate_hz=1024.0,
     )
-    loads = tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in LOADS)
-    runs = zip(("light", "heavy"), test.runs, ((), loads), strict=True)
+    runs = zip(("light", "heavy"), test.runs, ((), LOADS), strict=True)
     return study(runs=tuple(Run(name, run.recording, given) for name, run, given in runs))
 
 

@@ -83,13 +83,13 @@ def test_a_rigid_stinger_adds_the_armature_to_the_structure():
     assert frequency_hz == pytest.approx(np.sqrt(6e3 / 3.45) / (2 * np.pi), rel=1e-6)
 
 
-@pytest.mark.parametrize(("level", "share"), [(28.0, 0.04), (14.0, 0.02), (2.8, 0.004)])
-def test_the_second_harmonic_grows_with_the_level(level, share):
+@pytest.mark.parametrize(("level", "fraction"), [(28.0, 0.04), (14.0, 0.02), (2.8, 0.004)])
+def test_the_second_harmonic_grows_with_the_level(level, fraction):
     n = 64
     voltage = level * np.sin(2 * np.pi * np.arange(n) / n)
     lines = np.abs(np.fft.rfft(armature_force(Shaker(second_harmonic=0.04), voltage))) * 2 / n
     assert lines[1] == pytest.approx(16.0 * level)
-    assert lines[2] / lines[1] == pytest.approx(share)
+    assert lines[2] / lines[1] == pytest.approx(fraction)
     assert np.abs(lines[3:]).max() < 1e-9 * lines[1]
 
 

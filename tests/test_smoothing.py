@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from driven_response import driven_response
 
-from opid.mechanics.driven import Interface, Noise, UnboundedResponseError, driven_response, half_steps
+from opid.mechanics.driven import Interface, Noise, UnboundedResponseError, half_steps
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.smoothing import DrivenRecord, smooth
 

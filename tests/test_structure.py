@@ -9,7 +9,7 @@ from opid.mechanics.structure import (
     Structure,
     frequency_response,
     linear_matrices,
-    linear_transmissibility,
+    modal_assurance,
     natural_frequencies,
 )
 from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
@@ -88,12 +88,30 @@ def test_the_transmissibility_of_a_gear_has_no_tyre_in_it(ground):
     # T = (K2 + jw C2) / (K2 + K3 - w^2 M2 + jw C2), whatever M1, K1, C1 and the (nonlinear) law are
     gear = LandingGear(ground_stiffness_n_per_m=ground, tyre_stiffness_n_per_m=1e6, unsprung_mass_kg=80.0)
     frequency_hz = np.linspace(0.05, 40.0, 200)
-    found = linear_transmissibility(
-        airframe_structure(gear.airframe), frequency_hz, response="heave", reference="wheel", load="wheel"
-    )
+    structure = airframe_structure(gear.airframe)
+    heave, wheel = structure.index("heave"), structure.index("wheel")
+    receptance = frequency_response(structure, frequency_hz)
+    found = receptance[:, heave, wheel] / receptance[:, wheel, wheel]
     jw = 2j * np.pi * frequency_hz
     strut = gear.suspension_stiffness_n_per_m + jw * gear.suspension_damping_n_s_per_m
     np.testing.assert_allclose(found, strut / (strut + ground + jw**2 * gear.sprung_mass_kg), rtol=1e-9)
+
+
+def test_modal_assurance_knows_scale_sign_and_phase_from_shape():
+    shapes = np.random.default_rng(4).standard_normal((5, 3))
+    np.testing.assert_allclose(np.diag(modal_assurance(shapes, -7.0 * np.exp(0.3j) * shapes)), 1, atol=1e-12)
+    own = modal_assurance(shapes)
+    np.testing.assert_allclose(own, own.T, atol=1e-14)
+    assert ((own >= 0) & (own <= 1 + 1e-12)).all()
+    assert modal_assurance(shapes, shapes[:, :2]).shape == (3, 2)
+    with pytest.raises(InputError, match="give both at the same sensors"):
+        modal_assurance(np.ones((3, 2)), np.ones((4, 2)))
+
+
+def test_modal_assurance_takes_single_shapes_and_zero_ones():
+    np.testing.assert_allclose(modal_assurance([1.0, 2.0], [2.0, 4.0]), [[1.0]])
+    assert modal_assurance([1.0, 2.0, -1.0], [2.0, -1.0, 0.0]).tolist() == [[0.0]]
+    assert modal_assurance(np.eye(2), [[0.0], [0.0]]).tolist() == [[0.0], [0.0]]
 
 
 def test_laws_do_not_enter_the_linear_matrices():

@@ -91,11 +91,11 @@ def test_matrices_that_are_not_positive_are_told():
     assert "the mass matrix is not positive" in next(iter(structure_faults(replace(chain, mass=mass))))
 
 
-@pytest.mark.parametrize(("place", "share"), [(100, 0.9), (1000, 0.9), (500, -1.0)])
-def test_a_stiffness_that_is_hardly_not_positive_is_told_with_its_least_eigenvalue(place, share):
+@pytest.mark.parametrize(("place", "fraction"), [(100, 0.9), (1000, 0.9), (500, -1.0)])
+def test_a_stiffness_that_is_hardly_not_positive_is_told_with_its_least_eigenvalue(place, fraction):
     wing = wing_engine_structure()
     stiffness = wing.stiffness_at({}).tolil()
-    stiffness[place, place] *= share
+    stiffness[place, place] *= fraction
     (fault,) = structure_faults(replace(wing, stiffness=stiffness.tocsr(), parts={}))
     least = float(re.search(r"eigenvalue (\S+) N/m", fault)[1])
     # of the whole matrix, not by factors of shifted ones

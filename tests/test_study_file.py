@@ -362,7 +362,7 @@ def test_wrong_weighings_and_spectra_are_named(read, text, words):
 def test_a_body_that_is_written_reads_back(tmp_path):
     test = short_test()
     runs = [
-        Run(f"run {k}", run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+        Run(f"run {k}", run.recording, loads)
         for k, (run, loads) in enumerate(zip(test.runs, ((), LOADING), strict=True))
     ]
     pair = SensorPair(SensorFacts(gain_tolerance=0.01), SensorFacts(5e-3), (Leak("tail", "sprung", 0.02),))

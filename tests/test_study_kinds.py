@@ -23,7 +23,7 @@ from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run, Study, study_of_gear
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.study import UpdatingStudy
-from opid.virtual.taxi_tests.study import taxi_study
+from opid.virtual.taxi_tests.taxiing import taxi_study
 
 GEAR = "[channels]\nsprung = 'a'\nunsprung = 'b'\n[[runs]]\nname = 'one'\nlog = 'none.csv'\nmass_change_kg = 0\n"
 BODY = "[[interfaces]]\nname = 'nose'\nx_m = 1\ny_m = 0\n[[runs]]\nname = 'one'\nlog = 'none.csv'\n[structure]\n"

@@ -98,7 +98,7 @@ def test_a_posterior_cut_by_the_prior():
 
 
 def test_a_likelihood_that_is_zero_in_most_of_the_prior():
-    # flat where both lie in a corner of 4 % of the prior: the evidence is that share
+    # flat where both lie in a corner of 4 % of the prior: the evidence is that fraction
     def likelihood(theta):
         return np.where(np.all(theta < 2.0, axis=1), 0.0, -np.inf)
 

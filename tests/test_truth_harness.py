@@ -33,7 +33,7 @@ IDENTIFIERS = {
 # a normal error exceeds this once in 16 000 times
 WITHIN_STD = 4.0
 # wide intervals must not hide a bad answer
-WITHIN_SHARE = {"sprung_mass_kg": 0.02, "suspension_stiffness_n_per_m": 0.02, "suspension_damping_n_s_per_m": 0.03}
+WITHIN_FRACTION = {"sprung_mass_kg": 0.02, "suspension_stiffness_n_per_m": 0.02, "suspension_damping_n_s_per_m": 0.03}
 
 
 @cache
@@ -61,10 +61,10 @@ def test_the_truth_is_found(law_name, identifier):
     for name, (estimate, true) in estimates.items():
         # a ground spring that was left out is zero, not uncertain
         assert abs(estimate.value - true) <= WITHIN_STD * (estimate.std or 0.0), name
-    for name, share in WITHIN_SHARE.items():
+    for name, fraction in WITHIN_FRACTION.items():
         estimate, true = estimates[name]
-        assert abs(estimate.value - true) < share * true, name
-        assert estimate.std < share * true, name
+        assert abs(estimate.value - true) < fraction * true, name
+        assert estimate.std < fraction * true, name
     # a wide interval of the ground spring or of the law would hold anything
     assert (estimates["ground_stiffness_n_per_m"][0].std or 0.0) < 0.01 * gear.suspension_stiffness_n_per_m
     for kind, values in gear.law.parameters.items():

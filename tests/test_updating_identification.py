@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError, NotDeterminedError
+from opid.progress import Step
 from opid.updating import identification, posterior
 from opid.updating.identification import update_study
 from opid.updating.likelihood.noise import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH, NoiseSettings
@@ -47,9 +48,13 @@ def test_a_class_more_changes_no_other_and_steps_are_told(found):
     steps = []
     again = update_study(study(classes=(made.CUBIC,)), progress=steps.append)
     assert again.classes[0].samples == pytest.approx(found.classes[0].samples, rel=1e-6)
-    shares = [step for step in steps if step.startswith("cubic ")]
-    assert [step for step in steps if step not in shares] == ["backbones", "cubic", "prediction"]
-    assert len(shares) > 2
+    counted = [step for step in steps if isinstance(step, Step)]
+    assert [step for step in steps if step not in counted] == ["backbones", "cubic", "prediction"]
+    assert {step.name for step in counted} == {"cubic"}
+    fractions = [step.fraction for step in counted]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1
+    assert len(fractions) > 2
 
 
 def test_both_phases_from_matrices():

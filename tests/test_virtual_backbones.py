@@ -73,12 +73,12 @@ def test_every_level_is_what_it_says(system):
     clean = synthetic(system, **asked, **NONE, amplitude_jitter=0.0)[0].amplitude
     errors = np.array([curve.amplitude for curve in noisy]) - clean
     assert not errors[:, :, 9].any(), "the amplitude of the controlled sensor is prescribed"
-    share = np.delete(errors, 9, axis=2) / np.linalg.norm(clean, axis=1)[:, None]
-    assert share.std() == pytest.approx(0.02, rel=0.02)
+    fraction = np.delete(errors, 9, axis=2) / np.linalg.norm(clean, axis=1)[:, None]
+    assert fraction.std() == pytest.approx(0.02, rel=0.02)
 
 
 def test_the_linear_error_is_common_to_a_mode_and_fades_with_the_nonlinearity(system):
-    share = []
+    fraction = []
     for seed in range(20):
         curves = synthetic(
             system, seed, **(NONE | {"linear_error": 0.004}), n_curves=(2, 1), n_points=5, amplitude_jitter=0.0
@@ -86,10 +86,10 @@ def test_the_linear_error_is_common_to_a_mode_and_fades_with_the_nonlinearity(sy
         first, second, other = (curve.frequency_hz / true_of(system, curve).frequency_hz - 1.0 for curve in curves)
         np.testing.assert_allclose(first, second, atol=1e-12)
         assert abs(first[-1]) < abs(first[0])
-        share.append((first[0], other[0]))
-    share = np.array(share)
-    np.testing.assert_allclose(share.std(axis=0), 0.004, rtol=0.5)
-    assert abs(np.corrcoef(share.T)[0, 1]) < 0.7
+        fraction.append((first[0], other[0]))
+    fraction = np.array(fraction)
+    np.testing.assert_allclose(fraction.std(axis=0), 0.004, rtol=0.5)
+    assert abs(np.corrcoef(fraction.T)[0, 1]) < 0.7
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,10 @@ def test_impacts_are_at_three_levels_and_have_decayed(quiet):
 
 
 def test_the_other_rule_makes_longer_beats_and_the_highest_can_be_the_truth_test(series, quiet):
-    other = run(replace(series, rule="drive point", truth="beat", levels=(0.5, 1.0)))
+    steps = []
+    other = run(replace(series, rule="drive point", truth="beat", levels=(0.5, 1.0)), progress=steps.append)
+    names = ["impact 1", "impact 2", "impact 3", "level of mode 3", "sine beat 1 of mode 3", "sine beat 2 of mode 3"]
+    assert [(step.name, step.fraction) for step in steps] == [(name, k / 6) for k, name in enumerate(names)]
     # what judges is not fitted
     assert [each.test.name for each in other.of_use("fit")] == ["beat_3_level_1"]
     assert [(each.test.name, each.mode) for each in other.of_use("truth")] == [("beat_3_level_2", 3)]

@@ -16,9 +16,8 @@ from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, find_rest, la
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading
-from opid.virtual.taxi_tests.study import taxi_truth
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test, taxi_truth
 from opid.virtual.truth_file import read_truth, write_field_test
 
 CHANNELS = ("upper_z", "lower_z")
@@ -117,6 +116,9 @@ def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
     assert found.residual_over_noise < 1.05
     flat = identify(replace(study, interfaces=(replace(study.interfaces[0], axis="horizontal"),)), law=name)
     assert flat.residual_over_noise > found.residual_over_noise
+    doubts = [warning for warning in flat.warnings if "carries weight" in warning]
+    assert len(doubts) == (name == "gas_column"), "no weight says what a column of gas that lies flat carries"
+    assert not any("the axis is 'horizontal'" in warning for warning in found.warnings)
 
 
 def test_channels_that_count_downwards_say_so():
@@ -143,12 +145,12 @@ def test_an_aircraft_on_struts_that_harden_rests_where_its_loading_puts_it():
     laws = [default_law("cubic_stiffness").scaled(factor) for factor in (1 / 3, 1.0, 1.0)]
     gears = tuple(replace(gear, law=law) for gear, law in zip(plain.gears, laws, strict=True))
     airframe, places = replace(plain, gears=gears), {gear.name: (gear.x_m, gear.y_m) for gear in gears}
-    loads = (Loading(500.0, 1.0, 0.2),)
+    loads = (PointMass(500.0, 1.0, 0.2),)
     settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
     test = taxi_test(airframe, rng=np.random.default_rng(1), loadings=[loads], **settings)
     assert max(gear.law.rest_m for gear in test.runs[1].airframe.gears) < -0.002
     runs = [
-        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+        Run(name, run.recording, loading)
         for name, run, loading in zip(("light", "heavy"), test.runs, ((), loads), strict=True)
     ]
     interfaces = [MeasuredInterface(name, f"{name}_upper_z", f"{name}_lower_z", *at) for name, at in places.items()]
@@ -237,11 +239,11 @@ def test_struts_that_harden_hard_begin_with_the_run_without_loading():
     """Between its runs the stiffness of the nose strut more than doubles: no start of both runs is of any use."""
     plain = default_aircraft()
     gears = tuple(replace(gear, law=default_law("cubic_stiffness")) for gear in plain.gears)
-    airframe, loads = replace(plain, gears=gears), (Loading(500.0, 1.0, 0.2),)
+    airframe, loads = replace(plain, gears=gears), (PointMass(500.0, 1.0, 0.2),)
     settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
     test = taxi_test(airframe, rng=np.random.default_rng(1), loadings=[loads], **settings)
     runs = [
-        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+        Run(name, run.recording, loading)
         for name, run, loading in zip(("light", "heavy"), test.runs, ((), loads), strict=True)
     ]
     interfaces = [
@@ -259,7 +261,7 @@ def test_a_load_that_is_only_moved_is_fitted_from_the_run_without_it():
     """No mass comes or goes: what the runs say of the mass they say by its moments."""
     plain = default_aircraft()
     gears = tuple(replace(gear, law=default_law("cubic_stiffness")) for gear in plain.gears)
-    loads = (Loading(400.0, 4.0, 0.0), Loading(-400.0, -1.0, 0.0))
+    loads = (PointMass(400.0, 4.0, 0.0), PointMass(-400.0, -1.0, 0.0))
     settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
     test = taxi_test(
         replace(plain, gears=gears),
@@ -268,7 +270,7 @@ def test_a_load_that_is_only_moved_is_fitted_from_the_run_without_it():
         **settings,
     )
     runs = [
-        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+        Run(name, run.recording, loading)
         for name, run, loading in zip(("before", "after"), test.runs, ((), loads), strict=True)
     ]
     interfaces = [

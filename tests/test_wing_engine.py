@@ -140,7 +140,7 @@ def test_a_finer_mesh_moves_the_frequencies_little():
 
 
 def test_unequal_leaf_springs_keep_the_mean_stiffness_and_mix_the_modes():
-    equal, unequal, mirrored = (matrices(leaf_asymmetry=share) for share in (0.0, 0.05, -0.05))
+    equal, unequal, mirrored = (matrices(leaf_asymmetry=fraction) for fraction in (0.0, 0.05, -0.05))
     assert (
         abs(unequal.parts["E_steel"] + mirrored.parts["E_steel"] - 2 * equal.parts["E_steel"]).max()
         < 1e-9 * abs(equal.parts["E_steel"]).max()

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from opid.campaigns.campaign_file import CampaignPlan, PlannedFlight
 from opid.campaigns.flight_task import Done, FlightTask, TaskSettings, run_task
 from opid.errors import InputError, require
+from opid.progress import Say, Step
 from opid.signals.files import make_directory
 from opid.suspensions.flights.campaign import DATASET, INDEX_FILE, Campaign, Outcome, Verdict
 from opid.suspensions.flights.dataset import RESERVED_TAILS, columns, require_dataset, write_part
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 logger = logging.getLogger(__name__)
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def run_campaign(
     task_settings: TaskSettings | None = None,
     engine: EngineSettings = DEFAULTS,
     is_forced: bool = False,
-    announce: Say | None = None,
+    announce: Callable[[str], None] | None = None,
     progress: Say | None = None,
 ) -> Campaign:
     """Identify the flights of a campaign, each as one task of Dask, and write the dataset of their values.
@@ -100,7 +99,7 @@ def run_campaign(
         engine: the tuned numbers.
         is_forced: whether flights are identified again although an earlier run has done it.
         announce: called with the address of the dashboard, as soon as there is one.
-        progress: called with what is done and what is left.
+        progress: called with a `Step` that says how many flights are done, at first that none is.
 
     Raises:
         InputError: no flight, a covariate with the name of another column, a directory that cannot be written to, a
@@ -117,12 +116,13 @@ def run_campaign(
     with connect(workers, scheduler, engine) as client:
         if announce is not None:
             announce(client.dashboard_link)
+        say(_count_flights(0, len(tasks), 0))
         for number, (index, done) in enumerate(_run_tasks(client, tasks, engine), start=1):
             parts.add(index, done.outcome)
             n_before += not done.is_new
             if done.outcome.verdict is Verdict.FAILED:
                 logger.info("flight %s: %s", done.outcome.folder, done.outcome.reason)
-            say(_say_progress(number, len(tasks), n_before, time.monotonic() - began))
+            say(_count_flights(number, len(tasks), n_before))
     parts.remove_older()
     outcomes = tuple(each for each in parts.outcomes if each is not None)
     return Campaign(plan.title, source or Path(plan.title), outcomes, n_before, time.monotonic() - began)
@@ -153,23 +153,15 @@ def _plan_tasks(plan: CampaignPlan, target: Path, settings: TaskSettings, is_for
     ]
 
 
-def _say_progress(n_done: int, n_all: int, n_before: int, seconds: float) -> str:
-    """Return what is done, and how long the rest will take if it is like what this run has identified."""
-    n_new = n_done - n_before
-    left = f", {_say_duration((n_all - n_done) * seconds / n_new)} left" if n_new and n_done < n_all else ""
-    before = f", {n_before} by an earlier run" if n_before else ""
-    return f"{n_done} of {n_all} flights{before}{left}"
+def _count_flights(n_done: int, n_all: int, n_before: int) -> Step:
+    """Return what is done; the fraction is one of the flights that are new to this run, for the others take no time.
 
-
-def _say_duration(seconds: float) -> str:
-    """Return a duration in the unit that a reader would choose.
-
-    >>> _say_duration(50), _say_duration(600), _say_duration(90000)
-    ('50 s', '10 min', '25.0 h')
+    >>> step = _count_flights(31, 40, 30)
+    >>> step.name, step.fraction
+    ('31 of 40 flights, 30 by an earlier run', 0.1)
     """
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+    before = f", {n_before} by an earlier run" if n_before else ""
+    return Step(f"{n_done} of {n_all} flights{before}", (n_done - n_before) / max(n_all - n_before, 1))
 
 
 # ---- Dask --------------------------------------------------------------------------------------------
@@ -218,6 +210,8 @@ def connect(workers: int | None, scheduler: str | None, engine: EngineSettings =
                 "distributed.admin.log-format": "%(message)s",
                 # Ctrl-C is for the campaign, which ends its workers; each of them would print where it was.
                 "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+                # Else each worker stops its flight a hundred times a second to note where it is, for a page of Dask.
+                "distributed.worker.profile.enabled": False,
             }
         ),
         LocalCluster(

@@ -40,11 +40,13 @@ class TaskSettings:
         most_attempts: a flight has failed if its worker died this often. A worker that is killed for other reasons
             (a node that is taken back) seldom meets the same flight twice.
         with_pages: whether each flight gets a report page; a page takes 1 s and 3 MB.
+        with_figures: whether these pages have figures.
     """
 
     time_limit_s: float = 600.0
     most_attempts: int = 5
     with_pages: bool = False
+    with_figures: bool = True
 
 
 @dataclass(frozen=True)
@@ -137,13 +139,13 @@ def _find_outcome(task: FlightTask) -> Outcome | None:
 
 def _identify_whole(task: FlightTask) -> Outcome:
     make_directory(task.folder)
-    if reason := _why_hopeless(task):
+    if reason := _count_attempt(task):
         return _leave(task, Verdict.FAILED, reason, {}, time_limit_s=task.settings.time_limit_s)
     from opid.suspensions.identification import identify
 
     contents: dict[str, bytes] = {}
     try:
-        with _limited(task):
+        with _limit_time(task):
             study = _read_logs(task.flight)
             result = identify(study, **asdict(task.options))
             contents[RESULT_FILE] = json_text(traced(result.to_dict(), result.files)).encode(
@@ -152,7 +154,7 @@ def _identify_whole(task: FlightTask) -> Outcome:
             if task.settings.with_pages:
                 from opid.report import write_report
 
-                write_report(result, task.folder)
+                write_report(result, task.folder, figures=task.settings.with_figures)
     except (InputError, NotDeterminedError) as error:
         return _leave(task, Verdict.FAILED, str(error), {}, is_to_be_repeated=True)
     except Exception as error:  # a fault of opid must not end the campaign
@@ -227,7 +229,7 @@ def _build_outcome(task: FlightTask, verdict: Verdict, reason: str, files: tuple
 # ---- flights that do not end -------------------------------------------------------------------------
 
 
-def _why_hopeless(task: FlightTask) -> str:
+def _count_attempt(task: FlightTask) -> str:
     """Return why a flight is not tried again, and count the attempt if it is."""
     begun, n_before = task.folder / _BEGUN_FILE, 0
     with suppress(OSError, ValueError, KeyError, TypeError):
@@ -249,7 +251,7 @@ def _why_hopeless(task: FlightTask) -> str:
 
 
 @contextmanager
-def _limited(task: FlightTask) -> Iterator[None]:
+def _limit_time(task: FlightTask) -> Iterator[None]:
     """End the process if the block takes longer than the time limit, after its trace is written."""
     with (task.folder / _TRACE_FILE).open("w", encoding="utf-8") as trace:
         faulthandler.dump_traceback_later(task.settings.time_limit_s, exit=True, file=trace)

@@ -5,13 +5,12 @@ Exit status 0: done. 1: the data do not determine the answer (what was determine
 Heavy imports stand inside the commands, so that help and usage errors come at once.
 """
 
-from opid.cli import campaign, laws, logs, modal, plan, sensing, suspensions, update, virtual_structures, virtual_tests
+from opid.cli import campaign, logs, modal, plan, sensing, suspensions, update, virtual_structures, virtual_tests
 from opid.cli.group import main
 
 # Importing the other modules adds their commands to `main`.
 __all__ = [
     "campaign",
-    "laws",
     "logs",
     "main",
     "modal",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from opid.cli.group import PATH, Number, example, main, out_option, quiet_option, with_force
+from opid.cli.group import PATH, NotDetermined, Number, Output, example, main, out_option, result_name, with_output
 from opid.errors import InputError
 
 
@@ -29,17 +31,14 @@ from opid.errors import InputError
     help="A flight that takes longer has failed.",
 )
 @click.option("--pages", "with_pages", is_flag=True, help="Write a report page for each flight, 3 MB each.")
-@quiet_option
-@with_force
+@with_output
 def campaign(
     source: Path,
-    out: Path | None,
     workers: int | None,
     scheduler: str | None,
     time_limit_s: float,
     with_pages: bool,
-    quiet: bool,
-    overwrite: bool,
+    output: Output,
 ) -> None:
     """Identify many flights on Dask, and gather their values as a dataset that `opid compare` reads.
 
@@ -55,44 +54,39 @@ def campaign(
     from opid.campaigns.campaign_file import read_campaign
     from opid.campaigns.engine import refuse_another, run_campaign
     from opid.campaigns.flight_task import TaskSettings
-    from opid.cli.group import NotDetermined, progress, result_name
-    from opid.report import text, write_report
-    from opid.suspensions.flights.campaign import Verdict
+    from opid.suspensions.flights.campaign import INDEX_FILE, Verdict
 
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler are both given: give one of them")
     if not time_limit_s > 0:
         raise InputError(f"--time-limit is {time_limit_s:g}: give a positive number of seconds")
     plan = read_campaign(source)
-    directory = out or Path(f"{result_name(source)}_campaign")
-    if not overwrite:
-        refuse_another(plan.title, directory)
-    with progress(quiet=quiet) as say:
+    # A campaign goes on where an earlier run ended, in the same folder.
+    output = replace(output, out=output.out or Path(f"{result_name(source)}_campaign"))
+    if not output.overwrite:
+        refuse_another(plan.title, output.folder)
+    with output.progress() as say:
         found = run_campaign(
             plan,
-            directory,
+            output.folder,
             source=source,
             workers=workers,
             scheduler=scheduler,
-            task_settings=TaskSettings(time_limit_s=time_limit_s, with_pages=with_pages),
-            is_forced=overwrite,
-            announce=_ignore if quiet else _print_dashboard,
+            task_settings=TaskSettings(time_limit_s=time_limit_s, with_pages=with_pages, with_figures=output.figures),
+            is_forced=output.overwrite,
+            announce=None if output.quiet else _print_dashboard,
             progress=say,
         )
-        command = ["opid", "campaign", str(source), "--out", str(directory)]
-        page = write_report(found, directory, command=command, progress=say)
-    if not quiet:
-        click.echo(text(found))
-        if found.n_done_before:
-            click.echo(f"{found.n_done_before} of {len(found.outcomes)} flights were done by an earlier run.")
-        click.echo(f"Index: {page} (open it in a browser)")
+        command = ["opid", "campaign", str(source), "--out", str(output.folder)]
+        notes = output.write(found, command=command, progress=say)
+    before = f"{found.n_done_before} of {len(found.outcomes)} flights were done by an earlier run."
+    output.show(found, notes=(*[before] * (found.n_done_before > 0), *notes))
     if not found.counts[Verdict.IDENTIFIED]:
-        raise NotDetermined("no flight has an answer: the reasons stand above")
+        place = "stand above" if output.has_text else f"stand in {output.folder / INDEX_FILE}"
+        raise NotDetermined(f"no flight has an answer: the reasons {place}")
 
 
 def _print_dashboard(address: str) -> None:
-    click.echo(f"Dashboard: {address}", err=True)
+    from tqdm import tqdm
 
-
-def _ignore(address: str) -> None:
-    pass
+    tqdm.write(f"Dashboard: {address}", file=sys.stderr)  # It stands above the line of progress, which is drawn again.

@@ -11,13 +11,13 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from shutil import get_terminal_size
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from opid.errors import InputError, NotDeterminedError
+from opid.progress import Say, Step
 
 if TYPE_CHECKING:
     from opid.mechanics.truth import Truth
@@ -173,17 +173,19 @@ REPORT = ("result.json", "report.html")
 """Files that every report has, so that an older report is recognised by them."""
 
 
-def overwrite_option(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return the option to overwrite older files, which is the argument `overwrite` of a command."""
-    return click.option(*names, "overwrite", is_flag=True, help="Overwrite what an earlier run has left in the folder.")
+_PRINT_OPTIONS = (
+    click.option("--verbose", is_flag=True, help="Print every step of the work on stderr, and what opid logs."),
+    click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status remain."),
+    click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+    click.option("--force", "overwrite", is_flag=True, help="Overwrite what an earlier run has left in the folder."),
+)
+"""The options of every command that writes files."""
 
-
-OVERWRITE = ("--force", "--overwrite")
-"""Either allows overwriting; where `--force` is the name of a column the second alone does."""
-
-with_force = overwrite_option(*OVERWRITE)
-
-quiet_option = click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status remain.")
+_FIGURE_OPTIONS = (
+    click.option("--png", is_flag=True, help="Write each figure as a PNG file, too."),
+    click.option("--no-figures", "figures", flag_value=False, default=True, help="Write the report without figures."),
+)
+"""Those of a command that writes a report."""
 
 
 def seed_option(of: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -200,25 +202,34 @@ def out_option(help_text: str) -> Callable[[Callable[..., None]], Callable[..., 
 truth_option = click.option("--truth", type=PATH, metavar="JSON", help="truth.json of a simulation, to compare.")
 
 
-def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool, option: str = "--force") -> Path:
+def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool) -> Path:
     """Return the path of a directory for these files, and refuse before long work if one of them exists already.
 
     Raises:
-        InputError: the directory cannot be made or written to, or a file exists and may not be overwritten, which
-            `option` would allow.
+        InputError: the directory cannot be made or written to, or a file exists and may not be overwritten.
     """
     from opid.signals.files import require_directory
 
     target = require_directory(path)
     there = [name for name in names if (target / name).exists()]
     if there and not overwrite:
-        raise InputError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with {option}")
+        raise InputError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with --force")
     return target
 
 
 @dataclass(frozen=True)
 class Output:
-    """What a command prints, where it writes its report, and whether it may overwrite an older one."""
+    """What a command prints, where it writes its files, and whether it may overwrite older ones.
+
+    Args:
+        out: the folder for the files, or None.
+        overwrite: whether files of an earlier run are replaced.
+        as_json: whether the result is printed as JSON in the place of the text.
+        quiet: whether neither text nor progress is printed.
+        verbose: whether every step is printed.
+        figures: whether the report has figures.
+        png: whether each figure is written as a PNG file, too.
+    """
 
     out: Path | None
     overwrite: bool
@@ -227,21 +238,26 @@ class Output:
     verbose: bool
     figures: bool
     png: bool
-    option: str = "--force"
 
     def reserve(self, names: tuple[str, ...] = REPORT, *, default: str = "") -> Output:
         """Return the output with a folder for these files, as `free_directory`; without one where none is named."""
         if self.out is None and not default:
             return self
         path = self.out or Path(default)
-        return replace(self, out=free_directory(path, names, overwrite=self.overwrite, option=self.option))
+        return replace(self, out=free_directory(path, names, overwrite=self.overwrite))
+
+    @property
+    def folder(self) -> Path:
+        """The folder for the files of a command that always has one."""
+        assert self.out is not None
+        return self.out
 
     @property
     def has_text(self) -> bool:
         """Whether a text is printed."""
         return not self.as_json and not self.quiet
 
-    def progress(self) -> AbstractContextManager[Callable[[str], None]]:
+    def progress(self) -> AbstractContextManager[Say]:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
 
@@ -251,7 +267,7 @@ class Output:
         truth: Truth | None = None,
         *,
         command: Sequence[str] | None = None,
-        progress: Callable[[str], None],
+        progress: Say,
     ) -> tuple[str, ...]:
         """Write the report into the folder, and return a note that names its page; nothing where there is no folder."""
         from opid.report import write_report
@@ -285,15 +301,35 @@ class Output:
                 "not determined, for the reason above" if self.has_text else f"not determined: {reason}"
             )
 
+    def show_made(self, words: str, command: str, study: Path) -> None:
+        """Print what was simulated, and the command line that identifies it and compares the result with the truth."""
+        from opid.json_values import json_text
+
+        truth = study.with_name("truth.json")
+        again = shlex.join(["opid", command, str(study), "--truth", str(truth)])
+        if self.as_json:
+            made = {"made": words.splitlines(), "study": str(study), "truth": str(truth), "next": again}
+            click.echo(printable(json_text(made)), nl=False)
+        elif self.has_text:
+            click.echo(f"{words}\nNext: {again}")
+
 
 def printable(text: str) -> str:
     """Return a text as any terminal can show it: the name of a file may be no UTF-8."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def with_output(command: Callable[..., None], *, options: Sequence[str] = OVERWRITE) -> Callable[..., None]:
-    """Give a command the options of an `Output`, which becomes its argument `output`; `options` allow overwriting."""
+def with_output(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command that writes a report the options of an `Output`, which becomes its argument `output`."""
+    return _add_output(command, (*_FIGURE_OPTIONS, *_PRINT_OPTIONS))
 
+
+def with_files(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command that writes files but no report the options of an `Output`, as `with_output`."""
+    return _add_output(command, _PRINT_OPTIONS)
+
+
+def _add_output(command: Callable[..., None], options: Sequence[Callable[..., Any]]) -> Callable[..., None]:
     @wraps(command)
     def run(
         *,
@@ -302,43 +338,26 @@ def with_output(command: Callable[..., None], *, options: Sequence[str] = OVERWR
         as_json: bool,
         quiet: bool,
         verbose: bool,
-        figures: bool,
-        png: bool,
+        figures: bool = False,
+        png: bool = False,
         **given: Any,
     ) -> None:
         if quiet and verbose:
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
         if png and not figures:
             raise click.UsageError("--png and --no-figures are both given: give one of them")
-        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, png, options[0]), **given)
+        command(output=Output(out, overwrite, as_json, quiet, verbose, figures, png), **given)
 
     decorated: Callable[..., None] = run
-    for each in (
-        click.option("--png", is_flag=True, help="Write each figure as a PNG file, too."),
-        click.option(
-            "--no-figures", "figures", flag_value=False, default=True, help="Write the report without figures."
-        ),
-        click.option("--verbose", is_flag=True, help="Print every step of the work on stderr, and what opid logs."),
-        quiet_option,
-        click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
-        overwrite_option(*options),
-    ):
+    for each in options:
         decorated = each(decorated)
     return decorated
-
-
-def show_made(words: str, command: str, study: Path, *, quiet: bool) -> None:
-    """Print what was simulated, and the command line that identifies it and compares the result with the truth."""
-    if quiet:
-        return
-    again = ["opid", command, str(study), "--truth", str(study.with_name("truth.json"))]
-    click.echo(f"{words}\nNext: {shlex.join(again)}")
 
 
 class _LogAsSteps(logging.Handler):
     """Shows what the library logs like steps of the work."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, say: Say) -> None:
         super().__init__()
         self.say = say
 
@@ -348,7 +367,7 @@ class _LogAsSteps(logging.Handler):
 
 
 @contextmanager
-def steps() -> Iterator[Callable[[str], None]]:
+def steps() -> Iterator[Say]:
     """Print each step and each message that opid logs on stderr, each on a line with the seconds since the start."""
     start, logger = time.monotonic(), logging.getLogger("opid")
 
@@ -365,36 +384,48 @@ def steps() -> Iterator[Callable[[str], None]]:
         logger.setLevel(before)
 
 
-@contextmanager
-def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show the present step and the time since the start on stderr, if that is a terminal.
+UNCOUNTED = "{elapsed} {desc}"
+COUNTED = "{elapsed} {percentage:3.0f}%|{bar:20}| {remaining} left: {desc}"
+"""The line of a step of which no fraction is known, and of one of which it is; a narrow terminal cuts its end off."""
 
-    A thread draws the line anew every second, so that a user sees that a long step still runs.
+
+@contextmanager
+def progress(*, quiet: bool = False) -> Iterator[Say]:
+    """Show the present step with the time that it has taken on stderr, if that is a terminal; a `Step` has a bar, too.
+
+    tqdm draws the line when a step is named, and a thread draws it again every second, so that a user sees that a long
+    step still runs.
     """
     if quiet or not sys.stderr.isatty():
         yield lambda step: None
         return
-    room = get_terminal_size().columns - 1  # a line that wraps could not be drawn over
-    start, step, stirred, ended = time.monotonic(), "", Event(), Event()
+    from tqdm import tqdm
 
-    def say(name: str) -> None:
-        nonlocal step
-        step = name
-        stirred.set()
+    line = tqdm(total=1.0, bar_format=UNCOUNTED, leave=False, dynamic_ncols=True, file=sys.stderr)
 
-    def draw() -> None:
-        while not ended.is_set():
-            minutes, seconds = divmod(int(time.monotonic() - start), 60)
-            click.echo(f"\r{f'{step} ({minutes:02}:{seconds:02})'.strip()[:room].ljust(room)}", err=True, nl=False)
-            stirred.wait(1.0)
-            stirred.clear()
-        click.echo(f"\r{'':{room}}\r", err=True, nl=False)
+    def say(step: str) -> None:
+        name, fraction = (step.name, step.fraction) if isinstance(step, Step) else (step, None)
+        # Steps that count on from each other, like the tests of a series, share one clock and one bar.
+        goes_on = fraction is not None and line.bar_format == COUNTED and fraction >= line.n
+        line.set_description_str(name, refresh=False)
+        line.bar_format = UNCOUNTED if fraction is None else COUNTED
+        line.n = fraction or 0.0
+        if not goes_on:  # The time that is left is estimated from what is done from here on.
+            line.initial, line.start_t = line.n, time.time()
+        line.refresh()
 
-    line = Thread(target=draw, daemon=True)
-    line.start()
+    ended = Event()
+
+    def tick() -> None:
+        while not ended.wait(1.0):
+            line.refresh()
+
+    ticker = Thread(target=tick, daemon=True)
+    ticker.start()
     try:
         yield say
     finally:
         ended.set()
-        stirred.set()
-        line.join()
+        ticker.join()
+        line.clear()  # `close` leaves the line where the clock was set after tqdm's own last drawing.
+        line.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +22,7 @@ from opid.cli.group import (
     with_output,
 )
 from opid.errors import InputError
+from opid.progress import Say, Step
 
 if TYPE_CHECKING:
     from opid.signals.health.result import Health
@@ -108,7 +108,7 @@ def _choose_readings(log: Path, study: Path | None, units: LogSettings) -> tuple
     return (LogReading(units),) if study is None else find_log_readings(study, log)
 
 
-def _check_log(log: Path, reading: LogReading, study: Path | None, say: Callable[[str], None]) -> Health:
+def _check_log(log: Path, reading: LogReading, study: Path | None, say: Say) -> Health:
     from opid.provenance import read_file
     from opid.signals.health.inspection import inspect as inspect_log
     from opid.signals.health.result import Finding
@@ -119,7 +119,7 @@ def _check_log(log: Path, reading: LogReading, study: Path | None, say: Callable
         open_log(log, reading.settings),
         reading.settings,
         channels=reading.channels,
-        progress=lambda part: say(f"{log.name}, {part:.0%} read"),
+        progress=lambda fraction: say(Step(log.name, fraction)),
     )
     if study is None:
         return health

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from opid.cli.group import (
     with_output,
 )
 from opid.errors import InputError, NotDeterminedError
+from opid.progress import Say
 
 if TYPE_CHECKING:
     from opid.modal.decay.free_decay import Decay
@@ -142,7 +143,7 @@ def decay(log: Path, output: Output, **settings: Any) -> None:
     output.show(found, notes=notes)
 
 
-def _follow_decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -> Decay:
+def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
     """Return the free decay in a channel of a log; its warnings name the options of this command."""
     from opid.modal.decay.free_decay import QUANTITIES, UNITS, free_decay
 

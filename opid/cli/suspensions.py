@@ -1,9 +1,8 @@
-"""Suspensions: `opid identify` from runs under known loadings, `opid law` of a bench, and `opid compare` of flights."""
+"""Suspensions: `opid identify` of runs, `opid law` of a bench, `opid compare` of flights, and the list `opid laws`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +24,11 @@ from opid.cli.group import (
     with_output,
 )
 from opid.errors import InputError
+from opid.progress import Say
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
 
 if TYPE_CHECKING:
+    from opid.mechanics.laws.kind import Kind
     from opid.suspensions.flights.comparison import Comparison
     from opid.suspensions.flights.fleet import Fleet
     from opid.suspensions.study import Study
@@ -225,7 +226,7 @@ def _refuse_beside_study(study: Path, options: Sequence[str]) -> None:
         raise click.UsageError(f"{study} is a study, which states this itself: leave out {' and '.join(options)}")
 
 
-def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
+def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> Study:
     from opid.signals.files import nearest_beside
     from opid.signals.log import LogSettings
     from opid.signals.spectra import TransmissibilitySettings
@@ -268,18 +269,23 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[
     )
 
 
-@main.command(epilog=example("opid law bench.csv --force load --travel stroke --velocity speed --out bench_result"))
+@main.command(epilog=example("opid law bench.csv --force-channel load --travel-channel stroke --out bench_result"))
 @click.argument("bench", type=PATH, metavar="STUDY.toml | BENCH.csv")
-@click.option("--force", metavar="COL", help="Without a study: column of the force, in N, kN, lbf, ...")
-@click.option("--travel", metavar="COL", help="Without a study: column of the travel, in m, mm, in, ...")
-@click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
+@click.option("--force-channel", "force", metavar="NAME", help="Without a study: the force, in N, kN, lbf, ...")
+@click.option("--travel-channel", "travel", metavar="NAME", help="Without a study: the travel, in m, mm, in, ...")
+@click.option(
+    "--velocity-channel",
+    "velocity",
+    metavar="NAME",
+    help="Without a study: its rate, in m/s, mm/s, ...  [default: differentiated]",
+)
 @click.option("--moving-mass", is_flag=True, help="Parts of unknown mass move between force cell and specimen.")
 @click.option(
     "--mass",
     "mass_kg",
     type=Number("kg"),
     metavar="KG",
-    help="Mass of a body carried by the specimen alone; --force then names its acceleration.",
+    help="Mass of a body carried by the specimen alone; --force-channel then names its acceleration.",
 )
 @click.option(
     "--piston-area",
@@ -293,21 +299,20 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[
     "units",
     type=Unit(is_named=True),
     multiple=True,
-    metavar="COL=UNIT",
-    help="Without a study: unit of a column, like load=kN, whatever the log says; once for each column.",
+    help="Without a study: unit of a channel, like load=kN, whatever the log says; once for each channel.",
 )
 @time_unit_option
 @click.option("--quasi-static", is_flag=True, help="A slow test: time is ignored and may be missing.")
 @out_option("Folder for result.json, report and figures.")
-@partial(with_output, options=("--overwrite",))  # Here --force names a column.
+@with_output
 def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, output: Output, **of_log: Any) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
     F = F0 + K z + C z' + f(z, z'), where f is a sum of laws of the library, friction and rubber with memory among
     them. All values have intervals, and what no law explains (backlash, moving parts) is reported. With --moving-mass
     the inertia m z'' is added to the force, and the law is refined until the motion simulated from the force alone
-    is the recorded one. With --mass no force need be measured: --force names the acceleration of a body carried by
-    the specimen alone, and F = -m a.
+    is the recorded one. With --mass no force need be measured: --force-channel names the acceleration of a body
+    carried by the specimen alone, and F = -m a.
 
     A study file with a table [bench] says all of this itself.
     """
@@ -318,7 +323,7 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
     from opid.suspensions.bench.record import BenchStudy
 
     given = {name: value for name, value in of_log.items() if value is not None and value is not False}
-    options = [f"--{name.removesuffix('_kg').removesuffix('_m2').replace('_', '-')}" for name in given]
+    options = [each.opts[0] for each in click.get_current_context().command.params if each.name in given]
     of_units = [word for channel, unit in units for word in ("--unit", f"{channel}={unit}")]
     of_units += [] if time_unit is None else ["--time-unit", time_unit]
     options += dict.fromkeys(word for word in of_units if word.startswith("--"))
@@ -327,7 +332,8 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
         _refuse_beside_study(bench, options)
     elif not {"force", "travel"} <= given.keys():
         raise click.UsageError(
-            "name the columns of the log: --force COL --travel COL (`opid inspect LOG` lists them), or give a study"
+            "name the channels of the log: --force-channel NAME --travel-channel NAME (`opid inspect LOG` lists them), "
+            "or give a study"
         )
     output = output.reserve()
     with output.progress() as say:
@@ -377,7 +383,7 @@ def compare(
     """
     from opid.suspensions.flights.comparison import compare as compare_flights
     from opid.suspensions.flights.dataset import is_dataset, read_dataset
-    from opid.suspensions.flights.fleet import compare_fleet
+    from opid.suspensions.flights.fleet_comparison import compare_fleet
     from opid.suspensions.flights.results import read_flights
 
     campaigns = [path for path in results if is_dataset(path)]
@@ -399,3 +405,67 @@ def compare(
     output.show(found, notes=notes)
     if found.has_flags:
         click.get_current_context().exit(CHANGED)
+
+
+@main.command(epilog=example("opid laws --json"))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def laws(as_json: bool) -> None:
+    """List the laws of the library with their formulas and parameters.
+
+    z is the extension of the suspension and z' its rate. A law that is fitted or simulated is one of these or a sum of
+    them, as in `--law arctan_velocity+cubic_stiffness`, beside the linear stiffness and damping.
+    """
+    from opid.json_values import json_text
+    from opid.mechanics.laws.kinds import LAWS
+
+    kinds = list(LAWS.values())
+    click.echo(json_text(_tabulate_laws(kinds)) if as_json else _format_laws(kinds), nl=False)
+
+
+def _format_laws(kinds: list[Kind]) -> str:
+    from opid.report.as_text import align_table
+    from opid.report.formulas import format_formula
+
+    head = ("parameter", "unit", "default", "role")
+    cells = [
+        (f"  {each.name}", each.unit, f"{each.default:g}", each.role) for kind in kinds for each in kind.parameters
+    ]
+    lines = iter(align_table([(f"  {head[0]}", *head[1:]), *cells], left=(0, 1)))
+    n_searched = sum(kind.searched and not kind.bench_only for kind in kinds)
+    head_line = f"{len(kinds)} laws, {n_searched} of them searched by `opid identify`; the columns of their parameters:"
+    parts = [head_line, next(lines)]
+    for kind in kinds:
+        parts += ["", f"{kind.name}: {format_formula(kind.latex)}", f"  {_say_which_search(kind)}"]
+        parts += [next(lines) for _ in kind.parameters]
+    return "\n".join(parts) + "\n"
+
+
+def _say_which_search(kind: Kind) -> str:
+    """Say whether a law remembers the motion, and which search tries it."""
+    memory = "" if kind.memory is None else "it remembers the motion; "
+    if kind.bench_only:
+        return f"{memory}searched by `opid law` alone"
+    return f"{memory}{'searched' if kind.searched else 'not searched: name it'}"
+
+
+def _tabulate_laws(kinds: list[Kind]) -> dict[str, Any]:
+    from opid.report.formulas import format_formula
+
+    return {
+        "schema": "opid.laws/1",
+        "laws": [
+            {
+                "name": kind.name,
+                "formula": format_formula(kind.latex),
+                "latex": kind.latex,
+                "has_memory": kind.memory is not None,
+                "is_searched": kind.searched,
+                "is_bench_only": kind.bench_only,
+                "parameters": [
+                    {"name": each.name, "unit": each.unit, "role": each.role, "default": each.default}
+                    for each in kind.parameters
+                ],
+            }
+            for kind in kinds
+        ],
+    }

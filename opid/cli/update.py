@@ -40,7 +40,7 @@ N_COMPARED = 20
 )
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the sampling, whatever the study says.")
 @truth_option
-@click.option("--chains", is_flag=True, help="Write the samples beside the report, too: netCDF files for ArviZ.")
+@click.option("--chains", is_flag=True, help="Write the samples, too: netCDF files for ArviZ, and its diagnostics.")
 @with_output
 def update(study: Path, truth: Path | None, chains: bool, output: Output, **settings: Any) -> None:
     """Update a structure with nonlinear joints from its backbones, and choose the law of the joints.

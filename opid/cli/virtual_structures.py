@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import PATH, example, free_directory, progress, quiet_option, seed_option, show_made, with_force
+from opid.cli.group import PATH, Output, example, seed_option, with_files
 from opid.cli.virtual_tests import STUDY_FILES, simulate
+from opid.progress import Say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
 
     from opid.mechanics.backbones.jointed_modes import JointedModes
@@ -53,16 +51,13 @@ FEWEST_CONTROLLED = 10
     "--frequency-error", default=0.0, show_default=True, metavar="%", help="Error of frequencies in modes.npz."
 )
 @click.option("--damping-error", default=0.0, show_default=True, metavar="%", help="Error of damping in modes.npz.")
-@quiet_option
-@with_force
+@with_files
 def sine_beats(
-    out: Path,
     case: str,
     seed: int,
     noise: float,
     shaker: bool | None,
-    overwrite: bool,
-    quiet: bool,
+    output: Output,
     **errors_percent: float,
 ) -> None:
     """Write a series of modal tests of a bolted structure into the directory OUT.
@@ -75,10 +70,10 @@ def sine_beats(
     from opid.virtual.modal_tests.series import modal_truth, stated_modes, virtual_series, virtual_study
     from opid.virtual.truth_file import write_field_test
 
-    free_directory(out, ("modes.npz", *STUDY_FILES), overwrite=overwrite)
+    output = output.reserve(("modes.npz", *STUDY_FILES))
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}
     settings |= {f"{name}_percent": value for name, value in errors_percent.items()}
-    with progress(quiet=quiet) as say:
+    with output.progress() as say:
         say("the highest levels")
         series = virtual_series(case, shaker=shaker)
         fractions = {name: value / 100 for name, value in errors_percent.items()}
@@ -86,8 +81,8 @@ def sine_beats(
         rng = np.random.default_rng(seed)
         study = virtual_study(series, rng=rng, noise_fraction=noise, given=stated, progress=say)
         say("the files")
-        path = write_field_test(study, modal_truth(series, settings=settings), out)
-    show_made(f"{len(study.tests)} tests: {series.case.text}", "modal", path, quiet=quiet)
+        path = write_field_test(study, modal_truth(series, settings=settings), output.folder)
+    output.show_made(f"{len(study.tests)} tests: {series.case.text}", "modal", path)
 
 
 @simulate.command("backbones", epilog=example("opid simulate backbones wing --true-class 2 --points 20"))
@@ -135,10 +130,8 @@ def sine_beats(
     show_default=True,
     help="Files of the matrices: numpy's, MATLAB's, or one of Matrix Market for each.",
 )
-@quiet_option
-@with_force
+@with_files
 def backbones(
-    out: Path,
     by: str,
     seed: int,
     true_class: int,
@@ -146,8 +139,7 @@ def backbones(
     curves: tuple[int, int],
     linear_error: float,
     matrices: Literal["npz", "mat", "mtx"],
-    overwrite: bool,
-    quiet: bool,
+    output: Output,
 ) -> None:
     """Write backbones of the wing-engine structure, with known truth, into the directory OUT.
 
@@ -172,12 +164,12 @@ def backbones(
             f"--points is {points}, and a controlled test loses quadrature between points so far apart: give at least "
             f"{FEWEST_CONTROLLED}, or leave out --by continuation"
         )
-    free_directory(out, STUDY_FILES, overwrite=overwrite)
+    output = output.reserve(STUDY_FILES)
     settings = {"by": by, "seed": seed, "true_class": true_class, "points": points, "curves": list(curves)}
     settings |= {"linear_error_percent": linear_error} if by == "synthetic" else {"damping_ratio": DAMPING_RATIO}
     true = PAPER_CLASSES[true_class - 1]
     theta = PAPER_THETA[true.name]
-    with progress(quiet=quiet) as say:
+    with output.progress() as say:
         say("the structure")
         structure = wing_engine_structure()
         system = reduce(structure, UPDATED)
@@ -195,10 +187,10 @@ def backbones(
         say("the files")
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
         truth = UpdatingTruth(UPDATED, true.law(theta), description, settings)
-        path = write_field_test(study, truth, out)
+        path = write_field_test(study, truth, output.folder)
         if matrices != "npz":
-            replace_matrices(structure, out, matrices)
-    show_made(f"{format_count(len(measured), 'backbone')}: {description}", "update", path, quiet=quiet)
+            replace_matrices(structure, output.folder, matrices)
+    output.show_made(f"{format_count(len(measured), 'backbone')}: {description}", "update", path)
 
 
 def _measure_by_continuation(
@@ -208,7 +200,7 @@ def _measure_by_continuation(
     rng: np.random.Generator,
     points: int,
     curves: tuple[int, int],
-    say: Callable[[str], None],
+    say: Say,
 ) -> tuple[MeasuredBackbone, ...]:
     from opid.errors import NotDeterminedError
     from opid.mechanics.backbones.quadrature_curves import Specimen

@@ -15,13 +15,9 @@ from opid.cli.group import (
     REPORT,
     Output,
     example,
-    free_directory,
     main,
-    progress,
-    quiet_option,
     seed_option,
-    show_made,
-    with_force,
+    with_files,
     with_output,
 )
 
@@ -56,13 +52,11 @@ def demo(seed: int, output: Output) -> None:
     from opid.suspensions.identification import identify
     from opid.suspensions.study import Study
     from opid.virtual.taxi_tests.airframe import LandingGear
-    from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
-    from opid.virtual.taxi_tests.taxiing import taxi_test
+    from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_test, taxi_truth
     from opid.virtual.truth_file import write_field_test
 
     output = output.reserve((*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
-    assert output.out is not None  # The option has a default.
-    out = output.out
+    out = output.folder
     with output.progress() as say:
         say("two taxi runs")
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
@@ -95,8 +89,7 @@ def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run."),
         seed_option("road and noise"),
         click.argument("out", type=PATH),
-        quiet_option,
-        with_force,
+        with_files,
     ):
         command = option(command)
     return command
@@ -141,15 +134,13 @@ def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
     metavar="M/S2",
     help="End of its range.  [default: 50 with --bits]",
 )
-def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) -> None:
+def taxi(seed: int, output: Output, **settings: Any) -> None:
     """Write two taxi runs of an aircraft at two masses into the directory OUT.
 
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
-    free_directory(out, TAXI_FILES, overwrite=overwrite)
-    _write_test(
-        _simulate_gear, out, {"seed": seed} | settings, quiet=quiet, title=f"Two virtual taxi runs, seed {seed}"
-    )
+    output = output.reserve(TAXI_FILES)
+    _write_test(_simulate_gear, output, {"seed": seed} | settings, title=f"Two virtual taxi runs, seed {seed}")
 
 
 @simulate.command(epilog=example("opid simulate aircraft plane --seed 2 --loading 500 -1 0.2"))
@@ -181,19 +172,18 @@ def taxi(out: Path, seed: int, overwrite: bool, quiet: bool, **settings: Any) ->
     help="Times FACTOR the stiffness of the strut nose, left or right, as harm would: left 0.95.",
 )
 @click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Date of the runs.")
-def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, quiet: bool, **settings: Any) -> None:
+def aircraft(seed: int, day: datetime | None, output: Output, **settings: Any) -> None:
     """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
 
     The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
     study.toml for `opid identify`, which states the noise and coordinates to 1 cm, and truth.json.
     """
-    free_directory(out, ("reference.csv", "loaded.csv", *STUDY_FILES), overwrite=overwrite)
+    output = output.reserve(("reference.csv", "loaded.csv", *STUDY_FILES))
     settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)
     _write_test(
         _simulate_aircraft,
-        out,
+        output,
         {"seed": seed} | settings,
-        quiet=quiet,
         title=f"A virtual aircraft on three gears, seed {seed}",
         day=None if day is None else day.date(),
         position_tolerance_m=POSITION_TOLERANCE_M,
@@ -203,21 +193,21 @@ def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, quiet:
 
 
 def _write_test(
-    make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], *, quiet: bool, **facts: Any
+    make: Callable[[dict[str, Any]], TaxiTest], output: Output, settings: dict[str, Any], **facts: Any
 ) -> None:
     """Simulate a taxi test, write it with the facts that its owner knows, and print the next command."""
-    from opid.virtual.taxi_tests.study import taxi_study, taxi_truth
+    from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_truth
     from opid.virtual.truth_file import write_field_test
 
-    with progress(quiet=quiet) as say:
+    with output.progress() as say:
         say("two taxi runs")
         test = make(settings)
         say("the files")
         study = taxi_study(test, **facts)
-        path = write_field_test(study, taxi_truth(test, settings=settings), out)
+        path = write_field_test(study, taxi_truth(test, settings=settings), output.folder)
     runs = zip(study.runs, test.runs, strict=True)
-    made = "\n".join(f"{run.airframe.mass_kg:g} kg: {out / named.name}.csv" for named, run in runs)
-    show_made(made, "identify", path, quiet=quiet)
+    made = "\n".join(f"{run.airframe.mass_kg:g} kg: {output.folder / named.name}.csv" for named, run in runs)
+    output.show_made(made, "identify", path)
 
 
 def _simulate_gear(settings: dict[str, Any]) -> TaxiTest:
@@ -289,8 +279,8 @@ def _replace_friction(law: Law, friction_n: float | None) -> Law:
 def _simulate_aircraft(settings: dict[str, Any]) -> TaxiTest:
     import numpy as np
 
+    from opid.suspensions.study import PointMass
     from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
-    from opid.virtual.taxi_tests.airframe import Loading
     from opid.virtual.taxi_tests.sensors import Sensor
     from opid.virtual.taxi_tests.taxiing import taxi_test
 
@@ -307,7 +297,7 @@ def _simulate_aircraft(settings: dict[str, Any]) -> TaxiTest:
     return taxi_test(
         airframe,
         rng=test_rng,
-        loadings=[[Loading(*each) for each in settings["loadings"]]],
+        loadings=[[PointMass(*each) for each in settings["loadings"]]],
         duration_s=settings["duration"],
         fs=settings["fs"],
         road_class=settings["road_class"],

@@ -4,10 +4,9 @@ from .backbones.family import (
     Backbone as Backbone,
     BackboneFamily as BackboneFamily,
     backbone as backbone,
-    backbone_family as backbone_family,
     family_evaluator as family_evaluator,
-    first_harmonic_factor as first_harmonic_factor,
 )
+from .backbones.harmonic_balance import first_harmonic_factor as first_harmonic_factor
 from .backbones.jointed_modes import (
     JointedModes as JointedModes,
     jointed_modes as jointed_modes,
@@ -18,11 +17,9 @@ from .backbones.quadrature_curves import (
     quadrature_curve as quadrature_curve,
 )
 from .driven import (
-    DrivenResponse as DrivenResponse,
     Interface as Interface,
     Noise as Noise,
     Prediction as Prediction,
-    driven_response as driven_response,
     half_steps as half_steps,
     predict as predict,
 )
@@ -49,7 +46,7 @@ from .structure import (
     force_of as force_of,
     frequency_response as frequency_response,
     iwan as iwan,
-    linear_transmissibility as linear_transmissibility,
+    modal_assurance as modal_assurance,
     natural_frequencies as natural_frequencies,
 )
 from .truth import (

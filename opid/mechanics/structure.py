@@ -330,25 +330,28 @@ def frequency_response(structure: Structure, frequency_hz: ArrayLike) -> Complex
     return receptance
 
 
-def linear_transmissibility(
-    structure: Structure, frequency_hz: ArrayLike, *, response: str, reference: str, load: str
-) -> ComplexArray:
-    """Return T = X_response / X_reference of the linear structure under a force on `load`, (n,).
+def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> FloatArray:
+    """Return the modal assurance criterion |a^H b|^2 / (a^H a b^H b), (n, m), of columns against columns.
 
     Args:
-        structure: the structure; its nonlinear laws are left out.
-        frequency_hz: (n,) frequencies, Hz.
-        response: name of the degree of freedom in the numerator.
-        reference: name of the degree of freedom in the denominator.
-        load: name of the degree of freedom on which the only force acts.
+        shapes: (n_sensors, n), or one shape (n_sensors,); real or complex.
+        others: (n_sensors, m) or (n_sensors,); the same as `shapes` where left out (the auto-MAC).
 
-    >>> free = Structure(np.eye(2), np.zeros((2, 2)), np.zeros((2, 2)), (Joint("strut", (-1, 1), 40.0, 1.0),))
-    >>> T = linear_transmissibility(free, [0.001], response="x2", reference="x1", load="x1")
-    >>> abs(T).round(4)
-    array([1.])
+    Raises:
+        InputError: another number of sensors.
+
+    >>> modal_assurance([[1.0, 1.0], [1.0, -1.0]]).round(12).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
     """
-    receptance = frequency_response(structure, frequency_hz)[:, :, structure.index(load)]
-    return receptance[:, structure.index(response)] / receptance[:, structure.index(reference)]
+    given = (shapes, shapes if others is None else others)
+    first, second = (np.atleast_2d(np.asarray(each).T).T for each in given)
+    if first.shape[0] != second.shape[0]:
+        raise InputError(
+            f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
+        )
+    norms = np.outer(np.sum(np.abs(first) ** 2, axis=0), np.sum(np.abs(second) ** 2, axis=0))
+    # A shape that is zero has a MAC of 0 with every other.
+    return np.abs(first.conj().T @ second) ** 2 / np.where(norms > 0, norms, 1.0)
 
 
 def _require_symmetric(name: str, matrix: ArrayLike) -> FloatArray:

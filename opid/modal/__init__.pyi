@@ -39,7 +39,6 @@ from .linear.modes import (
     ModalTest as ModalTest,
     condition_number as condition_number,
     force_projection as force_projection,
-    modal_assurance as modal_assurance,
     modal_filter as modal_filter,
     modal_test as modal_test,
     with_sensors as with_sensors,

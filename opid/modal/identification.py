@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -12,23 +12,23 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, refuse
 from opid.estimate import Estimate
+from opid.mechanics.structure import modal_assurance
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance, with_sensors
+from opid.modal.linear.modes import LinearModes, condition_number, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.result import ModalIdentification
 from opid.modal.settings import MODAL
 from opid.modal.study import THRESHOLDS, ModalStudy
+from opid.progress import Say
 from opid.signals.health.inspection import inspect
 
 logger = logging.getLogger(__name__)
-
-Say = Callable[[str], None]
 
 
 def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalIdentification:
@@ -188,7 +188,7 @@ def _fit_modes(
         try:
             fits.append(fit := fit_mode(tests, mode, **_list_orders(study), free_linear=study.free_linear))
             found = "mode %d: orders %d and %d leave %.3g of the modal force unexplained on %d lines"
-            logger.info(found, mode, fit.stiffness_order, fit.damping_order, fit.residual_share, fit.n_lines)
+            logger.info(found, mode, fit.stiffness_order, fit.damping_order, fit.residual_fraction, fit.n_lines)
         except InputError as error:
             failed = "; ".join(sentence for of_mode, sentence in of_decays if of_mode == mode)
             faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))

@@ -6,7 +6,6 @@ eq. (11) are right. n = 1 is the linear part: it corrects k0 and c0, and belongs
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -49,18 +48,6 @@ def make_fitted_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Est
         {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)
     )
     return power_law(of_stiffness, of_damping)
-
-
-def harmonic_factor(power: float) -> float:
-    """Return a_n: the fundamental of A^n cos|cos|^(n-1) is a_n A^n cos (harmonic linearisation).
-
-    a_n = (2/sqrt(pi)) Gamma(n/2 + 1) / Gamma(n/2 + 3/2), so that omega^2(A) = sum k_n a_n A^(n-1).
-
-    >>> harmonic_factor(1), harmonic_factor(3), round(harmonic_factor(2) * 3 * math.pi, 12)
-    (1.0, 0.75, 8.0)
-    """
-    factor = 2 / math.sqrt(math.pi) * math.gamma(power / 2 + 1) / math.gamma(power / 2 + 1.5)
-    return round(factor, 15)
 
 
 def unit_of(letter: str, power: int) -> str:

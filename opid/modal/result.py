@@ -107,7 +107,7 @@ class ModalIdentification(Result):
             }
         )
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         nonlinear = ", ".join(str(fit.mode) for fit in self.fits) or "none"
         return f"{self.title or 'without a title'} ({self.modes.n_modes} modes, nonlinear by forced tests: {nonlinear})"
 

@@ -27,12 +27,11 @@ from opid.suspensions.model.law_parameters import to_free
 from opid.suspensions.planning.result import Costs, PlannedRun, PlanResult
 from opid.suspensions.planning.search import PlanSettings, SearchSpace, plan_runs
 from opid.suspensions.result import Identification
-from opid.suspensions.study import Study
-from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.suspensions.study import PointMass, Study
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.road import road_psd
 from opid.virtual.taxi_tests.sensors import Sensor
-from opid.virtual.taxi_tests.study import taxi_study
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_test
 
 _SIMULATED_S = 80.0
 """Duration of the simulated runs, s: the information of two such roads scatters by some per cent."""
@@ -312,7 +311,7 @@ def _simulate(guess: Guess, rng: np.random.Generator) -> Study:
     test = taxi_test(
         gear,
         rng=rng,
-        loadings=[[Loading(float(change_kg), 0.0)] for change_kg in sorted(changes)],
+        loadings=[[PointMass(float(change_kg), 0.0)] for change_kg in sorted(changes)],
         duration_s=_SIMULATED_S,
         fs=guess.sensors.fs_hz,
         road_class=guess.road.road_class,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Any
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, format_number
 from opid.mechanics.truth import GearTruth
 from opid.plots.style import (
     GREEN,
@@ -25,7 +25,7 @@ from opid.plots.style import (
     panels,
     write_note,
 )
-from opid.suspensions.paper.chain import PaperChain
+from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.spectral_equation import RATIOS
 from opid.suspensions.result import GearRatios
@@ -54,10 +54,13 @@ _METHODS = (
     "errors in variables,\none run",
     "errors in variables,\nall runs",
 )
+_N_PEAK_FORMULAS = 2
 _COLUMNS = ("M₂ [kg]", "K₂/M₂ [1/s²]", "C₂/M₂ [1/s]", "K₃/M₂ [1/s²]")
 
 
-def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth | None = None) -> np.ndarray:
+def estimates(
+    result: AnyIdentification, axes: Any = None, *, truth: GearTruth | None = None, has_peak_formula: bool = True
+) -> np.ndarray:
     """Draw mass and ratios to it as every method of the chain finds them, with 95 % intervals.
 
     A value beyond the frame is written beside its mark at the edge, with an arrow. The peak formula has one mark for
@@ -67,15 +70,18 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth |
         result: the identification.
         axes: four Axes, or None for a new figure.
         truth: of a simulated run: drawn as lines.
+        has_peak_formula: whether the peak formula of the paper is among the methods.
 
     Returns:
         (1, 4) Axes.
     """
     chain = result.paper_chain
-    marks = list(_list_marks(result))
+    pairs = chain.table_3 if has_peak_formula else ()
+    marks = list(_list_marks(result, pairs))
+    methods = range(0 if has_peak_formula else _N_PEAK_FORMULAS, len(_METHODS))
     lines = _list_true_lines(chain, truth)
     with house_style():
-        grid = panels(axes, 1, 4, height_in=4.2, width_in=8.6, sharey=True)
+        grid = panels(axes, 1, 4, height_in=1.2 + 0.6 * len(methods), width_in=8.6, sharey=True)
         for column, ax in enumerate(grid[0]):
             mine = [mark for mark in marks if mark.column == column]
             low, high = _find_limits(mine, [value for value, _ in lines[column]])
@@ -90,21 +96,22 @@ def estimates(result: AnyIdentification, axes: Any = None, *, truth: GearTruth |
                 style: dict[str, Any] = {"color": GREY, "ha": "center", "backgroundcolor": "white"}
                 ax.text(0.5, 0.5, "not determined", transform=ax.transAxes, **style)
             ax.set_title(_COLUMNS[column])
-            ax.set_ylim(len(_METHODS) - 0.5, -0.5)
+            ax.set_ylim(methods.stop - 0.5, methods.start - 0.5)
             ax.grid(False, axis="y")
-            for row in range(len(_METHODS) - 1):
+            for row in methods[:-1]:
                 ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
         of_all = "driven model,\nall runs" if result.method == "model" else _METHODS[-1]
-        grid[0, 0].set_yticks(range(len(_METHODS)), [*_METHODS[:-1], of_all])
-        _draw_legend(figure_of(grid), chain, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
+        grid[0, 0].set_yticks(methods, [*_METHODS[methods.start : -1], of_all])
+        has_mass = any(mark.color == INK for mark in marks)
+        _draw_legend(figure_of(grid), chain, pairs, has_mass=has_mass, has_truth=bool(truth))
     return grid
 
 
-def _list_marks(result: AnyIdentification) -> Iterator[_Mark]:
+def _list_marks(result: AnyIdentification, pairs: Sequence[PeakPair]) -> Iterator[_Mark]:
     runs = result.paper_chain.runs
     colors = choose_run_colors(len(runs))
     shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
-    for i, pair in enumerate(result.paper_chain.table_3):
+    for i, pair in enumerate(pairs):
         for row, mass in enumerate((pair.as_printed, pair.sign_restored)):
             if mass.sprung_mass_kg == 0:
                 continue
@@ -162,7 +169,7 @@ def _list_true_lines(chain: PaperChain, truth: GearTruth | None) -> list[list[tu
 
 def _find_limits(marks: list[_Mark], truths: list[float]) -> tuple[float, float]:
     """The limits of a panel that hold what the sound methods find; the peak formula may lie outside."""
-    sound = [mark.estimate for mark in marks if mark.row >= 2]
+    sound = [mark.estimate for mark in marks if mark.row >= _N_PEAK_FORMULAS]
     ends = [*truths, *(v for e in sound for v in (e.interval95 or (e.value,)) if v is not None)]
     ends = ends or [mark.estimate.value for mark in marks if mark.estimate.value is not None] or [0.0]
     low, high = min(ends), max(ends)
@@ -185,18 +192,12 @@ def _draw_mark(ax: Axes, mark: _Mark, low: float, high: float) -> None:
     ax.plot([edge], [row], marker=arrow, markersize=3.5, clip_on=False, linestyle="none", color=mark.color)
     inward = offset_copy(ax.transData, figure_of(ax), x=7 * side, units="points")
     ax.plot([edge], [row], marker=mark.marker, markersize=4.5, linestyle="none", transform=inward, **style)
-    write_note(ax, _format_value(value), (edge, row), (12 * side, 0), va="center", ha=align, fontsize=7.5)
+    write_note(
+        ax, format_minus(format_number(value, 3)), (edge, row), (12 * side, 0), va="center", ha=align, fontsize=7.5
+    )
 
 
-def _format_value(value: float) -> str:
-    """Three digits, with a power of ten only from a million on."""
-    if abs(value) >= 1e6:
-        return format_minus(f"{value:.1e}")
-    rounded = float(f"{value:.3g}")
-    return format_minus(f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}")
-
-
-def _draw_legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: bool) -> None:
+def _draw_legend(figure: Any, chain: PaperChain, pairs: Sequence[PeakPair], *, has_mass: bool, has_truth: bool) -> None:
     dot: dict[str, Any] = {"marker": "o", "linewidth": 2, "markersize": 4.5}
     handles = [
         Line2D([], [], color=color, label=f"run {run.name!r}", **dot)
@@ -204,9 +205,10 @@ def _draw_legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: b
     ]
     if has_mass:
         handles.append(Line2D([], [], color=INK, label="all runs", **dot))
-    for pair, marker in zip(chain.table_3, cycle(_PAIR_MARKERS), strict=False):
+    for pair, marker in zip(pairs, cycle(_PAIR_MARKERS), strict=False):
         match = pair.match
-        label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"
+        low_hz, high_hz = (format_number(peak.frequency_hz, 3) for peak in (match.reference, match.changed))
+        label = f"peaks {low_hz} → {high_hz} Hz"
         face, doubt = (GREY, "") if match.credible else ("white", " (not credible)")
         look: dict[str, Any] = {"marker": marker, "linestyle": "none", "markersize": 5, "markerfacecolor": face}
         handles.append(Line2D([], [], color=GREY, label=label + doubt, **look))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from opid.estimate import format_number, format_percent
 from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import force_along
 from opid.plots.laws import choose_color, choose_steps, name_steps
@@ -22,6 +22,7 @@ from opid.plots.style import (
     format_law,
     house_style,
     panels,
+    plain_numbers,
     thicken,
     thin_samples,
     write_note,
@@ -56,7 +57,7 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
         grid[0, 0].set_ylabel(f"force [{unit}]")
         name = format_law(result.law.name)
         grid[0, 0].set_title(name)
-        explained = f"{100 * result.r2_left_out:.4g} % explained where left out"
+        explained = f"{format_percent(result.r2_left_out, 4)} explained where left out"
         if bench.is_quasi_static:
             grid[0, 0].set_title(f"{name}: {explained}")
         else:
@@ -119,32 +120,31 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         ax: one Axes, or None for a new figure.
     """
     steps, answer = choose_steps(result.ladder), chosen(result.ladder)
-    # a law that leaves nothing needs a place on a logarithmic axis
-    least = 1e-12
+    # a law that leaves nothing needs a place on a logarithmic axis, %
+    least = 1e-10
     with house_style():
         ax = panels(ax, 1, height_in=1.5 + 0.26 * len(steps))[0, 0]
         for row, step in enumerate(steps):
             color = choose_color(step, answer)
             left_out = step.fit.error_rms if step.left_out is None else step.left_out
-            inside, outside = (max(1 - fraction, least) for fraction in (step.fit.r2, step.fit.r2_of(left_out)))
+            inside, outside = (max(100 * (1 - r2), least) for r2 in (step.fit.r2, step.fit.r2_of(left_out)))
             ax.plot([inside, outside], [row, row], color=color, linewidth=1)
             ax.plot([inside], [row], marker="o", markersize=6, color=color, markerfacecolor="white", linestyle="none")
             ax.plot([outside], [row], marker="o", markersize=6, color=color, linestyle="none")
-            text = f"{100 * outside:.3g} %"
-            write_note(ax, text, (max(inside, outside), row), (7, 0), va="center", fontsize=8)
-        static = max(1 - result.memory.r2_at_most, least)
+            write_note(
+                ax, f"{format_number(outside, 3)} %", (max(inside, outside), row), (7, 0), va="center", fontsize=8
+            )
+        static = max(100 * (1 - result.memory.r2_at_most), least)
         ax.axvline(static, color=INK, linestyle="--", linewidth=1)
         above: Any = ("data", "axes fraction")
         write_note(ax, "best without memory", (static, 1), (0, 3), xycoords=above, ha="center", fontsize=8)
         ax.set_xscale("log")
         low, high = ax.get_xlim()
         ax.set_xlim(low / 1.1, high * (high / low) ** 0.15)
-        ax.xaxis.set_major_formatter(FuncFormatter(_format_percent))
-        ax.xaxis.set_minor_formatter(NullFormatter() if high / low > 5 else FuncFormatter(_format_percent))
-        ax.tick_params(axis="x", which="minor", labelsize=7.5)
+        plain_numbers(ax.xaxis)
         name_steps(ax, steps, answer)
-        ax.grid(True, axis="x", which="both")
-        ax.set_xlabel("unexplained fraction of the force: fitted ○, left out ●")
+        ax.grid(True, axis="x", which="major")
+        ax.set_xlabel("unexplained [%], fitted ○, left out ●")
         ax.set_title("Laws tried", pad=16)
     return ax
 
@@ -174,7 +174,9 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
             ax.locator_params(axis="x", nbins=5)
         grid[0, 0].set_ylabel(f"force less law [{unit}]")
         whole = float(np.sqrt(np.mean(bench.force[bench.samples] ** 2)))
-        grid[0, 0].set_title(f"{scale * result.residual_rms:.3g} {unit} rms left over of {scale * whole:.3g}")
+        grid[0, 0].set_title(
+            f"{format_number(scale * result.residual_rms, 3)} {unit} rms left over of {format_number(scale * whole, 3)}"
+        )
     return grid
 
 
@@ -205,7 +207,3 @@ def _choose_samples(result: BenchLaw) -> tuple[Bench, np.ndarray, float, str]:
     counted = bench.samples
     factor, unit = (1e-3, "kN") if np.abs(bench.force[counted]).max() >= 5e3 else (1.0, "N")
     return bench, counted[thin_samples(counted.size)], factor, unit
-
-
-def _format_percent(fraction: float, position: int | None = None) -> str:
-    return f"{100 * fraction:g} %"

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from opid.errors import NotDeterminedError
-from opid.estimate import Estimate, with_std
+from opid.estimate import Estimate, format_number, with_std
 from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth
 from opid.plots.style import (
@@ -68,7 +68,8 @@ def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None
         ax = panels(ax, 1, height_in=4.6)[0, 0]
         for name, (x, y, sensor_x, sensor_y) in result.places.items():
             ax.plot([y, sensor_y], [x, sensor_x], color=PALE, linewidth=1.2, zorder=1)
-            ax.plot([y], [x], marker="o", markersize=11, color=INK, markerfacecolor="white", markeredgewidth=1.8)
+            # the ring hides no sensor that stands near it
+            ax.plot([y], [x], marker="o", markersize=11, color=INK, markerfacecolor="none", markeredgewidth=1.8)
             write_note(ax, name, (y, x), (0, -16), fontweight="bold", ha="center")
             _draw_sensor(ax, sensor_x, sensor_y)
         for name, (x, y) in list_further_sensors(result).items():
@@ -81,8 +82,8 @@ def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None
         ax.set_ylabel("x, forward [m]")
         ax.set_title("From above")
         handles = [
-            Line2D([], [], marker="o", markersize=9, color=INK, markerfacecolor="white", linestyle="none"),
-            Line2D([], [], marker="^", markersize=6, color=BLUE, linestyle="none"),
+            Line2D([], [], marker="o", markersize=9, color=INK, markerfacecolor="none", linestyle="none"),
+            Line2D([], [], marker="^", markersize=7, color=BLUE, linestyle="none"),
         ]
         drawn, labels = ax.get_legend_handles_labels()
         named = ["suspension", "sensor on the body", *labels]
@@ -114,7 +115,7 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
         labels = [candidate.label + _format_laws(candidate) for candidate in candidates]
         chosen = [candidate.recommended for candidate in candidates]
         name_rows(ax, labels, [VERMILION if each else INK for each in chosen], chosen=chosen, fontsize=8)
-        ax.set_xlabel(f"residual over the noise of the sensors; up to {explained:g} it is noise")
+        ax.set_xlabel(f"residual over the noise of the sensors; up to {format_number(explained)} it is noise")
         ax.set_title("Structures on the same data")
         dot: dict[str, Any] = {"marker": "o", "markersize": 7, "color": GREY, "linestyle": "none"}
         handles = [Line2D([], [], label="fitted runs", **dot)]
@@ -187,14 +188,16 @@ def predicted_accelerations(
 ) -> np.ndarray:
     """Draw some seconds of what each sensor on the body read and of what the model said it would, offsets removed.
 
+    The difference of both has a panel and a scale of its own, for a good model leaves a thousandth of the motion.
+
     Args:
         result: the identification.
-        axes: one Axes a sensor, or None for a new figure.
+        axes: two Axes a sensor, or None for a new figure.
         run: name of the run; the first where left out.
         start_s: first time; where left out the stretch is around the largest reading.
 
     Returns:
-        (n_sensors, 1) Axes.
+        (n_sensors, 2) Axes.
 
     Raises:
         NotDeterminedError: the fit was refused.
@@ -205,20 +208,28 @@ def predicted_accelerations(
     part = (shown.time_s >= begin) & (shown.time_s <= begin + SHOWN_S)
     names = list_sensor_names(result, len(shown.measured))
     with house_style():
-        grid = panels(axes, len(names), height_in=0.7 + 1.55 * len(names), sharex=True)
-        for ax, name, measured, predicted in zip(grid[:, 0], names, shown.measured, shown.predicted, strict=True):
+        look: dict[str, Any] = {"sharex": True, "width_ratios": [3, 2]}
+        grid = panels(axes, len(names), 2, height_in=0.7 + 1.55 * len(names), **look)
+        for row, name, measured, predicted in zip(grid, names, shown.measured, shown.predicted, strict=True):
             # an accelerometer may have an offset that the model does not know
             read = measured - float(np.mean(measured - predicted))
             left, time = read - predicted, shown.time_s[part]
-            ax.plot(time, read[part], color=PALE, linewidth=3.5, label="measured")
-            ax.plot(time, predicted[part], color=BLUE, linewidth=1.0, label="predicted")
-            label = f"difference, {1e3 * float(left.std()):.2g} mm/s² rms"
-            ax.plot(time, left[part], color=VERMILION, linewidth=0.8, label=label)
-            ax.set_title(name)
-            ax.set_ylabel("acceleration [m/s²]")
-            ax.margins(x=0)
-            thicken(ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1))
-        grid[-1, 0].set_xlabel(f"time [s], run {shown.name!r}")
+            row[0].plot(time, read[part], color=PALE, linewidth=3.5, label="measured")
+            row[0].plot(time, predicted[part], color=BLUE, linewidth=1.0, label="predicted")
+            row[0].set_title(name)
+            row[0].set_ylabel("acceleration [m/s²]")
+            row[1].plot(time, 1e3 * left[part], color=VERMILION, linewidth=0.8, label="measured less predicted")
+            row[1].set_title(f"{format_number(1e3 * float(left.std()), 2)} mm/s² rms", fontweight="normal")
+            row[1].set_ylabel("difference [mm/s²]")
+            for ax in row:
+                ax.margins(x=0)
+        handles = [line for ax in grid[0] for line in ax.lines]
+        figure = figure_of(grid)
+        thicken(
+            figure.legend(handles, [str(line.get_label()) for line in handles], loc="outside lower center", ncols=3)
+        )
+        for ax in grid[-1]:
+            ax.set_xlabel(f"time [s], run {shown.name!r}")
     return grid
 
 
@@ -359,7 +370,7 @@ def _scale_axes(ax: Axes) -> None:
 
 
 def _draw_sensor(ax: Axes, x: float, y: float) -> None:
-    ax.plot([y], [x], marker="^", markersize=6, color=BLUE, linestyle="none", zorder=3)
+    ax.plot([y], [x], marker="^", markersize=9, color=BLUE, markeredgecolor="white", linestyle="none", zorder=6)
 
 
 def _draw_loadings(ax: Axes, result: Identification) -> None:
@@ -371,7 +382,14 @@ def _draw_loadings(ax: Axes, result: Identification) -> None:
             face = color if mass_kg >= 0 else "white"
             square: dict[str, Any] = {"marker": "s", "markersize": size, "markerfacecolor": face, "linestyle": "none"}
             ax.plot([y], [x], color=color, alpha=0.6, label=label, zorder=2, **square)
-            write_note(ax, format_minus(f"{mass_kg:+g} kg"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
+            write_note(
+                ax,
+                format_minus(f"{format_number(mass_kg, has_sign=True)} kg"),
+                (y, x),
+                (0, 0.5 * size + 4),
+                color=color,
+                ha="center",
+            )
 
 
 def _draw_centre_of_gravity(ax: Axes, result: Identification, truth: BodyTruth | None) -> None:
@@ -420,7 +438,11 @@ def _draw_candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -
     if outside is not None and np.isfinite(outside):
         ax.plot([ends[-1]], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
     ax.plot(ends[:1], [row], marker="o", markersize=5.5, color=color, linestyle="none")
-    text = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
+    text = (
+        format_number(inside, 3)
+        if outside is None
+        else f"{format_number(inside, 3)}, left out {format_number(outside, 3)}"
+    )
     write_note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=BEHIND)
 
 
@@ -476,7 +498,7 @@ def _draw_quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
     is_labelled = False
     for index, (estimate, true) in enumerate(zip(quantity.estimates, quantity.true, strict=True)):
         if estimate.value is None:
-            text = "–" if true is None else f"–, truth {quantity.scale * true:.4g}"
+            text = "–" if true is None else f"–, truth {format_number(quantity.scale * true, 4)}"
             write_note(ax, text, (0.5, index), (0, 0), xycoords=("axes fraction", "data"), color=GREY, ha="center")
             continue
         factor = 100 / abs(estimate.value) if is_percent and estimate.value else quantity.scale

@@ -11,6 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, offset_copy
 
+from opid.estimate import format_number
 from opid.plots.style import (
     INK,
     choose_run_colors,
@@ -59,7 +60,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
             scale = 100 / abs(reference) if is_relative and reference else 1.0
             name = each.quantity.gear or "all of the body"
             if is_relative and reference:
-                name += f": {_format_value(reference)} {format_units(each.quantity.unit)}"
+                name += f": {format_number(reference, 4)} {format_units(each.quantity.unit)}"
             _draw_series(ax, result, each, positions, scale, color, name, shift, is_alone=len(series) == 1)
         _label_dates(ax, result)
         unit = "% of what was expected" if is_relative else format_units(series[0].quantity.unit)
@@ -172,8 +173,3 @@ def _format_title(label: str, series: list[Series]) -> str:
     flagged = [each.quantity.gear or "it is" for each in series if any(point.flagged for point in each.points)]
     text = label[:1].upper() + label[1:]
     return f"{text}: {', '.join(flagged)} flagged" if flagged else f"{text}: nothing flagged"
-
-
-def _format_value(value: float) -> str:
-    """Four digits, with a power of ten only for very small and very large values."""
-    return f"{value:.4g}" if 1e-3 <= abs(value) < 1e4 or abs(value) >= 1e8 else f"{float(f'{value:.4g}'):,.0f}"

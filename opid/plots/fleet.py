@@ -32,7 +32,8 @@ _MOST_NAMES = 50
 def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
     """Draw one quantity of all struts over date: by how many percent each differs from its first level.
 
-    What the covariates and the common trend explain is taken away. The struts that changed stand above, the others
+    What the covariates and the common trend explain is taken away. A cell is empty, and white, where the strut did not
+    fly in the days of its column (see `find_column_days`). The struts that changed stand above, the others
     below them, by name.
 
     Args:
@@ -40,10 +41,8 @@ def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
         ax: one Axes, or None for a new figure.
     """
     struts = sorted(series.struts, key=lambda strut: (bool(strut.changes), _find_latest_level(strut)), reverse=True)
-    days = np.array([date2num(flight.date) for strut in struts for flight in strut.flights])
-    n_columns = min(_MOST_COLUMNS, max(len(strut.flights) for strut in struts))
-    edges = np.linspace(days.min() - 0.5, days.max() + 0.5, n_columns + 1)
-    cells = np.full((len(struts), n_columns), np.nan)
+    edges = _find_edges(series)
+    cells = np.full((len(struts), edges.size - 1), np.nan)
     for row, strut in enumerate(struts):
         levels = [0.0, *np.cumsum([np.log1p(each.fraction.value or 0.0) for each in strut.changes])]
         column = np.searchsorted(edges, [date2num(flight.date) for flight in strut.flights], side="right") - 1
@@ -66,6 +65,7 @@ def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
         )
         bar = figure_of(ax).colorbar(mesh, ax=ax, pad=0.02)
         bar.set_label("from its first level [%]")
+        ax.grid(visible=False)  # its lines would look like marks in the empty cells
         _format_dates(ax)
         ax.set_ylim(len(struts) - 0.5, -0.5)
         names = [strut.tail or "all" for strut in struts]
@@ -79,6 +79,23 @@ def draw_fleet_map(series: FleetSeries, ax: Any = None) -> Axes:
         said = f"{n_changed} of {len(struts)} struts changed" if n_changed else f"none of {len(struts)} struts changed"
         ax.set_title(f"{_say_quantity(series)}: {said}")
     return ax
+
+
+def find_column_days(series: FleetSeries) -> float:
+    """Return how many days one column of the map of a fleet stands for.
+
+    Args:
+        series: one of `Fleet.series`.
+    """
+    edges = _find_edges(series)
+    return float(edges[1] - edges[0])
+
+
+def _find_edges(series: FleetSeries) -> np.ndarray:
+    """Return the edges of the columns of the map, days since 1970: as many columns as a strut has flights at most."""
+    days = np.array([date2num(flight.date) for strut in series.struts for flight in strut.flights])
+    n_columns = min(_MOST_COLUMNS, max(len(strut.flights) for strut in series.struts))
+    return np.linspace(days.min() - 0.5, days.max() + 0.5, n_columns + 1)
 
 
 def draw_strut(series: FleetSeries, strut: Strut, ax: Any = None) -> Axes:

@@ -11,6 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from opid.errors import NotDeterminedError
+from opid.estimate import format_number
 from opid.mechanics.laws.law import Law
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import depends_on_travel
@@ -29,6 +30,7 @@ from opid.plots.style import (
     build_motion,
     choose_run_colors,
     find_true_scale,
+    format_minus,
     format_run,
     house_style,
     panels,
@@ -103,7 +105,7 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
         levels = force_ax.contour(
             1e3 * travel, velocity, np.ma.masked_invalid(binned.mean), levels=9, colors=INK, linewidths=0.6
         )
-        force_ax.clabel(levels, fontsize=7, fmt="%g")
+        force_ax.clabel(levels, fontsize=7.5, fmt=lambda level: format_minus(format_number(level)))
         # the words stand below the map: beside it they would seem to belong to the next one
         force_ax.figure.colorbar(color, ax=force_ax, label=_FORCE, location="bottom")
         counts = np.ma.masked_equal(binned.counts, 0)
@@ -146,7 +148,11 @@ def _draw_slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     line = np.linspace(curve.position.min(), curve.position.max(), 400)
     straight = next(value for name, value in fit.straight.items() if name != "offset") * line + fit.straight["offset"]
     arctangent = fit.law.force(*build_motion(line, curve.along))
-    other = f"|z′| ≤ {curve.half_width:.2g} m/s" if is_along_travel else f"|z| ≤ {1e3 * curve.half_width:.2g} mm"
+    other = (
+        f"|z′| ≤ {format_number(curve.half_width, 2)} m/s"
+        if is_along_travel
+        else f"|z| ≤ {format_number(1e3 * curve.half_width, 2)} mm"
+    )
     above, below = column
     dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
     position = scale * curve.position[shown]
@@ -161,17 +167,17 @@ def _draw_slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     thicken(above.legend(loc="upper left"))
     below.plot(position, fit.residual[shown], color=GREY, **dots)
     below.axhline(0, color=INK, linewidth=0.8)
-    below.set_title(f"{fit.residual_rms:.2g} m/s² rms", fontweight="normal", fontsize=8.5)
+    below.set_title(f"{format_number(fit.residual_rms, 2)} m/s² rms", fontweight="normal", fontsize=8.5)
     below.set_xlabel(label)
     below.locator_params(axis="x", nbins=6)
 
 
 def _say_verdict(curve: SliceCurve, fit: LawFit) -> str:
     amplitude, inner = fit.law.vector
-    unit, beside = ("mm", "stiffness") if curve.along == "travel" else ("m/s", "damping")
+    factor, unit, beside = (1e3, "mm", "stiffness") if curve.along == "travel" else (1.0, "m/s", "damping")
     if not fit.verdicts[0].distinguishable:
         return f"the arctangent cannot be\ndistinguished from {beside}"
-    return f"amplitude {amplitude:.3g} m/s²\nscale {1e3 * inner if unit == 'mm' else inner:.3g} {unit}"
+    return f"amplitude {format_number(amplitude, 3)} m/s²\nscale {format_number(factor * inner, 3)} {unit}"
 
 
 def law_curves(result: AnyIdentification, axes: Any = None, *, truth: GearTruth | None = None) -> np.ndarray:

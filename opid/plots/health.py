@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from opid.errors import InputError, nearest
+from opid.estimate import format_number
 from opid.plots.style import (
     BLUE,
     COUNT_MAP,
@@ -128,7 +129,9 @@ def _draw_history(
     ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], segment_s: tuple[float, float] | None
 ) -> None:
     unit = "" if channel.unit == "?" else f" {format_units(channel.unit)}"
-    title = ax.set_title(f"{_shorten_name(channel.name)}, {'mute' if channel.mute else f'{channel.rms:.4g}{unit} rms'}")
+    title = ax.set_title(
+        f"{_shorten_name(channel.name)}, {'mute' if channel.mute else f'{format_number(channel.rms, 4)}{unit} rms'}"
+    )
     title.set_parse_math(False)  # a name may hold dollar signs
     ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{format_units(channel.unit)}]")
     overview = channel.overview
@@ -166,7 +169,7 @@ def _scale_history(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> N
     if spikes and room > 0 and (least < low - room or most > high + room):
         ax.set_ylim(low - 0.3 * room, high + 0.6 * room)
         reach = " and ".join(
-            f"{value:.4g}" for value, far in ((least, least < low - room), (most, most > high + room)) if far
+            format_number(value, 4) for value, far in ((least, least < low - room), (most, most > high + room)) if far
         )
         _write(ax, format_minus(f"spikes reach {reach}"), 0.03, color=GREEN)
     elif most > least:
@@ -193,7 +196,12 @@ def _draw_spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
         floor = channel.noise_floor**2 / (0.5 * fs)
         ax.axhline(floor, color=GREY, linewidth=1.0, linestyle="--")
         low, high = min(low, floor), max(high, floor)
-        _write(ax, f"noise at most {channel.noise_floor:.2g} {unit} rms".replace("  ", " "), floor, color=GREY)
+        _write(
+            ax,
+            f"noise at most {format_number(channel.noise_floor, 2)} {unit} rms".replace("  ", " "),
+            floor,
+            color=GREY,
+        )
     decades = max(float(np.log10(high / low)), 1.0)
     others = [line for line in channel.lines if "mains" not in line.name]
     ax.set_ylim(low * 10 ** (-0.25 * decades), high * 10 ** ((0.45 if others else 0.1) * decades))
@@ -218,7 +226,7 @@ def _mark_lines(
         position = float(np.log10(line.frequency_hz))
         if is_named and len(labelled) < MOST_LABELS and all(abs(position - one) > 0.055 * decades for one in labelled):
             labelled.append(position)
-            text, at = f"{line.frequency_hz:.4g} Hz", (line.frequency_hz, level)
+            text, at = f"{format_number(line.frequency_hz, 4)} Hz", (line.frequency_hz, level)
             write_note(ax, text, at, (0, 4), fontsize=7, color=color, rotation=90, ha="center", va="bottom")
 
 

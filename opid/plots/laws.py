@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from opid.estimate import format_number
 from opid.plots.style import (
     BEHIND,
     GREY,
@@ -67,13 +68,20 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
                 look: dict[str, Any] = {"markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
                 ax.plot([left_out], [row], marker="D", color=color, **look)
             behind = step.fit.bic - best.fit.bic
-            text = f"{fitted:.4g}" + (f"   BIC {behind:+,.0f}".replace(",", " ") if step is not best else "")
+            text = format_number(fitted, 4)
+            if step is not best:
+                text += f"   BIC {format_number(round(behind), has_sign=True)}"
             write_note(ax, text, (fitted, row), (10, 0), va="center", fontsize=8, bbox=BEHIND)
         if noise_floor_m_per_s2 is not None:
             floor = 1e3 * noise_floor_m_per_s2
             ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
             write_note(
-                ax, f"noise floor {floor:.2g}", (floor, 1), (4, 3), xycoords=("data", "axes fraction"), fontsize=8
+                ax,
+                f"noise floor {format_number(floor, 2)}",
+                (floor, 1),
+                (4, 3),
+                xycoords=("data", "axes fraction"),
+                fontsize=8,
             )
         low, high = ax.get_xlim()
         # the text at the right needs room
@@ -131,11 +139,13 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
         surface: from `force_surface`.
         axes: two Axes, or None for a new figure.
 
+    Both panels have one scale, so that the larger part of the force looks larger.
+
     Returns:
         (1, 2) Axes.
     """
     with house_style():
-        grid = panels(axes, 1, 2, height_in=3.6, sharey=False)
+        grid = panels(axes, 1, 2, height_in=3.6, sharey=True)
         sections = (surface.along_travel, surface.along_velocity)
         labels = (f"{TRAVEL}, z′ near 0", f"{VELOCITY}, z near 0")
         for ax, section, factor, label in zip(grid[0], sections, (1e3, 1.0), labels, strict=True):
@@ -148,8 +158,10 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             ax.plot(x, section.mean, color=INK, marker="o", markersize=3.5, linestyle="none", label="measured")
             ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")
             ax.set_xlabel(label)
+            along = label.split()[0]
+            largest = float(np.abs(section.law).max())
+            ax.set_title(f"Law over {along}: up to {format_number(largest, 2)} m/s²", fontweight="normal")
         grid[0, 0].set_ylabel("force per mass less (K z + C z′) [m/s²]")
-        grid[0, 0].set_title(format_law(surface.law_name))
         handles, words = grid[0, 0].get_legend_handles_labels()
         figure_of(grid).legend(handles, words, loc="outside lower center", ncols=3)
     return grid

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from opid.estimate import format_number, format_percent
 from opid.modal.linear.frequency_response import FrequencyResponse, ModeIndicator
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.result import ModalIdentification
@@ -60,7 +61,7 @@ def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
                 label.set_color(VERMILION)
                 label.set_fontweight("bold")
         ax.set(xlabel="mode (nonlinear ones in red)", ylabel="mode")
-        ax.set_title(f"Auto-MAC, condition number {result.condition_number:.3g}")
+        ax.set_title(f"Auto-MAC, condition number {format_number(result.condition_number, 3)}")
     return ax
 
 
@@ -132,7 +133,7 @@ def level_shift_figures(
         for ax, name, threshold in zip(grid[:, 0], ("frequency", "damping"), thresholds, strict=True):
             ax.axhline(0, color=INK, linewidth=0.8)
             if threshold is not None:
-                for sign, label in ((1, f"threshold {100 * threshold:.3g} %"), (-1, None)):
+                for sign, label in ((1, f"threshold {format_percent(threshold, 3)}"), (-1, None)):
                     ax.axhline(sign * 100 * threshold, color=GREY, linestyle="--", linewidth=0.9, label=label)
                 ax.legend(loc="best", fontsize=7.5)
             for x, shift in enumerate(shifts):

@@ -10,6 +10,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from opid.estimate import format_percent
 from opid.mechanics.truth import ModeTruth
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
@@ -416,7 +417,9 @@ def truth_test(
             row[0].set(ylabel="acceleration [m/s²]", title=sensor)
             figures = test.sensors[sensor]
             peak = f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}"
-            error = f"error {100 * figures.nrmse_nonlinear:.3g} %, linear {100 * figures.nrmse_linear:.3g} %"
+            error = (
+                f"error {format_percent(figures.nrmse_nonlinear, 3)}, linear {format_percent(figures.nrmse_linear, 3)}"
+            )
             for ax, title in ((row[1], peak), (row[2], error)):
                 ax.set_title(title, fontweight="normal", fontsize=9)
         thicken(grid[0, 0].legend(loc="upper right", fontsize=7.5))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from opid.estimate import format_number
 from opid.plots.style import (
     GREEN,
     GREY,
@@ -93,7 +94,9 @@ def integration(run: RunEvidence, axes: Any = None) -> np.ndarray:
             if ax is above:
                 label = f"mean removed before each integration, {_format_rms_mm(literal.displacement)} rms"
                 ax.plot(run.time_s, 1e3 * literal.displacement, color=RUN_COLORS[1], label=label)
-            label = f"band above {sound.high_pass_hz:g} Hz, {_format_rms_mm(sound.displacement[inside])} rms"
+            label = (
+                f"band above {format_number(sound.high_pass_hz)} Hz, {_format_rms_mm(sound.displacement[inside])} rms"
+            )
             travel = 1e3 * sound.displacement[inside]
             ax.plot(run.time_s[inside], travel, color=RUN_COLORS[0], linewidth=0.7, label=label)
             ax.set_ylabel(TRAVEL)
@@ -121,8 +124,9 @@ def recording(run: Recording, axes: Any = None) -> np.ndarray:
         for (time_ax, psd_ax), channel in zip(grid, run.channels, strict=True):
             samples = run.channel(channel.name)
             time_ax.plot(run.time_s, samples, color=RUN_COLORS[0], linewidth=0.6)
-            time_ax.set_title(f"{channel.name}, {np.std(samples):.3g} {format_units(channel.unit)} rms")
-            time_ax.set_ylabel(f"[{format_units(channel.unit)}]")
+            rms, unit = format_number(float(np.std(samples)), 3), format_units(channel.unit)
+            time_ax.set_title(f"{channel.name}, {rms} {unit} rms")
+            time_ax.set_ylabel(f"[{unit}]")
             time_ax.margins(x=0)
             _draw_density(psd_ax, samples, run.fs, channel.unit)
         grid[0, 1].set_title("power spectral density")
@@ -145,7 +149,7 @@ def _draw_density(ax: Axes, samples: np.ndarray, fs: float, unit: str) -> None:
 
 
 def _format_rms_mm(displacement: np.ndarray) -> str:
-    return f"{1e3 * float(np.sqrt(np.mean(displacement**2))):.3g} mm"
+    return f"{format_number(1e3 * float(np.sqrt(np.mean(displacement**2))), 3)} mm"
 
 
 # ---- over frequency ---------------------------------------------------------------------------------
@@ -243,7 +247,7 @@ def _draw_transmissibility(
     coherence.set_xlabel("frequency [Hz]")
     coherence.set_xlim(LOWEST_HZ, highest)
     ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 40) if tick <= highest]
-    coherence.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+    coherence.set_xticks(ticks, [format_number(tick) for tick in ticks], minor=False)
     coherence.legend(loc="lower left")
     for ax in column:
         ax.axvspan(*band_hz, color="#F6F6F6", zorder=0)
@@ -326,7 +330,9 @@ def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
         for i, (name, color) in enumerate(zip(names, choose_run_colors(len(names)), strict=True)):
             ax.plot(*_compute_noise_lines(fit, i), color=color, linewidth=1.3, label=f"{fit.law_name}, {name}")
         floor *= 1e3
-        ax.axhline(floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {floor:.2g} mm/s²")
+        ax.axhline(
+            floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {format_number(floor, 2)} mm/s²"
+        )
         ax.set_yscale("log")
         plain_numbers(ax.yaxis)
         ax.margins(x=0)

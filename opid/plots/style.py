@@ -15,9 +15,10 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from opid.errors import NotDeterminedError
+from opid.estimate import RAISED, format_number
 from opid.mechanics.truth import TaxiTruth
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.result import AnyIdentification
@@ -34,7 +35,6 @@ BEHIND = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
 SHADED = "#F1F1F1"
 TRAVEL, VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 WIDTH_IN, DPI = 7.4, 150
-RAISED = str.maketrans("0123456789.n", "⁰¹²³⁴⁵⁶⁷⁸⁹˙ⁿ")
 # this many points at most, about, are drawn in a scatter: more would only make a blot
 N_POINTS = 4000
 
@@ -222,7 +222,11 @@ def choose_run_colors(n_runs: int) -> list[str]:
 
 def format_run(run: RunEvidence | Run) -> str:
     """Return the name of a run with its mass against the reference."""
-    change = "reference mass" if run.mass_change_kg == 0 else format_minus(f"{run.mass_change_kg:+g} kg")
+    change = (
+        "reference mass"
+        if run.mass_change_kg == 0
+        else format_minus(f"{format_number(run.mass_change_kg, has_sign=True)} kg")
+    )
     return f"run {run.name!r}, {change}"
 
 
@@ -242,12 +246,12 @@ def format_units(unit: str) -> str:
     'N s²/m²'
     """
     # exponents like "^2.5" and "^n" count, too: a raised point does not exist, so that a dot above stands for it
-    raised = re.sub(r"\^(\d+(?:\.\d+)?|n)", lambda power: power[1].translate(RAISED), unit)
+    raised = re.sub(r"\^(\d+(?:\.\d+)?|n)", lambda power: power[1].translate(RAISED), unit.replace("kg^1/2", "√kg"))
     return raised.replace("*", "·")
 
 
 def plain_numbers(axis: Axis) -> None:
     """Write the numbers at a logarithmic axis without powers of ten, at 1, 2 and 5 of each decade."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value)))
     axis.set_minor_formatter(NullFormatter())

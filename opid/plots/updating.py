@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 
 from opid.errors import InputError
+from opid.estimate import format_number
 from opid.plots.style import (
     BLUE,
     GREEN,
@@ -37,7 +38,9 @@ from opid.updating.structure.reduction import ReductionErrors
 _COLUMNS = 3
 
 _METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
-_LINEAR_TO = 10.0  # the axis of differences of evidences is logarithmic beyond this one
+_DECISIVE = 5.0  # a class whose log evidence lies farther below that of the best one is ruled out
+_LEAST_BELOW = 0.3  # a class that is nearer to the best one stands beside it
+_FEW_DECADES = 3  # an axis with more decades has a number at each of them only
 
 _SAME_FORCE = 0.02  # curves that are closer than this fraction of the largest force would hide each other
 # a dash is this many times as long as its line is wide; the line of the best class is this wide
@@ -197,7 +200,10 @@ class ForceBand:
 
 
 def log_evidences(result: Updating, ax: Any = None) -> Axes:
-    """Draw the log evidence of every class, by every method, less that of the best class.
+    """Draw by how much the log evidence of every class lies below that of the best one, by every method.
+
+    The axis is logarithmic, so that a difference of five is seen beside one of thousands; the best class stands at its
+    left end. Each class has its difference beside it.
 
     Args:
         result: of the updating.
@@ -205,36 +211,53 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
     """
     classes = result.classes
     best = max((each.log_evidence for each in classes if np.isfinite(each.log_evidence)), default=0.0)
-    named: set[str] = set()
+    named: dict[str, Line2D] = {}
+    farthest, has_bars = _DECISIVE, False
     with house_style():
-        ax = panels(ax, 1, height_in=1.4 + 0.42 * len(classes))[0, 0]
-        lowest, has_bars = 0.0, False
+        ax = panels(ax, 1, height_in=1.6 + 0.42 * len(classes))[0, 0]
         for row, each in enumerate(classes):
             color = RUN_COLORS[1] if each.model_class.name == result.best_class else RUN_COLORS[0]
-            for evidence in each.evidences:
+            known = [evidence for evidence in each.evidences if np.isfinite(evidence.log_evidence)]
+            ends = [_LEAST_BELOW]
+            for evidence in known:
                 marker, label = _METHODS.get(evidence.method, ("d", evidence.method))
-                offset = evidence.log_evidence - best
-                if not np.isfinite(offset):
-                    continue
-                lowest = min(lowest, offset - 1.96 * evidence.std)
-                bar = 1.96 * evidence.std if evidence.std > LEAST_STD else None
-                has_bars = has_bars or bar is not None
-                ax.errorbar(
-                    offset, row, xerr=bar, color=color, marker=marker, linestyle="none", markersize=6,
-                    markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
-                    label="_" if label in named else label,
-                )  # fmt: skip
-                named.add(label)
-        _scale_differences(ax, lowest)
-        ax.axvline(0, color=GREY, linewidth=0.9, zorder=0)
+                below = best - evidence.log_evidence
+                look: dict[str, Any] = {"color": color, "marker": marker, "linestyle": "none", "gid": label}
+                look |= {"markersize": 7, "markerfacecolor": "none", "markeredgewidth": 1.5}
+                (mark,) = ax.plot([max(below, _LEAST_BELOW)], [row], **look)
+                named.setdefault(label, mark)
+                ends.append(below)
+                if evidence.std > LEAST_STD:
+                    bar = np.maximum(below + 1.96 * evidence.std * np.array([-1, 1]), _LEAST_BELOW)
+                    ax.plot(bar, [row, row], color=color, linewidth=1.6, gid=label)
+                    ends.append(float(bar[1]))
+                    has_bars = True
+            text = format_number(round(best - each.log_evidence, 2), 5) if known else "not determined"
+            write_note(ax, text, (max(ends), row), (9, 0), va="center", color=color)
+            farthest = max(farthest, *ends)
+        line = ax.axvline(_DECISIVE, color=INK, linestyle="--", linewidth=1.0, zorder=0)
+        _label_differences(ax, farthest)
         ax.set_yticks(range(len(classes)), [_format_class(each) for each in classes])
         ax.set_ylim(len(classes) - 0.5, -0.5)
         bars = " (bars: 95 % intervals)" if has_bars else ""
-        ax.set_xlabel(f"log evidence less that of the best class{bars}")
-        if named:
-            # the legend stands above the axes, for a class may lie anywhere within
-            ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named), fontsize=8)
+        ax.set_xlabel(f"log evidence below that of the best class{bars}")
+        # the legend stands above the axes, for a class may lie anywhere within
+        handles, labels = [*named.values(), line], [*named, f"beyond {format_number(_DECISIVE)}: decisive"]
+        ax.legend(handles, labels, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(labels), fontsize=8)
     return ax
+
+
+def _label_differences(ax: Axes, farthest: float) -> None:
+    """Make the axis logarithmic up to the class that lies farthest below the best one."""
+    decades = 10.0 ** np.arange(np.ceil(np.log10(farthest)) + 1)
+    ticks = [*decades, *3 * decades] if len(decades) <= _FEW_DECADES else [*decades]
+    ticks = [_LEAST_BELOW, *sorted(tick for tick in ticks if tick < 2 * farthest)]
+    ax.set_xscale("log")
+    # the number beside the farthest class needs room
+    ax.set_xlim(_LEAST_BELOW / 1.5, farthest * (farthest / _LEAST_BELOW) ** 0.25)
+    ax.xaxis.set_major_locator(FixedLocator(ticks))
+    ax.xaxis.set_major_formatter(FixedFormatter(["best", *map(format_number, ticks[1:])]))
+    ax.xaxis.set_minor_locator(NullLocator())
 
 
 def joint_forces(
@@ -301,20 +324,6 @@ def _choose_dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> di
 def _format_class(each: ClassPosterior) -> str:
     name, law = each.model_class.name, each.model_class.law_in_words
     return name if name == law else f"{name}: {law}"
-
-
-def _scale_differences(ax: Axes, lowest: float) -> None:
-    """Make the axis linear near the best class and logarithmic beyond, with plain numbers."""
-    if lowest > -3 * _LINEAR_TO:
-        ax.set_xlim(min(1.15 * lowest, -1.0), max(-0.06 * lowest, 0.3))
-        return
-    ax.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=1.5)
-    ax.set_xlim(2 * lowest, 4)
-    decades = [_LINEAR_TO * 10**power * step for power in range(1, 12) for step in (1, 3)]
-    ticks = [0, -2, -5, -10, -30, *(-each for each in decades if each < -2 * lowest)]
-    ax.xaxis.set_major_locator(FixedLocator(ticks))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: format_minus(f"{value:g}")))
-    ax.xaxis.set_minor_locator(NullLocator())
 
 
 # ---- the linear structure --------------------------------------------------------------------------
@@ -399,7 +408,7 @@ def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: Reducti
 
 def _format_value(value: float) -> str:
     """A number of three digits, at most three of them decimals."""
-    return format_minus(f"{value:.3g}" if abs(value) >= 1 and value != 1 else f"{value:.3f}")
+    return format_minus(format_number(value, 3) if abs(value) >= 1 and value != 1 else f"{value:.3f}")
 
 
 # ---- posterior samples -----------------------------------------------------------------------------

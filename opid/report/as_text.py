@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Collection, Iterator, Sequence
+from itertools import zip_longest
 
-from opid.report.document import Block, Column, Document, Paragraph, Remarks, Table, end_sentence
+from opid.report.document import Block, Column, Document, Paragraph, Remarks, Row, Table, end_sentence
 from opid.report.formulas import write_plain
 
 WIDTH = 80
@@ -66,33 +67,44 @@ def _lay_out_table(table: Table) -> list[str]:
     return text + [f"and {more} more in the report"] * (more > 0)
 
 
-def _lay_out_rows(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[list[str]]:
+def _lay_out_rows(rows: Sequence[Row], table: Table) -> Iterator[list[str]]:
     """Yield the lines of each row, first of that with the names of the columns.
 
-    Where a line is too long for the terminal, optional columns are left out first. Then elastic cells are shortened,
-    then the gap between the columns is reduced, and at last long names get a line of their own.
+    Where a line is too long for the terminal, optional columns are left out first. Then elastic cells are broken into
+    lines, then the gap between the columns is reduced, and at last long names get a line of their own.
     """
     columns, gap = list(table.columns), 2
+    blocks = [[row] for row in rows]
 
     def find_excess() -> int:
-        return max(map(len, _align_columns(rows, columns, gap))) - WIDTH
+        return max(map(len, _align_columns([line for block in blocks for line in block], columns, gap))) - WIDTH
 
     if find_excess() > 0:
         kept = [index for index, column in enumerate(columns) if not column.is_optional]
-        columns, rows = [columns[index] for index in kept], [tuple(row[index] for index in kept) for row in rows]
+        columns, blocks = [columns[index] for index in kept], [[tuple(row[index] for index in kept)] for row in rows]
     for index in [index for index, column in enumerate(columns) if column.is_elastic and find_excess() > 0]:
-        room = max(max(len(row[index]) for row in rows) - find_excess(), 3)
-        rows = [(*row[:index], _shorten(row[index], room), *row[index + 1 :]) for row in rows]
+        room = max(len(block[0][index]) for block in blocks) - find_excess()
+        blocks = [_break_cell(block, index, room) for block in blocks]
     gap = 2 if find_excess() <= 0 else 1
-    longest = max(len(row[0]) for row in rows)
+    longest = max(len(block[0][0]) for block in blocks)
     room = longest if find_excess() <= 0 else max(12, longest - find_excess())
-    short = [(row[0] if len(row[0]) <= room else "", *row[1:]) for row in rows]
-    for row, line in zip(rows, _align_columns(short, columns, gap), strict=True):
-        yield [row[0], line] if len(row[0]) > room else [line]
+    names = [block[0][0] if len(block[0][0]) > room else "" for block in blocks]
+    short = [("", *line[1:]) if name else line for name, block in zip(names, blocks, strict=True) for line in block]
+    lines = iter(_align_columns(short, columns, gap))
+    for name, block in zip(names, blocks, strict=True):
+        yield [*([name] if name else []), *(next(lines) for _ in block)]
 
 
-def _shorten(text: str, room: int) -> str:
-    return text if len(text) <= room else f"{text[: room - 2]}.."
+def _break_cell(lines: list[Row], index: int, room: int) -> list[Row]:
+    """Return the lines of a row with one cell broken after its blanks and plus signs; a long word stays whole."""
+    pieces = [""]
+    for word in re.split(r"(?<=[ +])(?![ +])", lines[0][index]):
+        if pieces[-1] and len(f"{pieces[-1]}{word}".rstrip()) > room:
+            pieces.append("")
+        pieces[-1] += word
+    empty = ("",) * len(lines[0])
+    pairs = zip_longest(lines, map(str.rstrip, pieces))
+    return [(*(line or empty)[:index], piece or "", *(line or empty)[index + 1 :]) for line, piece in pairs]
 
 
 def _align_columns(rows: Sequence[Sequence[str]], columns: Sequence[Column], gap: int) -> list[str]:

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from opid.estimate import rounded
+from opid.estimate import format_number, format_percent, rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, law_of_decays
 from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, build_warnings, write_options
 from opid.report.estimates import build_estimate_row, tabulate_estimates
+from opid.report.sketch import sketch_decay
 
 
 def build_document(decay: Decay) -> Document:
@@ -29,13 +30,15 @@ def build_document(decay: Decay) -> Document:
     return Document(
         f"Free decay: {decay.name!r} in {Path(str(decay.settings.get('log', 'a record'))).name}",
         "frequency and damping over amplitude",
-        f"While the amplitude falls from {amplitude[0]:.3g} to {amplitude[-1]:.3g} {decay.amplitude_unit}, frequency "
-        f"and damping go from {hz[0]:#.4g} Hz and {damping[0]:.2g} % to {hz[-1]:#.4g} Hz and {damping[-1]:.2g} %.",
+        f"While the amplitude falls from {format_number(amplitude[0], 3)} to {format_number(amplitude[-1], 3)} "
+        f"{decay.amplitude_unit}, frequency and damping go from {rounded(hz[0])} Hz and "
+        f"{format_number(damping[0], 2)} % to {rounded(hz[-1])} Hz and {format_number(damping[-1], 2)} %.",
         None,
         (*blocks, build_warnings(decay.warnings)),
         lambda: [_build_figure(decay)],
         _write_command(decay.settings),
         source="record",
+        sketch=sketch_decay(decay),
     )
 
 
@@ -62,8 +65,9 @@ def _find_law(decay: Decay) -> DecayLaw | None:
 
 def _say_basis(decay: Decay) -> str:
     return (
-        f"From {decay.start_s:.4g} to {decay.stop_s:.4g} s; amplitudes are of displacement. "
-        f"{100 * decay.residual_share:.2g} % of the record (rms) is neither this mode nor what was found beside it."
+        f"From {format_number(decay.start_s, 4)} to {format_number(decay.stop_s, 4)} s; amplitudes are of "
+        f"displacement. {format_percent(decay.residual_fraction, 2)} of the record (rms) is neither this mode nor what "
+        "was found beside it."
     )
 
 
@@ -79,7 +83,7 @@ def _tabulate_ends(decay: Decay) -> Table:
     rows = [
         (
             label,
-            f"{decay.amplitude[index]:.4g}",
+            format_number(decay.amplitude[index], 4),
             *_format_value(decay.frequency_hz[index], decay.frequency_std_hz[index]),
             *_format_value(100 * decay.damping_ratio[index], 100 * decay.damping_std[index]),
         )

@@ -47,7 +47,7 @@ class Column:
         header: its name.
         unit: of all of its numbers; it is shown after the header.
         align: the side to which its cells are aligned.
-        is_elastic: whether its cells may be shortened in a terminal, and broken into lines on a page.
+        is_elastic: whether its cells may be broken into lines.
         is_optional: whether a terminal may leave it out to save width.
     """
 
@@ -83,6 +83,8 @@ class Table:
         overlay: name of the figure in which a reader overlays curves by choosing rows; empty without one. The curves
             have the names in `keys`.
         keys: a name for each row.
+        fold: title of the part of the page that a reader opens to see it; tables and figures that follow each other
+            with the same title share that part. Empty where it is seen at once.
     """
 
     columns: tuple[Column, ...]
@@ -95,6 +97,7 @@ class Table:
     links: tuple[Path | None, ...] = ()
     overlay: str = ""
     keys: tuple[str, ...] = ()
+    fold: str = ""
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ class Figure:
         text: what can be seen in it.
         draw: draws it, and returns its Axes.
         is_chosen: whether its curves are shown only when they are chosen, in the table that names it as its overlay.
+        fold: title of the part of the page that a reader opens to see it, as that of a table.
     """
 
     name: str
@@ -114,6 +118,7 @@ class Figure:
     text: str
     draw: Callable[[], Any]
     is_chosen: bool = False
+    fold: str = ""
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,7 @@ class Sketch:
     alt: str
 
 
-Block = Paragraph | Remarks | Table | Figure | Sketch
+Block = Paragraph | Remarks | Table | Figure
 
 
 @dataclass(frozen=True)
@@ -150,6 +155,7 @@ class Document:
         data_file: name of the file beside the page that holds all numbers.
         numbers: where all numbers stand, in a sentence; that they stand in `data_file` if empty.
         page_file: name of the page.
+        sketch: stands on the page before all blocks; None without one.
     """
 
     title: str
@@ -165,6 +171,7 @@ class Document:
     data_file: str = "result.json"
     numbers: str = ""
     page_file: str = "report.html"
+    sketch: Sketch | None = None
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from opid.estimate import Estimate, rounded
+from opid.estimate import Estimate, format_number, rounded
 from opid.mechanics.laws.kinds import Parameter
 from opid.mechanics.laws.law import Law, unit_of_parameter
 from opid.mechanics.truth import Truth
@@ -29,7 +29,7 @@ def build_estimate_row(label: str, unit: str, estimate: Estimate, true: float | 
     if true is not None and estimate.value is not None:
         error = f"{round(100 * (estimate.value / true - 1), 2) + 0.0:+.2f}%" if true else "-"
         is_inside = "-" if interval is None else "yes" if estimate.holds(true) else "no"
-    known = "-" if true is None else f"{true:.6g}"
+    known = "-" if true is None else format_number(true)
     return (label, rounded(estimate.value, std), rounded(std, std), between, unit, known, error, is_inside)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from opid.estimate import format_number, format_percent
 from opid.report.document import (
     Block,
     Document,
@@ -131,7 +132,9 @@ def _choose_drawn(health: Health) -> list[str]:
 
 def _say_answer(health: Health) -> str:
     if not health.clocks:
-        return f"{health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples"
+        return (
+            f"{format_number(health.duration_s, 4)} s at {format_number(health.fs, 9)} Hz, {health.n_samples} samples"
+        )
     if len(health.clocks) == 1:
         return _say_clock(health.clocks[0])
     return f"{len(health.clocks)} clocks, {format_count(len(health.channels), 'channel')}"
@@ -145,9 +148,9 @@ def _list_clock_blocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
             (
                 _make_printable(clock.track or clock.channels[0]),
                 f"{len(clock.channels)}",
-                f"{clock.fs:.6g}",
+                format_number(clock.fs),
                 f"{clock.n_samples}",
-                f"{clock.duration_s:.4g}",
+                format_number(clock.duration_s, 4),
                 f"{clock.n_gaps}" if clock.n_gaps else "-",
             )
             for clock in clocks
@@ -167,19 +170,21 @@ def _list_clock_blocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
 
 def _say_clock(clock: ClockHealth) -> str:
     if clock.stated:
-        rate = f"{clock.fs:.9g} Hz as stated, no time stamps to check it by"
+        rate = f"{format_number(clock.fs, 9)} Hz as stated, no time stamps to check it by"
     else:
         jitter = (
-            f"jitter {_format_number(100 * clock.jitter)} % of the period"
-            if clock.jitter > LEAST_JITTER
-            else "no jitter"
+            f"jitter {format_percent(clock.jitter, 2)} of the period" if clock.jitter > LEAST_JITTER else "no jitter"
         )
-        rate = f"{clock.fs:.9g} Hz from time stamps, {jitter}"
+        rate = f"{format_number(clock.fs, 9)} Hz from time stamps, {jitter}"
         # less than a nanosecond comes from arithmetic, and stamps that are exact binary numbers are not rounded
         is_exact = abs(clock.resolution_s * clock.fs - 1) < 1e-6 and clock.jitter <= LEAST_JITTER
         is_rounded = clock.resolution_s > 1e-9 and not is_exact
         rate += f" (they are rounded to {_format_seconds(clock.resolution_s)})" if is_rounded else ""
-    words = [f"{clock.duration_s:.6g} s from {clock.start_s:.6g} s on", rate, f"{clock.n_samples} samples"]
+    words = [
+        f"{format_number(clock.duration_s)} s from {format_number(clock.start_s)} s on",
+        rate,
+        f"{clock.n_samples} samples",
+    ]
     if clock.n_gaps:
         longest = max((gap.stop_s - gap.start_s for gap in clock.gaps), default=0.0)
         words.append(
@@ -198,8 +203,8 @@ def _format_seconds(value: float) -> str:
     """A time in a unit in which it needs no zeros: "3.5 s", "10 ms", "1 us"."""
     for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
         if value * factor >= 0.9995:  # otherwise 999.9 ms would become 1e+03 ms
-            return f"{value * factor:.3g} {unit}"
-    return f"{1e9 * value:.3g} ns"
+            return f"{format_number(value * factor, 3)} {unit}"
+    return f"{format_number(1e9 * value, 3)} ns"
 
 
 # ---- channels --------------------------------------------------------------------------------------
@@ -224,10 +229,10 @@ def _tabulate_channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
                 _make_printable(channel.name),
                 *[f"{channel.number or '-'}"] * has_numbers,
                 channel.unit,
-                *(_format_number(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
-                _format_number(channel.noise_floor or None),
-                _format_number(channel.quantisation_step),
-                _format_number(None if channel.mute else channel.drift),
+                *(format_number(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
+                format_number(channel.noise_floor or None, 2),
+                format_number(channel.quantisation_step, 2),
+                format_number(None if channel.mute else channel.drift, 2),
             )
             for channel in shown
         ),
@@ -249,11 +254,6 @@ def _choose_telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth
 
 def _make_printable(name: str) -> str:
     return name if name.isprintable() else ascii(name)[1:-1]
-
-
-def _format_number(value: float | None, digits: int = 2) -> str:
-    """A number with so many digits: "4000", not "4e+03"."""
-    return "-" if value is None or not math.isfinite(value) else f"{float(f'{value:.{digits}g}'):.6g}"
 
 
 def _format_faults(channel: ChannelHealth) -> tuple[str, ...]:
@@ -284,7 +284,7 @@ def _list_spectrum_blocks(channels: Sequence[ChannelHealth]) -> Iterator[Block]:
 def _say_lines(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
     unit = "" if channel.unit == "?" else f" {channel.unit}"
     shown = [
-        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_format_number(line.rms)}{unit} rms"
+        f"{line.name or f'{format_number(line.frequency_hz, 4)} Hz'}, {format_number(line.rms, 2)}{unit} rms"
         for line in lines[:MOST_LINES]
     ]
     more = len(lines) - len(shown)
@@ -324,7 +324,7 @@ def _format_pair(pair: PairHealth) -> tuple[str, ...]:
             decimals = min(6, max(0, 1 - math.floor(math.log10(1e3 * pair.lag_std_s))))
         lag = (f"{1e3 * pair.lag_s:.{decimals}f}", f"{1e3 * pair.lag_std_s:.{decimals}f}")
     band = pair.coherent_band_hz
-    return *lag, "none" if band is None else f"{band[0]:.3g} to {band[1]:.3g} Hz"
+    return *lag, "none" if band is None else f"{format_number(band[0], 3)} to {format_number(band[1], 3)} Hz"
 
 
 def _list_findings(findings: Sequence[Finding]) -> Iterator[Remarks]:

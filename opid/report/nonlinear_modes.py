@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from opid import plots
-from opid.estimate import Estimate
+from opid.estimate import Estimate, format_number, format_percent
 from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
@@ -32,6 +32,7 @@ from opid.report.document import (
     write_options,
 )
 from opid.report.estimates import build_estimate_row, tabulate_estimates
+from opid.report.sketch import sketch_modes
 
 N_SENSORS_SHOWN = 3  # at most this many sensors of a truth test are drawn
 N_LINES = 4000  # the mode indicator of the linear modes is computed at this many frequencies
@@ -49,7 +50,9 @@ def build_document(result: ModalIdentification, truth: ModalTruth | None = None)
     known = [str(fit.mode) for fit in result.fits]
     known += [f"{mode} (by free decays)" for mode in result.modes_by_decays_alone]
     worst = max((each.nrmse_nonlinear for test in result.truth_tests for each in test.sensors.values()), default=None)
-    errors = "" if worst is None else f"; in the truth tests no sensor is farther off than {100 * worst:.2g} % (rms)"
+    errors = (
+        "" if worst is None else f"; in the truth tests no sensor is farther off than {format_percent(worst, 2)} (rms)"
+    )
     return Document(
         result.title or "Nonlinear modal model",
         format_count(result.modes.n_modes, "mode"),
@@ -70,6 +73,7 @@ def build_document(result: ModalIdentification, truth: ModalTruth | None = None)
         write_command(result),
         source="study",
         reference=f"The method is that of {PACINI}",
+        sketch=sketch_modes(result),
     )
 
 
@@ -79,7 +83,7 @@ def _say_basis(result: ModalIdentification) -> str:
     at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
     return (
         f"{modes.n_modes} modes ({rigid} rigid), {len(modes.sensors)} sensors{at}; condition number of the shapes "
-        f"{result.condition_number:.3g}."
+        f"{format_number(result.condition_number, 3)}."
     )
 
 
@@ -88,14 +92,14 @@ def _tabulate_modes(result: ModalIdentification) -> Table:
     for fit in result.fits:
         of_fit = (
             f"{fit.stiffness_order}, {fit.damping_order}",
-            f"{fit.band_hz[0]:.4g} .. {fit.band_hz[1]:.4g}",
-            f"{100 * fit.residual_share:.2g} %",
+            f"{format_number(fit.band_hz[0], 4)} .. {format_number(fit.band_hz[1], 4)}",
+            format_percent(fit.residual_fraction, 2),
         )
-        top = f"top, {fit.stiffness_curve.position[-1]:.3g}"
+        top = f"top, {format_number(fit.stiffness_curve.position[-1], 3)}"
         for index, label, more in ((0, "zero", of_fit), (-1, top, ("",) * len(of_fit))):
             frequency, damping = fit.frequency_at_hz[index], fit.damping_at[index]
             mode = str(fit.mode) if index == 0 else ""
-            rows.append((mode, label, f"{frequency:.2f} Hz", f"{100 * damping:.3g} %", *more))
+            rows.append((mode, label, f"{frequency:.2f} Hz", format_percent(damping, 3), *more))
     return Table(
         (
             *build_columns("mode"),
@@ -117,7 +121,7 @@ def _tabulate_shifts(result: ModalIdentification) -> Table:
                 str(shift.mode),
                 "-" if frequency is None else f"{frequency:.2f} Hz",
                 _format_percent(shift.frequency_shift, digits=2),
-                "-" if damping is None else f"{100 * damping:.3g} %",
+                "-" if damping is None else format_percent(damping, 3),
                 _format_percent(shift.damping_shift, digits=0),
                 ("yes" if shift.nonlinear else "no") if shift.determined else "cannot tell",
             )
@@ -135,8 +139,8 @@ def _say_thresholds(result: ModalIdentification) -> str:
     if frequency is None or damping is None:
         return ""
     return (
-        f" A mode is nonlinear where its frequency shifts by more than {100 * frequency:.3g} % or its damping ratio by "
-        f"more than {100 * damping:.3g} %, by three standard errors."
+        f" A mode is nonlinear where its frequency shifts by more than {format_percent(frequency, 3)} or its "
+        f"damping ratio by more than {format_percent(damping, 3)}, by three standard errors."
     )
 
 
@@ -145,11 +149,14 @@ def _tabulate_decays(result: ModalIdentification) -> Table:
     rows: list[Row] = []
     for decay in result.decays:
         low, damping = decay.frequency_low_hz.value, decay.damping_low.value
-        zero = ("-" if low is None else f"{low:.2f} Hz", "-" if damping is None else f"{100 * damping:.3g} %")
-        top = (f"{decay.frequency_hz[0]:.2f} Hz", f"{100 * decay.damping_ratio[0]:.3g} %")
+        zero = (
+            "-" if low is None else f"{low:.2f} Hz",
+            "-" if damping is None else format_percent(damping, 3),
+        )
+        top = (f"{decay.frequency_hz[0]:.2f} Hz", format_percent(decay.damping_ratio[0], 3))
         mode = "-" if decay.mode is None else str(decay.mode)
-        rows.append((decay.name, mode, "zero", *zero, f"{100 * decay.residual_share:.2g} %"))
-        rows.append(("", "", f"top, {decay.amplitude[0]:.3g}", *top, ""))
+        rows.append((decay.name, mode, "zero", *zero, format_percent(decay.residual_fraction, 2)))
+        rows.append(("", "", f"top, {format_number(decay.amplitude[0], 3)}", *top, ""))
     heads = build_columns("frequency", "damping", "left over", left=())
     return Table(
         (*build_columns("free decay", "mode"), _AMPLITUDE, *heads),
@@ -182,7 +189,8 @@ def _choose_truth(truth: ModalTruth | None) -> ModalTruth | None:
 
 def _list_mode_rows(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
     free = "k0 and c0 corrected (k1, c1)" if fit.free_linear else "k0 and c0 as given"
-    yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {100 * fit.damping_ratio:.3g} % of critical damping: {free}",)
+    damping = f"{format_percent(fit.damping_ratio, 3)} of critical damping"
+    yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {damping}: {free}",)
     yield from _list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
 
 
@@ -214,14 +222,18 @@ def _list_power_rows(
 
 def _tabulate_truth_test(test: TruthTest, *, first: str | None) -> Table:
     """The errors of a truth test: at the drive point first, then from the worst sensor to the best."""
-    band = "" if test.band_hz is None else f", {test.band_hz[0]:.4g} to {test.band_hz[1]:.4g} Hz"
+    band = (
+        ""
+        if test.band_hz is None
+        else f", {format_number(test.band_hz[0], 4)} to {format_number(test.band_hz[1], 4)} Hz"
+    )
     rows = [
         (
             name,
             f"{each.peak_ratio_nonlinear:.3f}",
             f"{each.peak_ratio_linear:.3f}",
-            f"{100 * each.nrmse_nonlinear:.3g} %",
-            f"{100 * each.nrmse_linear:.3g} %",
+            format_percent(each.nrmse_nonlinear, 3),
+            format_percent(each.nrmse_linear, 3),
         )
         for name, each in ((name, test.sensors[name]) for name in sorted(test.worst_sensors, key=lambda s: s != first))
     ]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from opid import plots
-from opid.estimate import with_std
+from opid.estimate import format_number, format_percent, with_std
 from opid.mechanics.laws.law import LAWS, FloatArray
 from opid.mechanics.truth import UpdatingTruth
 from opid.report.document import (
@@ -27,6 +27,7 @@ from opid.report.document import (
 )
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.formulas import embed_formula
+from opid.report.sketch import sketch_joints
 from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Diagnostics
@@ -52,6 +53,13 @@ N_DRAWS = 200  # the band of a force is made of about this many samples: its end
 N_EXTENSIONS = 200  # a force is computed at this many extensions, so that its curve looks smooth
 KEPT = 0.01  # a mode counts as kept if the relative error of its frequency is smaller
 MOST_NAMED = 4  # this many modes at most are named one by one
+
+# titles of the parts of the page that a reader opens: they are long, and few readers need them
+_NUMBERS = "Evidence and sampling in numbers"
+_MEASURED = "What was measured of the other modes"
+_LINEAR = "More about the linear structure"
+_OTHERS = "Parameters of the other classes"
+_RUNNING = "Have the chains converged? Lines that still drift at the end ask for more samples."
 
 _BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
 
@@ -89,6 +97,7 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
         _write_command(result),
         source="study",
         reference=f"The method is that of {SONG}",
+        sketch=sketch_joints(result),
     )
 
 
@@ -128,7 +137,7 @@ def _say_best(result: Updating) -> str:
     if not math.isfinite(ahead):
         return f"{named}; no other class can explain the data."
     # exp(14) is more than a million
-    odds = f"{math.exp(ahead):.3g} to 1" if ahead < 14 else "more than a million to 1"
+    odds = f"{format_number(math.exp(ahead), 3)} to 1" if ahead < 14 else "more than a million to 1"
     return f"{named}, ahead of {second.model_class.name} by {ahead:.2f} (odds {odds})."
 
 
@@ -168,7 +177,9 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
     several = len(own.kinds) > 1
     names = [f"k{number}" if several else "k" for number in range(1, len(own.kinds) + 1)]
     terms = (LAWS[kind].latex.replace("k", name, 1) for kind, name in zip(own.kinds, names, strict=True))
-    scales = ", ".join(f"{name} = theta x {scale:.4g}" for name, scale in zip(names, own.scales, strict=True))
+    scales = ", ".join(
+        f"{name} = theta x {format_number(scale, 4)}" for name, scale in zip(names, own.scales, strict=True)
+    )
     formula = embed_formula("f(z) = " + " + ".join(terms))
     yield (f"{own.name}: {formula}, {scales}",)
     true = find_true_theta(posterior, truth)
@@ -215,6 +226,7 @@ def _tabulate_evidences(result: Updating) -> Table:
         build_columns("log evidence ± std. dev.", *methods),
         tuple(rows),
         note="Log evidence by every method that was run; classes are compared by the first.",
+        fold=_NUMBERS,
     )
 
 
@@ -228,6 +240,7 @@ def _tabulate_sensitivities(result: Updating) -> Table:
         build_columns("prior twice as wide", *names),
         tuple(rows),
         note="What a prior twice as wide does to the log evidence: of a wide uniform prior -0.69, for log 2.",
+        fold=_NUMBERS,
     )
 
 
@@ -235,7 +248,7 @@ def _tabulate_sampling(result: Updating) -> Table:
     linear = [] if result.linear is None else [("linear", result.linear.diagnostics)]
     each = [*linear, *((each.model_class.name, each.diagnostics) for each in result.classes)]
     heads = build_columns("sampling", "by", "samples", "evaluations", "accepted", "effective", "R-hat")
-    return Table(heads, tuple((name, *_format_diagnostics(known)) for name, known in each))
+    return Table(heads, tuple((name, *_format_diagnostics(known)) for name, known in each), fold=_NUMBERS)
 
 
 def _tabulate_coverage(result: Updating) -> Table:
@@ -307,11 +320,11 @@ def _say_kept(errors: ReductionErrors, tested: Sequence[int]) -> str:
     compared = [mode for mode in tested if mode <= n]
     if compared:
         worst = float(np.abs(errors.relative[np.array(compared) - 1]).max())
-        parts.append(f"frequency of {_say_modes(compared)} off by at most {100 * worst:.1g} %")
+        parts.append(f"frequency of {_say_modes(compared)} off by at most {format_percent(worst, 1)}")
     beyond = np.flatnonzero(np.abs(errors.relative) >= KEPT)
     n_kept = int(beyond[0]) if beyond.size else n
     if n_kept:
-        parts.append(f"{_say_modes(range(1, n_kept + 1))} by less than {100 * KEPT:g} %")
+        parts.append(f"{_say_modes(range(1, n_kept + 1))} by less than {format_percent(KEPT)}")
     cut = f" ({format_count(errors.n_cut, 'direction')} cut off)" if errors.n_cut else ""
     return f"{format_count(errors.n_dof, 'coordinate')}{cut}, {_BASES[errors.method]}: {', '.join(parts)}"
 
@@ -353,11 +366,24 @@ def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figu
         yield from _list_linear_figures(result.linear, truth)
     if result.reductions:
         yield _build_reduction_figure(result)
+    rejected = {each.model_class.name for each in result.rejected}
+    kept = [pair for pair in enumerate(result.classes, start=1) if pair[1].model_class.name not in rejected]
     if result.classes:
         yield from _list_all_class_figures(result, truth)
+    for number, posterior in kept:
+        if posterior.model_class.name == result.best_class:
+            yield _build_samples_figure(number, posterior, truth)
     predicted = sorted({band.mode for band in result.prediction})
     for mode in predicted:
         yield _build_predicted_figure(result, mode, is_first=mode == predicted[0])
+    for number, posterior in kept:
+        if posterior.model_class.name != result.best_class:
+            yield _build_samples_figure(number, posterior, truth, fold=_OTHERS)
+    if result.linear is not None:
+        yield _build_running_figure("linear_running", "Linear parameters", result.linear.samples, result.linear.names)
+    for number, each in kept:
+        heading = f"{each.model_class.name}, {each.model_class.law_in_words}"
+        yield _build_running_figure(f"class_{number}_running", heading, each.samples, each.labels)
 
 
 def _build_measured_figure(result: Updating, mode: int, *, is_first: bool) -> Figure:
@@ -370,6 +396,7 @@ def _build_measured_figure(result: Updating, mode: int, *, is_first: bool) -> Fi
         if is_first
         else "",
         lambda: plots.measured_backbones(result.measured, mode, sensors=_choose_sensors(result, mode)),
+        fold="" if is_first else _MEASURED,
     )
 
 
@@ -380,6 +407,7 @@ def _list_linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -
         "Frequencies and shapes of the lowest points of the backbones against the structure as it was given and with "
         "its updated parameters.",
         lambda: plots.linear_updating(linear),
+        fold=_LINEAR,
     )
     yield Figure(
         "linear_samples",
@@ -391,12 +419,7 @@ def _list_linear_figures(linear: LinearPosterior, truth: UpdatingTruth | None) -
             [f"{name} [of nominal]" for name in linear.names],
             truth=[truth.linear.get(name) for name in linear.names] if truth else None,
         ),
-    )
-    yield Figure(
-        "linear_running",
-        "Linear parameters: have they converged?",
-        "Mean and standard deviation of the samples so far. Lines that still drift at the end ask for more samples.",
-        lambda: plots.running_moments(linear.samples, linear.names),
+        fold=_LINEAR,
     )
 
 
@@ -410,6 +433,7 @@ def _build_reduction_figure(result: Updating) -> Figure:
         "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
         f"are tested and those near their multiples should be exact; higher ones need not. {caption}",
         lambda: plots.reduction_figure(used, free=others[0] if others else None),
+        fold=_LINEAR,
     )
 
 
@@ -417,8 +441,9 @@ def _list_all_class_figures(result: Updating, truth: UpdatingTruth | None) -> It
     yield Figure(
         "log_evidences",
         "Which class",
-        "Log evidence less that of the best class (in red), by every method that was run. Three is strong, five is "
-        "decisive, and one is nothing; a class with a further term pays for the width of its prior.",
+        "By how much the log evidence of each class lies below that of the best one (in red), by every method that was "
+        "run. Three is strong, five is decisive, and one is nothing; a class with a further term pays for the width of "
+        "its prior.",
         lambda: plots.log_evidences(result),
     )
     yield Figure(
@@ -428,34 +453,29 @@ def _list_all_class_figures(result: Updating, truth: UpdatingTruth | None) -> It
         "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be distinguished by these data.",
         lambda: _draw_forces(result, truth),
     )
-    rejected = {each.model_class.name for each in result.rejected}
-    kept = [pair for pair in enumerate(result.classes, start=1) if pair[1].model_class.name not in rejected]
-    for number, posterior in kept:
-        yield from _list_class_figures(number, posterior, truth, is_first=number == kept[0][0])
 
 
-def _list_class_figures(
-    number: int, posterior: ClassPosterior, truth: UpdatingTruth | None, *, is_first: bool
-) -> Iterator[Figure]:
-    name = posterior.model_class.name
-    labels = posterior.labels
-    yield Figure(
+def _build_samples_figure(
+    number: int, posterior: ClassPosterior, truth: UpdatingTruth | None, *, fold: str = ""
+) -> Figure:
+    return Figure(
         f"class_{number}_samples",
-        f"{name}, {posterior.model_class.law_in_words}: parameters",
-        "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
-        "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not. "
-        "Classes that the data rule out are not drawn."
-        if is_first
-        else "",
+        f"{posterior.model_class.name}, {posterior.model_class.law_in_words}: parameters",
+        ""
+        if fold
+        else "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow "
+        "slanting cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do "
+        "not. Classes that the data rule out are not drawn.",
         lambda: plots.parameter_samples(
-            posterior.samples, labels, truth=find_true_theta(posterior, truth) if truth else None
+            posterior.samples, posterior.labels, truth=find_true_theta(posterior, truth) if truth else None
         ),
+        fold=fold,
     )
-    yield Figure(
-        f"class_{number}_running",
-        f"{name}, {posterior.model_class.law_in_words}: have they converged?",
-        "Mean and standard deviation of the samples so far." if is_first else "",
-        lambda: plots.running_moments(posterior.samples, labels),
+
+
+def _build_running_figure(name: str, of: str, samples: FloatArray, labels: Sequence[str]) -> Figure:
+    return Figure(
+        name, f"{of}: mean and deviation so far", "", lambda: plots.running_moments(samples, labels), fold=_RUNNING
     )
 
 

@@ -21,9 +21,10 @@ from urllib.parse import quote
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
+from opid.progress import Say
 from opid.provenance import traced
 from opid.report.as_text import lay_out_text
-from opid.report.document import Block, Document, Figure, Remarks, Sketch, Table, end_sentence
+from opid.report.document import Block, Document, Figure, Remarks, Table, end_sentence
 from opid.report.formulas import write_html
 from opid.result import Result
 from opid.signals.files import write_together
@@ -106,7 +107,7 @@ def write_report(
     command: Sequence[str] | None = None,
     figures: bool = True,
     png: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> Path:
     """Write result.json and report.html, and return the path of the page.
 
@@ -165,7 +166,7 @@ def _find_kind(result: Result) -> KindOfResult:
 
 
 def draw_figures(
-    figures: Sequence[Figure], *, png: bool = False, progress: Callable[[str], None] | None = None
+    figures: Sequence[Figure], *, png: bool = False, progress: Say | None = None
 ) -> tuple[dict[str, Chart], dict[str, bytes]]:
     """Return the chart of each figure by its name, and its PNG file where that is wanted."""
     from opid.plots.charts.figure import build_chart
@@ -224,7 +225,7 @@ def find_heading(block: Block) -> str:
     """Return the heading of a block; empty if it has none."""
     if isinstance(block, Table):
         return block.title
-    return "" if isinstance(block, Remarks | Sketch) else block.heading
+    return "" if isinstance(block, Remarks) else block.heading
 
 
 def find_places(blocks: Sequence[Block]) -> dict[int, str]:

@@ -13,7 +13,10 @@ from .log import (
     Log as Log,
     LogSettings as LogSettings,
 )
-from .logs import formats as formats
+from .logs import (
+    formats as formats,
+    open_log as open_log,
+)
 from .motion import (
     Motion as Motion,
     differentiate as differentiate,

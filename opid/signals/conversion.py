@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, list_names
 from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_clock
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings, Track
 from opid.signals.recording import Channel, FloatArray, Recording
@@ -33,7 +33,8 @@ def recording_of(
             stretch without samples, or no choice of channels where the log has several clocks.
     """
     if channels is None and len(log.tracks) > 1:
-        raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_list_names(log)}")
+        known = list_names(map(repr, log.names), 12)
+        raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {known}")
     wanted = choose_channels(log, channels)
     positions = {name: log.find(own.channel) for name, own in wanted.items()}
     parts = []
@@ -196,11 +197,6 @@ def _describe_rate(track: Track, settings: LogSettings, clock: Clock) -> str:
 
 def _describe_time(value: float | None, word: str) -> str:
     return word if value is None else f"{value:g} s"
-
-
-def _list_names(log: Log) -> str:
-    more = f" and {len(log.names) - 12} more" if len(log.names) > 12 else ""
-    return ", ".join(map(repr, log.names[:12])) + more
 
 
 def require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:

@@ -1,4 +1,4 @@
-"""Write files whole or not at all, one or several together, into directories that are made when needed."""
+"""Write files whole or not at all, into directories that are made when needed, and read the text of small tables."""
 
 from __future__ import annotations
 
@@ -27,6 +27,29 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
         names = [each.name for each in path.parent.iterdir() if endings is None or each.suffix.lower() in endings]
     close = get_close_matches(path.name, names, n=1)
     return f": did you mean {close[0]!r}?" if close else ": check the name and the directory"
+
+
+def read_table_text(path: Path, header: str) -> tuple[str, str]:
+    """Return the text of a small table and its delimiter, which is that of its first line that is no comment.
+
+    Args:
+        path: path of the file.
+        header: a header that such a file may have, which the error names.
+
+    Raises:
+        InputError: the file is not UTF-8 text, or its first line has no tab, semicolon or comma.
+        OSError: the file cannot be read.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
+    lines = (line for line in text.splitlines() if line.strip())
+    first = next((line for line in lines if not line.lstrip().startswith("#")), "")
+    delimiter = next((mark for mark in "\t;," if mark in first), None)
+    if delimiter is None:
+        raise InputError(f"its first line has one column: give a header like {header}")
+    return text, delimiter
 
 
 @contextmanager

@@ -60,7 +60,7 @@ def resampled(
     samples = recording.samples
     limit = 0.5
     if fs_hz < recording.fs * (1 - _SAME):
-        samples, limit = _low_pass(samples, fs_hz / recording.fs), STOP * fs_hz / recording.fs
+        samples, limit = _filter_low_pass(samples, fs_hz / recording.fs), STOP * fs_hz / recording.fs
     return Recording(
         _interpolate(samples, np.clip(position, 0, last), limit),
         fs=fs_hz,
@@ -123,7 +123,7 @@ def _is_on_clock(recording: Recording, fs: float, begin: float) -> bool:
     return abs(position - round(position)) + drift < 1e-3
 
 
-def _low_pass(samples: FloatArray, ratio: float) -> FloatArray:
+def _filter_low_pass(samples: FloatArray, ratio: float) -> FloatArray:
     """Return the samples without frequencies above half of the lower rate, `ratio` of the old one; without delay."""
     from scipy import signal
 

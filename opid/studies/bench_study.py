@@ -9,10 +9,11 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
+from opid.progress import Say
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
 from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, add_files, find_sources, read_run, tabulate_channel
-from opid.studies.schema import Document, Say, derive_record, format_toml, prefix_errors, read_tables, recast
+from opid.studies.schema import Document, derive_record, format_toml, prefix_errors, read_tables, recast
 from opid.studies.study_file import TEST_BENCH
 from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run

@@ -12,6 +12,7 @@ from opid.errors import InputError, nearest, refuse
 from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.linear.modes_file import read_modes, write_modes
 from opid.modal.study import ModalStudy, StudyTest, Use
+from opid.progress import Say
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log, write_log
@@ -21,7 +22,6 @@ from opid.studies.run_files import CHANNEL, ChannelTable, add_files, tabulate_ch
 from opid.studies.schema import (
     NO_KEY,
     Document,
-    Say,
     collect_faults,
     derive_record,
     format_toml,
@@ -165,7 +165,7 @@ def _read_test(
 ) -> ModalTest:
     log = open_log(directory / entry.log, how)
     force = entry.force
-    if force is None and entry.use is None and (seen := _spot_force(log)):
+    if force is None and entry.use is None and (seen := _find_force(log)):
         raise InputError(
             f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
             "if nothing acts in the stretch that is used"
@@ -192,7 +192,7 @@ def _choose_channels(
     return wanted
 
 
-def _spot_force(log: Log) -> str:
+def _find_force(log: Log) -> str:
     """Return the name of a channel in a unit of force; "" if there is none."""
     for track in log.tracks:
         for channel in track.channels:

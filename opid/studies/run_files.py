@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, TypeVar
@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, TypeVar
 import numpy as np
 
 from opid.errors import InputError
+from opid.progress import Say, Step
 from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.health.inspection import inspect, remove_spikes
@@ -78,7 +79,7 @@ def read_run(
     fs_hz: float | None = None,
     is_bench: bool = False,
     settings: RunSettings = DEFAULTS,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
@@ -162,7 +163,7 @@ def bring_to_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
     return tuple(changed)
 
 
-def _open_recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recorder], list[Finding]]:
+def _open_recorders(files: RunFiles, say: Say) -> tuple[list[_Recorder], list[Finding]]:
     """Open and inspect each file once, and put the times of all on one axis."""
     groups: dict[tuple[Path, LogSettings, float], dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
@@ -176,7 +177,7 @@ def _open_recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_
         require_distinct(log, channels)
 
         def say_part(fraction: float, name: str = path.name) -> None:
-            say(f"{name} {fraction:.0%}")
+            say(Step(name, fraction))
 
         health = inspect(log, settings, channels=channels, progress=say_part)
         recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))

@@ -30,7 +30,6 @@ from opid.errors import InputError, meant_by, nearest
 from opid.signals.files import nearest_beside
 
 Document = dict[str, Any]
-Say = Callable[[str], None]
 T = TypeVar("T")
 
 _LONGEST_NAME = 200

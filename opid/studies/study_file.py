@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
+from opid.progress import Say
 from opid.signals.files import write_whole
-from opid.studies.schema import Document, Say, find_misspelt, load
+from opid.studies.schema import Document, find_misspelt, load
 
 if TYPE_CHECKING:
     from opid.modal.study import ModalStudy

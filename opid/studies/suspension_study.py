@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from opid.errors import InputError, meant_by, nearest, refuse
+from opid.progress import Say
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
@@ -33,7 +34,6 @@ from opid.studies.run_files import (
 from opid.studies.schema import (
     NO_KEY,
     Document,
-    Say,
     collect_faults,
     find_misspelt,
     format_toml,

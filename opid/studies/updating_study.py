@@ -10,8 +10,9 @@ from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
 from opid.mechanics.laws.kinds import LAWS
+from opid.progress import Say
 from opid.provenance import read_file
-from opid.studies.schema import Document, Say, collect_faults, derive_record, format_toml, read_tables
+from opid.studies.schema import Document, collect_faults, derive_record, format_toml, read_tables
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings

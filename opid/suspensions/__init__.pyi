@@ -36,8 +36,8 @@ from .flights.fleet import (
     Strut as Strut,
     StrutChange as StrutChange,
     StrutFlight as StrutFlight,
-    compare_fleet as compare_fleet,
 )
+from .flights.fleet_comparison import compare_fleet as compare_fleet
 from .flights.fleet_model import FleetSettings as FleetSettings
 from .flights.results import (
     Flights as Flights,

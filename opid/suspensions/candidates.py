@@ -15,6 +15,7 @@ import numpy as np
 from opid.errors import NotDeterminedError
 from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
+from opid.progress import Say
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import Parameters, known_parameters
 from opid.suspensions.answer.model_error import (
@@ -117,7 +118,7 @@ class Task:
     law: Law | None
     question: Question
     settings: Settings
-    say: Callable[[str], None]
+    say: Say
     run_names: tuple[str, ...]
     stated_repeatability: float | None
     is_for_comparison: bool = False
@@ -397,10 +398,10 @@ def gear_body(axis: Axis = "up") -> Body:
     """Return a gear alone: a mass that heaves on one interface."""
     one = np.ones((1, 1))
     body = Body(("heave",), one, (), np.zeros((0, 1, 1)), np.zeros((1, 1)), one, one)
-    return replace(body, fall=_fall(axis, body))
+    return replace(body, fall=_compute_fall(axis, body))
 
 
-def _fall(axis: Axis, body: Body) -> FloatArray | None:
+def _compute_fall(axis: Axis, body: Body) -> FloatArray | None:
     """Return the acceleration of a body in free fall; heave is its first degree of freedom."""
     others: list[Axis] = ["horizontal"] * (len(body.dof) - 1)
     return fall_of([axis, *others])
@@ -441,7 +442,7 @@ def prepare_rigid(study: Study, arrays: Arrays, sensors: Sensors, *, settings: S
         )
         for index, (below, above, across) in enumerate(arrays)
     ]
-    body = replace(body, fall=_fall(study.interfaces[0].axis, body))
+    body = replace(body, fall=_compute_fall(study.interfaces[0].axis, body))
     return StructureData(tuple(runs), body, groups_of(study), sensors)
 
 
@@ -613,7 +614,7 @@ def _begin_model(
             mass_free=mass_free,
             # An AC coupling removes slow motion, which has the same effect as a ground spring.
             ground=task.question.ground and not sensors.has_coupling,
-            kinds=_kinds_of_start(task),
+            kinds=_list_kinds_of_start(task),
             lags=[fault for fault in sensors.faults if fault.kind == "lag"] if body.n_interfaces == 1 else (),
             settings=task.settings.start,
         )
@@ -632,7 +633,7 @@ def _begin_model(
     return model, start
 
 
-def _kinds_of_start(task: Task) -> list[str]:
+def _list_kinds_of_start(task: Task) -> list[str]:
     """Return the kinds that a fit may begin with.
 
     A viscoelastic arm is left out, because it compensates for other errors and its fit takes long.

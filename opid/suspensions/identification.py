@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,9 +12,10 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import default_law
+from opid.progress import Say
 from opid.signals.health.inspection import check_channels, remove_spikes
 from opid.signals.recording import FloatArray
-from opid.suspensions.answer.intervals import bootstrap_over_white, limits, std_over_white
+from opid.suspensions.answer.intervals import bootstrap_over_white, limits, std_over_white, withhold_frequency
 from opid.suspensions.answer.numbers import collect_numbers
 from opid.suspensions.answer.refusals import find_confounded_terms, is_biased, loose_motions, why_no_mass, why_refused
 from opid.suspensions.answer.warnings import Answer, collect_warnings
@@ -48,8 +49,6 @@ IN_WORDS = {"single": "each gear alone", "pair": "the mean of left and right", "
 
 # a figure shows this many seconds of a run
 _SHOWN_S = 6.0
-
-Say = Callable[[str], None]
 
 
 def identify(
@@ -114,7 +113,7 @@ def identify(
             ("settings", settings, None),
         ):
             if value != usual:
-                raise InputError(_why_only_for_model(name, value, method))
+                raise InputError(_explain_only_for_model(name, value, method))
         from opid.suspensions.paper.identification import identify_by_paper
 
         given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
@@ -182,7 +181,7 @@ def _log_structure(study: Study, fitted: FittedStructure) -> None:
     logger.info(message, IN_WORDS[fitted.kind], names, laws, over, n)
 
 
-def _why_only_for_model(name: str, value: object, method: str) -> str:
+def _explain_only_for_model(name: str, value: object, method: str) -> str:
     """Return why an argument cannot be used by the paper's chain."""
     if isinstance(value, Settings):
         return (
@@ -312,9 +311,11 @@ def _make_answer(
 ) -> Identification:
     study, parts, tried = choice.study, choice.parts, choice.tried
     refused, unscaled = why_refused(choice), why_no_mass(choice)
-    reason = refused or _failure(choice) or unscaled
+    reason = refused or _explain_failure(choice) or unscaled
     has_mass = reason is None and len(parts) == 1
-    evidence = tuple(_evidence(part, options, is_refused=refused is not None, has_mass=has_mass) for part in parts)
+    evidence = tuple(
+        _collect_evidence(part, options, is_refused=refused is not None, has_mass=has_mass) for part in parts
+    )
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
     numbers = collect_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
@@ -331,7 +332,7 @@ def _make_answer(
         study, mass, settings=task.settings.weighing, by_runs=by_runs if mass.value else None, has_prior=has_prior
     )
     for part, terms in zip(parts, confounded, strict=True):
-        reported = reported.without_intervals_of(terms, _members(study, part))
+        reported = reported.without_intervals_of(terms, _list_members(study, part))
     if reason:
         reported = reported.without_scale()
     if refused:
@@ -356,9 +357,11 @@ def _make_answer(
         per_mass=per_mass,
         interfaces=reported.interfaces,
         place_corrections=reported.corrections,
-        candidates=tuple(_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried),
+        candidates=tuple(
+            _build_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried
+        ),
         why=choice.why,
-        runs=_runs(study, parts, task.arrays),
+        runs=_build_runs(study, parts, task.arrays),
         noise_m_per_s2=parts[0].level if len(parts) == 1 else noise_level(task.noise.levels),
         residual_over_noise=choice.ratio,
         evidence=evidence,
@@ -367,12 +370,12 @@ def _make_answer(
         not_determined=reason,
         options=options,
         settings=task.settings,
-        equivalents=_equivalents(study, parts) if study.is_one_gear and not refused else (),
+        equivalents=_compute_equivalents(study, parts) if study.is_one_gear and not refused else (),
         weighed=weighed,
     )
 
 
-def _equivalents(study: Study, parts: Sequence[FittedStructure]) -> tuple[Equivalent, ...]:
+def _compute_equivalents(study: Study, parts: Sequence[FittedStructure]) -> tuple[Equivalent, ...]:
     """Return the equivalent linear suspension of one gear in each run."""
     (part,), found = parts, []
     lacking = part.error.of_equivalents.tolist() if part.error is not None and part.error.limit == "model" else None
@@ -385,6 +388,7 @@ def _equivalents(study: Study, parts: Sequence[FittedStructure]) -> tuple[Equiva
                 each if each.value is None else _widen(each, std_fraction)
                 for each, std_fraction in zip(estimates, lacking[index], strict=True)
             ]
+        estimates[2:] = withhold_frequency(*estimates[2:])
         if is_biased(part):
             estimates = [each.without_interval() for each in estimates]
         found.append(Equivalent(run.name, *estimates))
@@ -399,7 +403,7 @@ def _widen(estimate: Estimate, std_fraction: float) -> Estimate:
     return Estimate.normal(value, float(np.hypot(estimate.std, std_fraction * value)))
 
 
-def _members(study: Study, part: FittedStructure) -> dict[str, list[str]]:
+def _list_members(study: Study, part: FittedStructure) -> dict[str, list[str]]:
     """Return the names of the interfaces of each group of a fit."""
     groups = part.fit.model.groups
     if part.kind == "rigid_body":
@@ -407,7 +411,7 @@ def _members(study: Study, part: FittedStructure) -> dict[str, list[str]]:
     return {group.name: [study.names[k] for k in part.interfaces] for group in groups}
 
 
-def _evidence(part: FittedStructure, options: Options, *, is_refused: bool, has_mass: bool) -> Evidence:
+def _collect_evidence(part: FittedStructure, options: Options, *, is_refused: bool, has_mass: bool) -> Evidence:
     fit, found = part.fit, part.found
     assert found is not None  # parts have fits
     rng, mass = np.random.default_rng(options.seed), part.known.mass if has_mass else Estimate()
@@ -434,7 +438,7 @@ def _evidence(part: FittedStructure, options: Options, *, is_refused: bool, has_
     )
 
 
-def _failure(choice: Choice) -> str | None:
+def _explain_failure(choice: Choice) -> str | None:
     """Return why there is no total mass although some gears are fitted."""
     failed = [part for part in parts_of(choice.tried, choice.kind) if not part.has_fit]
     if not failed:
@@ -442,7 +446,7 @@ def _failure(choice: Choice) -> str | None:
     return f"{choice.names(failed)} cannot be fitted ({failed[0].reason}), so there is no mass of the whole"
 
 
-def _candidate(study: Study, part: FittedStructure, *, recommended: bool) -> Candidate:
+def _build_candidate(study: Study, part: FittedStructure, *, recommended: bool) -> Candidate:
     names = tuple(study.names[k] for k in part.interfaces)
     mass, negative = Estimate(), False
     if part.has_fit and part.fit.model.mass_free:
@@ -479,7 +483,7 @@ def _candidate(study: Study, part: FittedStructure, *, recommended: bool) -> Can
     )
 
 
-def _runs(study: Study, parts: Sequence[FittedStructure], arrays: Arrays) -> tuple[RunResidual, ...]:
+def _build_runs(study: Study, parts: Sequence[FittedStructure], arrays: Arrays) -> tuple[RunResidual, ...]:
     found = []
     for index, run in enumerate(study.runs):
         residual, measured, predicted = [], [], []

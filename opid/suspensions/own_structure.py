@@ -6,7 +6,7 @@ given, and laws, unknown joints and unknown masses are estimated from the runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, get_args
 
@@ -17,6 +17,7 @@ from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import Structure
 from opid.mechanics.weight import depends_on_travel
+from opid.progress import Say
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.health.inspection import check_channels, findings_in_words, remove_spikes
@@ -44,7 +45,7 @@ from opid.suspensions.model.body import Body, own_body
 from opid.suspensions.model.driven_model import Model
 from opid.suspensions.model.run import DrivenRun, driven_run
 from opid.suspensions.model.unknowns import Group
-from opid.suspensions.result import SpringEstimate, spring_rows
+from opid.suspensions.result import AtRest, SpringEstimate, spring_rows
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import SAME_RATE, Axis, repeatability_faults
@@ -110,7 +111,7 @@ class StructureIdentification(Result, Estimates):
 
         return structure_json(self)
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         names = [*self.interfaces, *self.joints]
         return f"{', '.join(names)}; the residual is {self.residual_over_noise:.3g} times the sensors' noise"
 
@@ -130,7 +131,7 @@ def identify_structure(
     axis: Axis | Mapping[str, Axis] | None = None,
     repeatability: float | None = None,
     settings: Settings | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> StructureIdentification:
     """Identify the suspensions of a structure, and its unknown joints and masses.
 
@@ -210,19 +211,23 @@ def _make_answer(
 ) -> StructureIdentification:
     fit, known, ratio, verdicts = part.fit, part.known, part.residual_over_noise, part.settings.verdicts
     scaled = fit.model.mass_free or fit.model.body.absolute
-    masses = _masses(known, unknown_mass, per_mass=not scaled)
+    masses = _estimate_masses(known, unknown_mass, per_mass=not scaled)
     # Without a finite reference mass no force is determined in N.
     per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
-    interfaces = {group.name: _suspension(part, number, per_mass) for number, group in enumerate(fit.groups)}
-    joints = {name: _joint(known, name, per_mass) for name in unknown}
-    reason = _why_refused_or_unscaled(ratio, scaled, verdicts) or (
+    rests = at_rest(part, per_mass=per_mass)
+    interfaces = {
+        group.name: _estimate_suspension(part, number, per_mass, rests[number])
+        for number, group in enumerate(fit.groups)
+    }
+    joints = {name: _estimate_joint(known, name, per_mass) for name in unknown}
+    reason = _explain_refusal_or_no_scale(ratio, scaled, verdicts) or (
         NEGATIVE.format(unknown_mass[0])
         if known.has_negative_mass
-        else _why_not_determined(masses, interfaces, joints, part, _find_loose_joints(fit, unknown))
+        else _explain_not_determined(masses, interfaces, joints, part, _find_loose_joints(fit, unknown))
     )
     first = Estimate() if per_mass or reason or not unknown_mass else known.mass
     found = StructureIdentification(
-        masses=_masses(known, unknown_mass, per_mass=per_mass),
+        masses=_estimate_masses(known, unknown_mass, per_mass=per_mass),
         interfaces=interfaces,
         joints=joints,
         per_mass=per_mass,
@@ -235,7 +240,7 @@ def _make_answer(
         left_out_over_noise=part.left_out_over_noise,
         repeatability=part.repeatability,
         limits=tuple(limits_of_mass(part.repeatability, fit, first)),
-        warnings=tuple(_warnings(part, interfaces, knows_weight=knows_weight)),
+        warnings=tuple(_list_warnings(part, interfaces, knows_weight=knows_weight)),
         not_determined=reason,
         fit=fit,
     )
@@ -245,7 +250,7 @@ def _make_answer(
     return found.with_estimates(Estimate.without_interval if ratio <= verdicts.refused else lambda each: Estimate())
 
 
-def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:
+def _estimate_masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:
     """Return the unknown masses, kg, or over the first of them, which is the reference."""
     model = known.fit.model
     found = {name: Estimate(1.0) if per_mass else known.mass for name in unknown_mass[:1]}
@@ -254,17 +259,18 @@ def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -
     return found
 
 
-def _suspension(part: FittedStructure, number: int, per_mass: bool) -> SpringEstimate:
+def _estimate_suspension(
+    part: FittedStructure, number: int, per_mass: bool, rests: tuple[AtRest, ...]
+) -> SpringEstimate:
     fit, known, group = part.fit, part.known, part.fit.groups[number]
     mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
     law = group.law.scaled(1 / mu) if group.law.terms else LINEAR
     stiffness, damping, estimates = known.suspension(number, per_mass=per_mass)
     travel, velocity = map(thin_samples, fit.motion(number))
-    rests = at_rest(part, number, per_mass=per_mass)
     return SpringEstimate(group.name, stiffness, damping, law, estimates, travel, velocity, known.rest(number), rests)
 
 
-def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
+def _estimate_joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
     fit, model = known.fit, known.fit.model
     first = model.names.index(f"stiffness_per_mass[{name}]", model.first_inside)
     stiffness, damping = (known.per_force(index, per_mass=per_mass) for index in (first, first + 1))
@@ -273,7 +279,7 @@ def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
     return SpringEstimate(name, stiffness, damping, LINEAR, {}, travel, velocity, Estimate(0.0), ())
 
 
-def _why_refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:
+def _explain_refusal_or_no_scale(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:
     if ratio > verdicts.refused:
         return (
             f"the structure leaves {ratio:.0f} times the sensors' noise, so no number is reported: check channels, "
@@ -287,7 +293,7 @@ def _why_refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> 
     return None
 
 
-def _why_not_determined(
+def _explain_not_determined(
     masses: Mapping[str, Estimate],
     interfaces: Mapping[str, SpringEstimate],
     joints: Mapping[str, SpringEstimate],
@@ -333,7 +339,9 @@ def _find_loose_joints(fit: Fit, unknown: Sequence[str]) -> list[str]:
     return found
 
 
-def _warnings(part: FittedStructure, interfaces: Mapping[str, SpringEstimate], *, knows_weight: bool) -> Iterator[str]:
+def _list_warnings(
+    part: FittedStructure, interfaces: Mapping[str, SpringEstimate], *, knows_weight: bool
+) -> Iterator[str]:
     fit, ratio, left_out = part.fit, part.residual_over_noise, part.left_out_over_noise
     verdicts = part.settings.verdicts
     if ratio > verdicts.explained:

@@ -505,7 +505,7 @@ class Identification(ResultOfStudy):
 
         return result_json(self)
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         kind = f"one gear, law {self.law.name}" if self.study.is_one_gear else self.structure.replace("_", " ")
         return f"{self.title or 'without a title'} ({kind})"
 
@@ -567,6 +567,7 @@ class Identification(ResultOfStudy):
             law_per_mass=law,
             inverse_mass=inverse_mass if fit.model.mass_free else 0.0,
             ground=self.options.ground,
+            is_checked=True,
         )
 
 

@@ -179,12 +179,12 @@ class Sensors:
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
         """Faults that are estimated together with the parameters of the body."""
-        return tuple(self._faults())
+        return tuple(self._list_faults())
 
-    def _faults(self) -> Iterator[Fault]:
+    def _list_faults(self) -> Iterator[Fault]:
         for channel in range(len(self.sprung)):
             for side in SIDES[::-1] if channel < len(self.unsprung) else SIDES[:1]:
-                facts, where = self.facts(side)[channel], self._where(channel)
+                facts, where = self.facts(side)[channel], self._name_place(channel)
                 if facts.gain_tolerance:
                     yield Fault(f"gain_{side}{where}", "gain", side, channel, 1.0, facts.gain_tolerance)
                 if facts.corner_tolerance:
@@ -195,11 +195,11 @@ class Sensors:
             below = self.unsprung[channel].lag_tolerance_s if channel < len(self.unsprung) else 0.0
             lag_s = math.hypot(below, facts.lag_tolerance_s)
             if lag_s:
-                yield Fault(f"lag_s{self._where(channel)}", "lag", "sprung", channel, 0.0, lag_s)
+                yield Fault(f"lag_s{self._name_place(channel)}", "lag", "sprung", channel, 0.0, lag_s)
         for number, (side, channel, tolerance) in enumerate(self.leaks):
             yield Fault(f"leak[{number}]", "leak", side, channel, 0.0, tolerance, number)
 
-    def _where(self, channel: int) -> str:
+    def _name_place(self, channel: int) -> str:
         return f"[{self.names[channel]}]" if self.names[channel] else ""
 
 

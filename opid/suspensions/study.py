@@ -133,7 +133,7 @@ class PointMass:
 
     mass_kg: float
     x_m: float
-    y_m: float
+    y_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +233,7 @@ class Study:
     def __post_init__(self) -> None:
         for name in ("interfaces", "runs", "sensors"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        refuse(list(_faults(self)), self.source)
+        refuse(list(_list_faults(self)), self.source)
 
     def __repr__(self) -> str:
         runs = []
@@ -381,12 +381,12 @@ def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _faults(study: Study) -> Iterator[str]:
-    yield from _interface_faults(study)
-    yield from _structure_faults(study)
+def _list_faults(study: Study) -> Iterator[str]:
+    yield from _list_interface_faults(study)
+    yield from _list_structure_faults(study)
     if not study.runs:
         yield "there are no runs, give at least one"
-    yield from _namesakes("runs", [run.name for run in study.runs])
+    yield from _find_namesakes("runs", [run.name for run in study.runs])
     for run in study.runs:
         yield from (f"run {run.name!r}: {fault}" for fault in _run_faults(study, run))
         first = study.runs[0].recording
@@ -396,7 +396,7 @@ def _faults(study: Study) -> Iterator[str]:
                 "resample one to the rate of the other"
             )
     for one, other in combinations(study.runs, 2):
-        shared_s = _shared_s(one.recording, other.recording)
+        shared_s = _find_shared_s(one.recording, other.recording)
         if shared_s is not None:
             yield (
                 f"runs {one.name!r} and {other.name!r} hold the same samples from {shared_s[0]:.4g} to "
@@ -404,7 +404,7 @@ def _faults(study: Study) -> Iterator[str]:
             )
 
 
-def _shared_s(one: Recording, other: Recording) -> tuple[float, float] | None:
+def _find_shared_s(one: Recording, other: Recording) -> tuple[float, float] | None:
     """Return begin and end of the time in which two recordings have the same samples, s; None if there is none."""
     if one.names != other.names or abs(one.fs / other.fs - 1) > SAME_RATE:
         return None
@@ -417,12 +417,12 @@ def _shared_s(one: Recording, other: Recording) -> tuple[float, float] | None:
     return begin_s, begin_s + n / one.fs
 
 
-def _namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
+def _find_namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield f"{names.count(name)} {what} are called {name!r}, rename all but one"
 
 
-def _interface_faults(study: Study) -> Iterator[str]:
+def _list_interface_faults(study: Study) -> Iterator[str]:
     names = study.names
     allowed = get_args(Axis)
     wrong = [each for each in study.interfaces if each.axis not in allowed]
@@ -444,7 +444,7 @@ def _interface_faults(study: Study) -> Iterator[str]:
         yield f"the interfaces of one body have the axes {' and '.join(map(repr, axes))}, give all of them the same"
     if not names:
         yield "there are no interfaces, give one table [[interfaces]] for each suspension"
-    yield from _namesakes("interfaces", names)
+    yield from _find_namesakes("interfaces", names)
     users: dict[str, str] = {}
     for interface in study.interfaces:
         for side, channel in (("sprung", interface.sprung), ("unsprung", interface.unsprung)):
@@ -467,9 +467,11 @@ def _interface_faults(study: Study) -> Iterator[str]:
         if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in (sensor.x_m, sensor.y_m)):
             yield f"the sensor {sensor.channel!r} is at ({sensor.x_m:g}, {sensor.y_m:g}) m, give a place in m"
     for interface in study.interfaces:
-        yield from _leak_faults(interface.facts.leaks, {"sprung": interface.sprung, "unsprung": interface.unsprung})
+        yield from _list_leak_faults(
+            interface.facts.leaks, {"sprung": interface.sprung, "unsprung": interface.unsprung}
+        )
     for sensor in study.sensors:
-        yield from _leak_faults(sensor.leaks, {"sprung": sensor.channel})
+        yield from _list_leak_faults(sensor.leaks, {"sprung": sensor.channel})
     for first, second in combinations(study.interfaces, 2):
         if math.dist(first.place, second.place) < ONE_PLACE_M and first.name != second.name:
             yield (
@@ -490,7 +492,7 @@ def _name_of_interface(study: Study, interface: MeasuredInterface) -> str:
     return "" if study.is_one_gear else f" of {interface.name!r}"
 
 
-def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[str]:
+def _list_leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[str]:
     """Yield errors of the leaks into some sensors, whose channels are given by side."""
     leaks = [(leak.channel, leak.into) for leak in into]
     for channel, side in sorted({leak for leak in leaks if leaks.count(leak) > 1}):
@@ -535,7 +537,7 @@ def _is_within(value: object, least: float, most: float) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most
 
 
-def _structure_faults(study: Study) -> Iterator[str]:
+def _list_structure_faults(study: Study) -> Iterator[str]:
     settings, names = study.structure, study.names
     yield from repeatability_faults(study.repeatability)
     if study.transmissibility != BY_METHOD and not study.is_one_gear:

@@ -4,7 +4,6 @@ from .likelihood.backbones import (
     BackboneData as BackboneData,
     backbone_data as backbone_data,
     likelihood_function as likelihood_function,
-    log_likelihood as log_likelihood,
 )
 from .likelihood.noise import NoiseSettings as NoiseSettings
 from .linear_updating import update_linear as update_linear

@@ -1,17 +1,20 @@
-"""The samples of an updating as netCDF files of ArviZ, one for the linear parameters and one a class."""
+"""The samples of an updating as netCDF files of ArviZ, one for each posterior, and ArviZ's diagnostics of them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, pip_install, require
-from opid.signals.files import make_directory
+from opid.signals.files import make_directory, write_whole
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Chain, to_inference_data
+
+SUMMARY_FILE = "chains_summary.csv"
 
 
 def require_arviz() -> None:
@@ -20,33 +23,52 @@ def require_arviz() -> None:
 
 
 def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Write chains_linear.nc and chains_class_1.nc, chains_class_2.nc, ... for `arviz.from_netcdf`.
+    """Write chains_linear.nc and chains_class_1.nc, chains_class_2.nc, ... for `arviz.from_netcdf`, and their summary.
 
     Classes are counted as in the report; the parameters are theta_1, theta_2, ..., those of the linear structure have
-    their own names.
+    their own names. chains_summary.csv has a row for each of them with the diagnostics of `arviz.summary`: Monte Carlo
+    errors of mean and standard deviation, effective samples of the bulk and the tails, and R-hat. Particles of
+    transitional sampling are not several chains, and have no row.
 
     Args:
         result: from `update_study`.
         directory: made if it is not there.
 
     Returns:
-        The files.
+        The files, the summary last if some posterior has several chains.
 
     Raises:
         InputError: ArviZ is not installed or cannot write netCDF, or a place that cannot be written to.
     """
     require_arviz()
     target = make_directory(directory)
-    written = []
+    written, of_chains = [], {}
     for name, posterior, parameters in _list_posteriors(result):
         path = target / f"chains_{name}.nc"
+        chain = _find_chain(posterior)
+        data = to_inference_data(chain, parameters)
         try:
-            to_inference_data(_find_chain(posterior), parameters).to_netcdf(path)
+            data.to_netcdf(path)
         except (ImportError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
         written.append(path)
+        if len(chain.samples) > 1:
+            of_chains[name] = data
+    if of_chains:
+        written.append(target / SUMMARY_FILE)
+        _write_summary(of_chains, written[-1])
     return tuple(written)
+
+
+def _write_summary(data_of: Mapping[str, Any], path: Path) -> None:
+    """Write ArviZ's diagnostics of ArviZ's objects, by the name of the posterior, as one table."""
+    import arviz
+    import pandas  # ArviZ needs it, too.
+
+    tables = {name: arviz.summary(data, kind="diagnostics", round_to="none") for name, data in data_of.items()}
+    with write_whole(path) as file:
+        pandas.concat(tables, names=["posterior", "parameter"]).to_csv(file, lineterminator="\n")
 
 
 def _list_posteriors(result: Updating) -> Iterator[tuple[str, ClassPosterior | LinearPosterior, tuple[str, ...]]]:

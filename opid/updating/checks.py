@@ -10,11 +10,12 @@ import numpy as np
 from opid.errors import InputError
 from opid.mechanics.backbones.family import refuse_unseen
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.structure import modal_assurance
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes, modal_assurance
+from opid.updating.structure.reduction import lowest_modes
 
 
 def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
@@ -182,7 +183,7 @@ def _find_likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
     if len(curve.sensors) < 3:
         return np.zeros(modes.n_modes)
     shapes = modes.at_sensors[[modes.sensors.index(sensor) for sensor in curve.sensors]]
-    return np.array([modal_assurance(curve.amplitude[0], shape) for shape in shapes.T])
+    return modal_assurance(curve.amplitude[0], shapes)[0]
 
 
 def _find_crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.family import family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.likelihood.backbones import (
@@ -34,8 +35,6 @@ from opid.updating.study import UpdatingStudy
 from opid.updating.warnings import warn_of_choice, warn_of_classes
 
 logger = logging.getLogger(__name__)
-
-Say = Callable[[str], None]
 
 
 def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updating:
@@ -104,14 +103,14 @@ def _update_linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | No
             study.backbones,
             priors=study.parameters,
             rng=np.random.default_rng([study.seed, 1]),
-            progress=lambda fraction: say(f"linear structure {fraction:.0%}"),
-            **_linear_errors(study),
+            progress=lambda fraction: say(Step("linear structure", fraction)),
+            **_choose_linear_errors(study),
         )
     say("reduction")
     return linear, reduce(study.structure, linear.factors if linear else {}, n_modes=study.n_internal)
 
 
-def _linear_errors(study: UpdatingStudy) -> LinearErrors:
+def _choose_linear_errors(study: UpdatingStudy) -> LinearErrors:
     """Return the errors of frequencies and shapes in phase I: the scatter of the curves, and a common error.
 
     The recommended form infers the scatter. All curves of a mode share the common error, which the forms of the paper
@@ -182,7 +181,7 @@ def _update_classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple
                 rng=np.random.default_rng([study.seed, 2, number]),
                 sampler=study.sampler,
                 n_samples=study.n_samples_of_class,
-                progress=lambda fraction, name=name: say(f"{name} {fraction:.0%}"),  # type: ignore[misc]
+                progress=lambda fraction, name=name: say(Step(name, fraction)),  # type: ignore[misc]
             )
             n_evaluations = found.diagnostics.n_evaluations
             logger.info("class %s: log evidence %.2f, %d evaluations", name, found.log_evidence, n_evaluations)

@@ -13,6 +13,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.mechanics.backbones.family import family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.structure import modal_assurance
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.linear import LinearData, LinearErrors, linear_data, log_posterior, mean_eigenvalue
 from opid.updating.measured import MeasuredBackbone, by_mode
@@ -147,8 +148,7 @@ def _make_mode_table(
     table = []
     for each in data:
         mode = each.mode - 1
-        units = [shapes[each.rows, mode] / np.linalg.norm(shapes[each.rows, mode]) for _, shapes in found]
-        before, after = (float(np.mean((each.shapes @ unit) ** 2)) for unit in units)
+        before, after = (float(modal_assurance(each.shapes.T, shapes[each.rows, mode]).mean()) for _, shapes in found)
         identified = float(np.sqrt(each.eigenvalue).mean() / (2 * np.pi))
         initial, updated = (float(hz[mode]) for hz, _ in found)
         table.append(LinearMode(each.mode, identified, initial, updated, before, after))

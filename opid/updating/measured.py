@@ -15,7 +15,7 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
-from opid.signals.files import write_whole
+from opid.signals.files import read_table_text, write_whole
 from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
 from opid.signals.units import split_unit, to_si
@@ -208,18 +208,11 @@ def _read_curve(
 
 
 def _read_table(source: Path) -> tuple[list[str], FloatArray]:
-    try:
-        text = source.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
+    text, delimiter = read_table_text(source, "frequency_hz,1 [mm],2 [mm]")
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
-    first = lines[0][1] if lines else ""
-    delimiter = next((mark for mark in "\t;," if mark in first), None)
-    if delimiter is None:
-        raise InputError("its first line has one column: give a header like frequency_hz,1 [mm],2 [mm]")
     decimal = "." if delimiter == "," else "," if any("," in line for _, line in lines[1:]) else "."
-    header = [cell.strip() for cell in cells_of(first, delimiter)]
+    header = [cell.strip() for cell in cells_of(lines[0][1], delimiter)]
     while header and not header[-1]:
         header.pop()
     rows = []

@@ -272,7 +272,7 @@ class Updating(Result):
             }
         )
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         best = f"best: {self.best_class}" if self.best_class else "no class"
         return f"{self.title or 'without a title'} ({len(self.classes)} classes, {best})"
 

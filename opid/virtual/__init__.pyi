@@ -33,7 +33,6 @@ from .taxi_tests.airframe import (
     BendingMode as BendingMode,
     Gear as Gear,
     LandingGear as LandingGear,
-    Loading as Loading,
     airframe_structure as airframe_structure,
     loaded as loaded,
     place_directions as place_directions,
@@ -49,10 +48,10 @@ from .taxi_tests.sensors import (
     decimate as decimate,
     measure as measure,
 )
-from .taxi_tests.study import taxi_truth as taxi_truth
 from .taxi_tests.taxiing import (
     TaxiTest as TaxiTest,
     taxi_run as taxi_run,
     taxi_test as taxi_test,
+    taxi_truth as taxi_truth,
     tyre_forces as tyre_forces,
 )

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gamma
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, list_names, nearest
 from opid.mechanics.backbones.harmonic_balance import (
     POWERS,
     Transform,
+    first_harmonic_factor,
     harmonics_of,
     period_transform,
     refuse_held_free_modes,
@@ -136,40 +136,6 @@ def backbone(
     )
 
 
-def backbone_family(
-    system: JointedModes,
-    kinds: tuple[str, ...],
-    coefficients: ArrayLike,
-    *,
-    mode: int,
-    sensor: str,
-    amplitude: ArrayLike,
-    harmonics: Sequence[int] = (1,),
-) -> BackboneFamily:
-    """Return the backbones of one mode for many coefficients of a law that is the same at all joints.
-
-    Args:
-        system: the linear structure by its modes.
-        kinds: names of the kinds of law that are added up; springs only.
-        coefficients: (n_samples, n_parameters) values of all parameters of all kinds, in their order and SI units; with
-            kinds of one coefficient, one column for each kind.
-        mode: number of the mode, from 1.
-        sensor: name of the sensor whose amplitude is prescribed.
-        amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
-        harmonics: harmonics of the motion, see `backbone`.
-
-    Raises:
-        InputError: what `backbone` refuses, an unknown kind, or coefficients of the wrong shape.
-
-    >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
-    >>> family = backbone_family(one, ("cubic_stiffness",), [[0.0], [4e6]], mode=1, sensor="mass", amplitude=[1e-3])
-    >>> family.eigenvalue.round(9).tolist()
-    [[100.0], [103.0]]
-    """
-    evaluate = family_evaluator(system, kinds, mode=mode, sensor=sensor, amplitude=amplitude, harmonics=harmonics)
-    return evaluate(coefficients)
-
-
 def family_evaluator(
     system: JointedModes,
     kinds: tuple[str, ...],
@@ -179,12 +145,28 @@ def family_evaluator(
     amplitude: ArrayLike,
     harmonics: Sequence[int] = (1,),
 ) -> Callable[[ArrayLike], BackboneFamily]:
-    """Return a function from coefficients to `BackboneFamily`, for samplers, which prepares everything else once.
+    """Return a function from coefficients of a law to the backbones of one mode, which prepares everything else once.
 
-    `system`, `kinds`, `mode`, `sensor`, `amplitude` and `harmonics` are those of `backbone_family`.
+    The law is the same at all joints. The function takes (n_samples, n_parameters) values of all parameters of all
+    kinds, in their order and SI units, and returns a `BackboneFamily`; with kinds of one coefficient there is one
+    column for each kind.
+
+    Args:
+        system: the linear structure by its modes.
+        kinds: names of the kinds of law that are added up; springs only.
+        mode: number of the mode, from 1.
+        sensor: name of the sensor whose amplitude is prescribed.
+        amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
+        harmonics: harmonics of the motion, see `backbone`.
 
     Raises:
-        InputError: what `backbone_family` refuses; the returned function refuses coefficients of the wrong shape.
+        InputError: what `backbone` refuses, or an unknown kind; the returned function refuses coefficients of the wrong
+            shape.
+
+    >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
+    >>> solve = family_evaluator(one, ("cubic_stiffness",), mode=1, sensor="mass", amplitude=[1e-3])
+    >>> solve([[0.0], [4e6]]).eigenvalue.round(9).tolist()
+    [[100.0], [103.0]]
     """
     for kind in kinds:
         if kind not in LAWS:
@@ -212,21 +194,6 @@ def family_evaluator(
         )
 
     return evaluate
-
-
-def first_harmonic_factor(power: ArrayLike) -> FloatArray:
-    """Return beta_p: the first harmonic of |z|^(p-1) z for z = A cos is beta_p A^p.
-
-    beta_p = 2 / sqrt(pi) Gamma((p + 2) / 2) / Gamma((p + 3) / 2).
-
-    Args:
-        power: power p, of any shape.
-
-    >>> first_harmonic_factor([1, 3, 5]).round(12).tolist()
-    [1.0, 0.75, 0.625]
-    """
-    p = np.asarray(power, dtype=np.float64)
-    return 2.0 / np.sqrt(np.pi) * gamma((p + 2.0) / 2.0) / gamma((p + 3.0) / 2.0)
 
 
 def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:
@@ -366,9 +333,8 @@ def _describe_failures(amplitude: FloatArray, frequency_hz: FloatArray, sensor: 
     failed = np.flatnonzero(np.isnan(frequency_hz))
     if failed.size == 0:
         return ""
-    points = ", ".join(f"{point + 1} ({amplitude[point]:.4g} m at {sensor!r})" for point in failed[:5])
-    more = f" and {failed.size - 5} more" if failed.size > 5 else ""
+    points = list_names((f"{point + 1} ({amplitude[point]:.4g} m at {sensor!r})" for point in failed), 5)
     return (
-        f"there is no solution near the curve at point {points}{more}: take smaller steps of the amplitude or fewer "
+        f"there is no solution near the curve at point {points}: take smaller steps of the amplitude or fewer "
         "harmonics, or follow the curve with continued_backbone, which passes interactions with other modes"
     )

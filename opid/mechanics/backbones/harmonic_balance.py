@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gamma
 
 from opid.errors import InputError
 from opid.mechanics.backbones.jointed_modes import JointedModes
@@ -44,6 +45,21 @@ class Transform:
     cosines: FloatArray
     weights: FloatArray
     angle: FloatArray
+
+
+def first_harmonic_factor(power: ArrayLike) -> FloatArray:
+    """Return beta_p: the first harmonic of |z|^(p-1) z for z = A cos is beta_p A^p.
+
+    beta_p = 2 / sqrt(pi) Gamma((p + 2) / 2) / Gamma((p + 3) / 2).
+
+    Args:
+        power: power p, of any shape.
+
+    >>> first_harmonic_factor([1, 3, 5]).round(12).tolist()
+    [1.0, 0.75, 0.625]
+    """
+    p = np.asarray(power, dtype=np.float64)
+    return 2.0 / np.sqrt(np.pi) * gamma((p + 2.0) / 2.0) / gamma((p + 3.0) / 2.0)
 
 
 def is_odd(terms: Sequence[Term]) -> bool:

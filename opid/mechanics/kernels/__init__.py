@@ -179,7 +179,7 @@ def predictor(
         # For None, unlike 1 or False, numba compiles a kernel of its own without the code for the other case.
         innovation, spread, changes, motion = _predictions(
             None if single else n,
-            (0.0,) * memory_start.size if single else (),
+            ((0.0,) * memory_start.size or None) if single else (),
             (ground or None) if single else ground,
             (unmeasured or None) if single else unmeasured,
             joints, accelerance, of_mass, reading, of_reading, drive, by_drive, measured, by_measured,

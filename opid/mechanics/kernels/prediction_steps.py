@@ -125,8 +125,9 @@ def _predictions(  # type: ignore[no-untyped-def]
     """Predict each sample from the ones before it, see `opid.mechanics.driven.predict`.
 
     `several` is the number of interfaces, or None for one: the compiler then knows the sizes of all small arrays and
-    keeps their numbers in registers. For one interface `remembered` is a tuple with a number for each memory, and
-    `ground_is_followed` and `unmeasured_is_followed` are True or None; for several they are empty and bools.
+    keeps their numbers in registers. For one interface `remembered` is a tuple with a number for each memory, or None
+    without memory, and `ground_is_followed` and `unmeasured_is_followed` are True or None; for several they are empty
+    and bools. Without memory numba does not compile what follows `remembered is not None`.
 
     The covariance is that of z + tied d, the travel about the point where both springs balance. The variance of d, and
     with it that of z, grows because no reading shows d in the long run: rounding would hide their small difference.
@@ -136,11 +137,12 @@ def _predictions(  # type: ignore[no-untyped-def]
     """
     n = 1 if several is None else several
     ground = False if ground_is_followed is None else ground_is_followed
-    n_moving = 2 * n + len(remembered) if several is None else 2 * n + len(_owners(joints))
     unmeasured = False if unmeasured_is_followed is None else unmeasured_is_followed
+    owns, owners = _places(joints), _owners(joints)
+    n_memories = 0 if remembered is None else len(remembered) if several is None else owners.size
+    n_moving = 2 * n + n_memories
     n_states = n_moving + (4 if ground else 2) * n + (n if unmeasured else 0)
     n_samples, linear = measured.shape[0], joints[0]
-    owns, owners = _places(joints), _owners(joints)
     n_own, n_mass, n_drive, n_measured = owns[n], by_mass.shape[2], by_drive.shape[1], by_measured.shape[1]
     first_measured = n_own + n_mass + n_drive
     n_known = first_measured + n_measured
@@ -167,11 +169,11 @@ def _predictions(  # type: ignore[no-untyped-def]
     by_z = small_zeros(several, remembered, (5, n))
     by_v = small_zeros(several, remembered, (5, n))
     by_own = np.zeros((5, n_own))
-    evolution = small_zeros(several, remembered, (5, n_moving - 2 * n, 8))
+    evolution = small_zeros(several, remembered, (5, n_memories, 8))
     of_acceleration = small_zeros(several, remembered, (4, n_moving, n))
     of_force = small_zeros(several, remembered, (4, n_moving, n))
     of_drive = small_zeros(several, remembered, (3, n_moving, n))
-    of_memory = small_zeros(several, remembered, (4, n_moving, n_moving - 2 * n))
+    of_memory = small_zeros(several, remembered, (4, n_moving, n_memories))
     transition = small_zeros(several, remembered, (n_moving, n_states))
     work = small_zeros(several, remembered, (n_moving,))
     product = small_zeros(several, remembered, (n_moving, n_states))
@@ -180,18 +182,19 @@ def _predictions(  # type: ignore[no-untyped-def]
     scale = small_zeros(several, remembered, (n, n))
     white, change = small_zeros(several, remembered, (n,)), np.zeros((n, width))
     here, following = small_zeros(several, remembered, (4, n)), small_zeros(several, remembered, (4, n))
-    memory = small_zeros(several, remembered, (n_moving - 2 * n,))
-    memory_next = small_zeros(several, remembered, (n_moving - 2 * n,))
-    part_drive, part_by_drive = np.zeros((3, 1, n)), np.zeros((3, n_drive, n))
-    whole_drive = drive.reshape(drive.shape[0], 1, n)
-    # elements that slip: h, h' / v of those that did not slip when the last step ended, and the derivatives of h
-    elements, n_elements = joints[6], len(joints[6]) if n_moving > 2 * n else 0
-    pulled, held, moved = np.zeros(n_elements), np.zeros(n_elements), np.zeros((n_elements, width))
-    slips = False
-    for e in range(n_elements):
-        held[e], slips = elements[e, 2], slips or elements[e, 1] < np.inf
-    # travel of each interface since the step began, at its stages and its end; what `_look_ahead` finds at the end
-    travels, at_end, before = np.zeros((5, n)), np.zeros((n_moving - 2 * n, 2)), np.zeros((n, width))
+    memory = small_zeros(several, remembered, (n_memories,))
+    memory_next = small_zeros(several, remembered, (n_memories,))
+    if remembered is not None:
+        # elements that slip: h, h' / v of those that did not slip when the last step ended, and the derivatives of h
+        part_drive, part_by_drive = np.zeros((3, 1, n)), np.zeros((3, n_drive, n))
+        whole_drive = drive.reshape(drive.shape[0], 1, n)
+        elements, n_elements = joints[6], len(joints[6]) if n_memories > 0 else 0
+        pulled, held, moved = np.zeros(n_elements), np.zeros(n_elements), np.zeros((n_elements, width))
+        slips = False
+        for e in range(n_elements):
+            held[e], slips = elements[e, 2], slips or elements[e, 1] < np.inf
+        # travel of each interface since the step began, at its stages and its end; what `_look_ahead` finds at the end
+        travels, at_end, before = np.zeros((5, n)), np.zeros((n_memories, 2)), np.zeros((n, width))
     # memories of faint terms, and v where a step begins and ends
     n_followed = len(joints[7])
     followed, pace = np.zeros((3, n_followed, 4)), np.zeros((2, n))
@@ -213,21 +216,19 @@ def _predictions(  # type: ignore[no-untyped-def]
     sensitivity, motion = np.empty((n_samples, n, n_parameters)), np.empty((3, n, n_samples))
 
     for step in range(n_samples):
-        column = 0
         for i in range(n):
             z, v = state[i], state[n + i]
             x = z + state[n_moving + 2 * n + i] if ground else 0.0
-            force[seen, i], by_z[seen, i], by_v[seen, i], column = _joint_force(
-                joints, i, column, seen, z, v, x, by_own
-            )
+            force[seen, i], by_z[seen, i], by_v[seen, i] = _joint_force(joints, i, owns[i], seen, z, v, x, by_own)
             by_z[seen, i] += linear[i, 2]
-            if n_moving > 2 * n:
-                more, slope = _remembered_force(joints, i, owns[i] + 4, seen, v, 2 * n, state, by_own, evolution)
-                force[seen, i] += more
-                by_v[seen, i] += slope
-            if slips:
-                more, _ = _slipping_force(joints, i, owns[i] + 4, seen, False, 0.0, pulled, held, by_own, evolution)
-                force[seen, i] += more
+            if remembered is not None:
+                if n_memories > 0:
+                    more, slope = _remembered_force(joints, i, owns[i] + 4, seen, v, 2 * n, state, by_own, evolution)
+                    force[seen, i] += more
+                    by_v[seen, i] += slope
+                if slips:
+                    more, _ = _slipping_force(joints, i, owns[i] + 4, seen, False, 0.0, pulled, held, by_own, evolution)
+                    force[seen, i] += more
         for i in range(n if n_followed > 0 else 0):
             if step == 0:
                 _followed_forces(joints, i, owns[i] + 4, 2, seen, state[n + i], followed, by_own)
@@ -242,8 +243,9 @@ def _predictions(  # type: ignore[no-untyped-def]
                 by_state[i, n + k] = -reading[i, k] * by_v[seen, k]
                 if ground:
                     by_state[i, n_moving + 2 * n + k] = -reading[i, k] * linear[k, 2]
-            for q in range(n_moving - 2 * n):
-                by_state[i, 2 * n + q] = -reading[i, owners[q]] * evolution[seen, q, 3]
+            if remembered is not None:
+                for q in range(n_memories):
+                    by_state[i, 2 * n + q] = -reading[i, owners[q]] * evolution[seen, q, 3]
             motion[0, i, step], motion[1, i, step], motion[2, i, step] = state[i], state[n + i], body
             white[i] = measured[step, i] - body - state[n_moving + n + i]
             if unmeasured:
@@ -268,10 +270,11 @@ def _predictions(  # type: ignore[no-untyped-def]
                         change[i, begin + p] += reading[i, k] * by_own[seen, begin + p]
                     for m in range(n_mass):
                         change[i, n_own + m] += by_reading[i, k, m] * force[seen, k]
-                for q in range(2 * n, n_moving):
-                    h = by_state[i, q]
-                    for p in range(width):
-                        change[i, p] -= h * moving[q, p]
+                if remembered is not None:
+                    for q in range(2 * n, n_moving):
+                        h = by_state[i, q]
+                        for p in range(width):
+                            change[i, p] -= h * moving[q, p]
                 for c in range(n_measured):
                     change[i, first_measured + c] += by_measured[step, c, i]
         if correct:
@@ -296,16 +299,16 @@ def _predictions(  # type: ignore[no-untyped-def]
                 sensitivity[step, i, p] = change[i, p]
             for s in range(n_states):
                 state[s] += gain[i, s] * white[i]
-        if slips and correct:
-            for q in range(len(owners)):
+        if remembered is not None and slips and correct:
+            for q in range(n_memories):
                 _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, held, moved)
         if step == n_samples - 1:
             break
 
         n_steps = 1
-        if n_moving > 2 * n:
+        if remembered is not None:
             quickest = 0.0
-            for q in range(n_moving - 2 * n):
+            for q in range(n_memories):
                 quickest = max(quickest, np.abs(evolution[seen, q, 1]))
             needed = quickest * step_s / _MOST_DECAY
             # In this form nan gives the largest number.
@@ -317,7 +320,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             for k in range(4):
                 followed[0, q, k] = followed[2, q, k]
         for piece in range(n_steps):
-            if n_steps > 1:
+            if remembered is not None and n_steps > 1:
                 begin, end = piece / n_steps, (piece + 1) / n_steps
                 _interpolate(whole_drive, 2 * step, begin, end, part_drive)
                 _interpolate(by_drive, 2 * step, begin, end, part_by_drive)
@@ -327,35 +330,40 @@ def _predictions(  # type: ignore[no-untyped-def]
                     here[2, i], here[3, i] = state[n_moving + 2 * n + i], state[n_moving + 3 * n + i]
                 for row in range(4):
                     following[row, i] = here[row, i]
-            for q in range(n_moving - 2 * n):
-                memory[q] = memory_next[q] = state[2 * n + q]
+            if remembered is not None:
+                for q in range(n_memories):
+                    memory[q] = memory_next[q] = state[2 * n + q]
             for stage in range(4):
-                column = 0
                 for i in range(0 if stage > 0 or correct or piece > 0 else n, n):
                     z, v = here[0, i], here[1, i]
                     x = z + here[2, i] if ground else 0.0
-                    force[stage, i], by_z[stage, i], by_v[stage, i], column = _joint_force(
-                        joints, i, column, stage, z, v, x, by_own
+                    force[stage, i], by_z[stage, i], by_v[stage, i] = _joint_force(
+                        joints, i, owns[i], stage, z, v, x, by_own
                     )
                     by_z[stage, i] += linear[i, 2]
-                    if n_moving > 2 * n:
-                        more, slope = _remembered_force(joints, i, owns[i] + 4, stage, v, 0, memory, by_own, evolution)
-                        force[stage, i] += more
-                        by_v[stage, i] += slope
-                    if slips:
-                        travels[stage, i] = z - state[i]
-                        more, slope = _slipping_force(
-                            joints, i, owns[i] + 4, stage, stage > 0, travels[stage, i], pulled, held, by_own, evolution
-                        )
-                        force[stage, i] += more
-                        by_z[stage, i] += slope
+                    if remembered is not None:
+                        if n_memories > 0:
+                            more, slope = _remembered_force(
+                                joints, i, owns[i] + 4, stage, v, 0, memory, by_own, evolution
+                            )
+                            force[stage, i] += more
+                            by_v[stage, i] += slope
+                        if slips:
+                            travel = z - state[i]
+                            more, slope = _slipping_force(
+                                joints, i, owns[i] + 4, stage, stage > 0, travel, pulled, held, by_own, evolution
+                            )
+                            travels[stage, i] = travel
+                            force[stage, i] += more
+                            by_z[stage, i] += slope
                 weight, ahead = _STAGE_WEIGHT[stage] * part_s, _STAGE_STEP[stage] * part_s
-                for q in range(n_moving - 2 * n):
-                    rate = evolution[stage, q, 0]
-                    memory_next[q] += weight * rate
-                    memory[q] = state[2 * n + q] + ahead * rate
+                if remembered is not None:
+                    for q in range(n_memories):
+                        rate = evolution[stage, q, 0]
+                        memory_next[q] += weight * rate
+                        memory[q] = state[2 * n + q] + ahead * rate
                 for i in range(n):
-                    if n_steps > 1:
+                    if remembered is not None and n_steps > 1:
                         under = part_drive[_STAGE_PLACE[stage], 0, i] + state[n_moving + i]
                     else:
                         under = drive[2 * step + _STAGE_PLACE[stage], i] + state[n_moving + i]
@@ -377,19 +385,21 @@ def _predictions(  # type: ignore[no-untyped-def]
                         here[3, i] = state[n_moving + 3 * n + i] + ahead * under
             for i in range(n):
                 pace[0, i], pace[1, i] = state[n + i], following[1, i]
-                travels[4, i] = following[0, i] - state[i]
+                if remembered is not None:
+                    travels[4, i] = following[0, i] - state[i]
                 state[i], state[n + i] = following[0, i], following[1, i]
                 if unmeasured:
                     state[n_states - n + i] *= decay[i]
                 if ground:
                     state[n_moving + 2 * n + i], state[n_moving + 3 * n + i] = following[2, i], following[3, i]
-            for q in range(n_moving - 2 * n):
-                state[2 * n + q] = memory_next[q]
-            if slips:
-                _look_ahead(joints, travels, pulled, held, at_end)
-            if not (correct or differentiate):
+            if remembered is not None:
+                for q in range(n_memories):
+                    state[2 * n + q] = memory_next[q]
                 if slips:
-                    _end_step(n, joints, travels, pulled, held, state)
+                    _look_ahead(joints, travels, pulled, held, at_end)
+                    if not (correct or differentiate):
+                        _end_step(n, joints, travels, pulled, held, state)
+            if not (correct or differentiate):
                 continue
             if n_followed > 0:
                 _follow(joints, part_s, pace[0], pace[1], followed)
@@ -407,7 +417,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                 accelerance, by_z, by_v, evolution, owners, part_s,
                 of_acceleration, of_force, of_memory, transition, work,
             )  # fmt: skip
-            if slips:
+            if remembered is not None and slips:
                 _slip(joints, evolution, at_end, of_acceleration, of_force, transition)
             _by_offset_and_ground(
                 linear, of_acceleration, of_force, part_s, ground, unmeasured, decay, transition, of_drive, of_push
@@ -427,19 +437,23 @@ def _predictions(  # type: ignore[no-untyped-def]
                     for i in range(n):
                         for p in range(width):
                             resting[s - n_moving, p] += gain[i, s] * change[i, p]
-                half_step, given = (0, part_by_drive) if n_steps > 1 else (2 * step, by_drive)
+                if remembered is not None and n_steps > 1:
+                    half_step, given = 0, part_by_drive
+                else:
+                    half_step, given = 2 * step, by_drive
                 _push(owns, half_step, by_mass, given, force, by_own, of_acceleration, of_force, of_drive, carried)
-                if n_moving > 2 * n:
-                    _push_memories(joints, owns, evolution, of_memory, carried)
-                if slips:
-                    for i in range(n):
-                        for p in range(width):
-                            before[i, p] = moving[i, p]
-                        for k in range(n if is_first else 0):
+                if remembered is not None:
+                    if n_memories > 0:
+                        _push_memories(joints, owns, evolution, of_memory, carried)
+                    if slips:
+                        for i in range(n):
                             for p in range(width):
-                                before[i, p] += gain[k, i] * change[k, p]
-                    _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carried)
-                    _drag(n, joints, owns, travels, pulled, before, moved, carried)
+                                before[i, p] = moving[i, p]
+                            for k in range(n if is_first else 0):
+                                for p in range(width):
+                                    before[i, p] += gain[k, i] * change[k, p]
+                        _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carried)
+                        _drag(n, joints, owns, travels, pulled, before, moved, carried)
                 if ground:
                     _carry_ground(part_s, n, resting)
                     _push_ground(half_step, part_s, n_own + n_mass, given, resting)
@@ -453,6 +467,6 @@ def _predictions(  # type: ignore[no-untyped-def]
                 _carry_covariance(
                     transition, part_s, n_steps, ground, unmeasured, decay, of_push, noise, tied, covariance, product
                 )
-            if slips:
+            if remembered is not None and slips:
                 _end_step(n, joints, travels, pulled, held, state)
     return innovation, spread, sensitivity, motion

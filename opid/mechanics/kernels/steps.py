@@ -192,7 +192,7 @@ def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-
     """Return the force of joint i without its terms with memory, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
     Its derivatives by its own parameters (k, c, g, rest position, those of the law) go to by_own[stage] from
-    `column` on; the column after them is returned, too.
+    `column` on.
     """
     linear, firsts, codes, n_inner, values, memories, _, _ = joints
     k, c, g = linear[i, 0], linear[i, 1], linear[i, 2]
@@ -218,7 +218,7 @@ def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-
             if n_inner[row] > 1:
                 by_own[stage, column + 2] = amplitude * (second - values[row, 7] + values[row, 13] * shape)
         column += 1 + n_inner[row]
-    return total, slope_z, slope_v, column
+    return total, slope_z, slope_v
 
 
 @part(inline=True)
@@ -417,7 +417,10 @@ def _copy_followed(joints, i, column, before, stage, by_own):  # type: ignore[no
 def _owners(joints):  # type: ignore[no-untyped-def]
     """Return the interface to which each state of a memory belongs."""
     firsts, memories = joints[1], joints[5]
-    owners = np.zeros(memories[:, 3].sum(), np.int64)
+    n_memories = 0
+    for row in range(memories.shape[0]):
+        n_memories += memories[row, 3]
+    owners = np.zeros(n_memories, np.int64)
     for i in range(firsts.size - 1):
         for row in range(firsts[i], firsts[i + 1]):
             for q in range(memories[row, 3]):

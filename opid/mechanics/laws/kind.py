@@ -16,7 +16,7 @@ TINY = 1e-30
 Values = tuple[float, ...]
 
 
-def _no_limits(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
+def _give_no_limits(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
     return ()
 
 
@@ -87,7 +87,7 @@ class Kind:
     bench_only: bool = False
     is_about_rest: bool = False
     quasi_static: tuple[float | None, ...] = ()
-    limits: Callable[[Values, float], tuple[tuple[str, Values], ...]] = field(default=_no_limits, repr=False)
+    limits: Callable[[Values, float], tuple[tuple[str, Values], ...]] = field(default=_give_no_limits, repr=False)
     is_stop: bool = False
     is_even: bool = False
     is_pressed: bool = False

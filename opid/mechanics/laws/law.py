@@ -271,6 +271,9 @@ class Law(TermSet):
     """
 
     def __post_init__(self) -> None:
+        if len(self.terms) < 2:  # there is nothing to order, and a fit builds tens of thousands of laws
+            object.__setattr__(self, "terms", tuple(self.terms))
+            return
         order = list(LAWS)
         ordered = sorted(self.terms, key=lambda term: order.index(term.name))
         merged = tuple(_add_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
@@ -322,7 +325,7 @@ class Law(TermSet):
         """
         if isinstance(rest_m, bool) or not isinstance(rest_m, Real) or not math.isfinite(rest_m):
             raise InputError(f"rest_m of a law is {rest_m!r}: give the extension in m, a finite number")
-        return Law(self.terms, float(rest_m))
+        return self if rest_m == self.rest_m else Law(self.terms, float(rest_m))
 
     def scaled(self, factor: float) -> Law:
         """Return factor times this law: only the amplitudes change.

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import sum_lagged_products
-from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, harmonic_factor, make_fitted_law
+from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -261,7 +262,7 @@ def _fit_linear(level: FloatArray, y: FloatArray, std: FloatArray, order: int | 
     for trial in range(1, HIGHEST_ORDER + 1) if order is None else (order,):
         if trial >= level.size - 1:
             break
-        columns = np.column_stack([harmonic_factor(n) * level ** (n - 1) for n in range(1, trial + 1)])
+        columns = np.column_stack([first_harmonic_factor(n) * level ** (n - 1) for n in range(1, trial + 1)])
         values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
         misfit = float(np.sum(((y - columns @ values) / std) ** 2))
         # Windows overlap by half, so three are worth about two.

@@ -55,7 +55,7 @@ class Decay(Result):
         damping: c_n by its power n, where 1 is c0, per unit mass.
         frequency_low_hz: natural frequency in the limit of zero amplitude, Hz.
         damping_low: damping ratio in that limit.
-        residual_share: rms of the residual over that of the record.
+        residual_fraction: rms of the residual over that of the record.
         law_misfit: rms error of amplitude and phase by the law over its standard deviation; nan without a law.
         track: amplitude and phase as they were measured, for a law of several decays (`law_of_decays`).
         derivative: 2 where the signal is an acceleration, 1 where it is a velocity, 0 where it is a displacement.
@@ -83,7 +83,7 @@ class Decay(Result):
     damping: Mapping[int, Estimate]
     frequency_low_hz: Estimate
     damping_low: Estimate
-    residual_share: float
+    residual_fraction: float
     law_misfit: float
     track: Track
     derivative: int
@@ -109,16 +109,17 @@ class Decay(Result):
         """Return the fields without the record; `k` and `c` by power, 1 is k0 and c0."""
         names = (
             *("name", "mode", "amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio"),
-            *("damping_std", "start_s", "stop_s", "residual_share", "law_misfit", "warnings"),
+            *("damping_std", "start_s", "stop_s", "law_misfit", "warnings"),
         )
         return {
             **{name: getattr(self, name) for name in names},
+            "residual_share": self.residual_fraction,
             "frequency_low_hz": asdict(self.frequency_low_hz),
             "damping_low": asdict(self.damping_low),
             **coefficients_json(self.stiffness, self.damping, per_mass=self.mode is None),
         }
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         return f"{self.name!r} from {self.start_s:.4g} to {self.stop_s:.4g} s, amplitudes of displacement"
 
 
@@ -239,7 +240,7 @@ def free_decay(
         damping={} if law is None else law.damping,
         frequency_low_hz=Estimate() if law is None else law.frequency_low_hz,
         damping_low=Estimate() if law is None else law.damping_low,
-        residual_share=track.residual_share,
+        residual_fraction=track.residual_fraction,
         law_misfit=np.nan if law is None else law.misfit,
         track=track,
         derivative=derivative,
@@ -329,9 +330,9 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
             "frequency or amplitude swings as it does when two modes beat: the curves over amplitude are not those of "
             "one mode; separate the modes with several sensors (a modal filter)"
         )
-    if track.residual_share > MODAL.most_residual:
+    if track.residual_fraction > MODAL.most_residual:
         yield (
-            f"{100 * track.residual_share:.0f} % of the record is neither this mode nor a neighbour that was found: "
+            f"{100 * track.residual_fraction:.0f} % of the record is neither this mode nor a neighbour that was found: "
             "the mode is weak beside noise and other modes; excite it more strongly, or narrow the band"
         )
     log_std = np.sqrt(np.diag(track.covariance)[: amplitude.size])

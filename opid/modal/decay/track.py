@@ -32,7 +32,7 @@ class Track:
     covariance: FloatArray  # (2n, 2n) covariance of log B, then phi; neighbouring windows overlap and are correlated
     neighbours_hz: tuple[float, ...]  # frequencies that were fitted beside the mode, Hz
     unresolved_hz: tuple[float, ...]  # frequencies too close to the mode to be separated from it, Hz
-    residual_share: float  # rms of the residual over that of the record, in the stretch used
+    residual_fraction: float  # rms of the residual over that of the record, in the stretch used
     start_s: float  # first sample of the first window, s from the first of the record
     stop_s: float  # last sample of the last
 
@@ -319,7 +319,7 @@ def _make_track(
         covariance=_find_covariance(windows, noise),
         neighbours_hz=tuple(neighbours.tolist()),
         unresolved_hz=tuple(close.tolist()),
-        residual_share=_find_unexplained(part, windows),
+        residual_fraction=_find_unexplained(part, windows),
         start_s=stretch.start / fs,
         stop_s=(stretch.start + max(window.first + window.weight.size for window in windows) - 1) / fs,
     )

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from opid.errors import InputError
+from opid.errors import InputError, require_positive
 from opid.modal.linear.frequency_response import FrequencyResponse, resynthesised
 from opid.modal.linear.modes import LinearModes
 from opid.signals.recording import FloatArray
@@ -54,7 +54,7 @@ class SineBeat:
 
     def __post_init__(self) -> None:
         for name in ("centre_hz", "duration_s"):
-            _require_positive(name, getattr(self, name))
+            require_positive(name, getattr(self, name))
         for name in ("lead_s", "tail_s"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
@@ -282,7 +282,7 @@ def shaped_sweep(
             "the points of the amplitude must be finite and increase in frequency, and these do not: sort them"
         )
     for name, value in (("start_hz", start_hz), ("stop_hz", stop_hz), ("duration_s", duration_s)):
-        _require_positive(name, value)
+        require_positive(name, value)
     _require_rate(max(start_hz, stop_hz), fs, "the sweep")
     if kind not in get_args(SweepKind):
         raise InputError(f"there is no sweep of kind {kind!r}: give 'linear' or 'logarithmic'")
@@ -311,7 +311,7 @@ def first_minimum_hz(window: Window, duration_s: float) -> float:
     """
     from scipy import optimize
 
-    _require_positive("duration_s", duration_s)
+    require_positive("duration_s", duration_s)
     finer = 32  # lines within 1/T; the first 96/T are searched
     value = np.abs(np.fft.rfft(_sample_finely(window), finer * N_FINE)[: 96 * finer])
     falls = np.diff(value)
@@ -450,14 +450,9 @@ def _require_elastic(modes: LinearModes, mode: int) -> float:
 
 
 def _require_rate(highest_hz: float, fs: float, what: str) -> None:
-    _require_positive("fs", fs)
+    require_positive("fs", fs)
     if highest_hz > HIGHEST_RATE * fs:
         raise InputError(
             f"{what} goes up to {highest_hz:.5g} Hz and a rate of {fs:g} Hz records up to {HIGHEST_RATE * fs:.5g} Hz "
             f"(fs / 2.56): sample at {highest_hz / HIGHEST_RATE:.5g} Hz or more"
         )
-
-
-def _require_positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{name} is {value}: give a positive number")

@@ -80,7 +80,7 @@ class ModeFit:
         band_hz: band of the lines that were fitted, Hz.
         n_lines: number of these lines in all tests.
         tests: names of the tests.
-        residual_share: rms of the misfit over that of the modal force, in the band.
+        residual_fraction: rms of the misfit over that of the modal force, in the band.
         condition_raw: condition number of the columns as they are.
         condition_scaled: condition number of the columns scaled to unit norm, as they are solved.
         modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
@@ -103,7 +103,7 @@ class ModeFit:
     band_hz: tuple[float, float]
     n_lines: int
     tests: tuple[str, ...]
-    residual_share: float
+    residual_fraction: float
     condition_raw: float
     condition_scaled: float
     modal_mass: Estimate
@@ -121,9 +121,13 @@ class ModeFit:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fit as result.json holds it; `k` and `c` by power, as the paper calls them."""
-        arranged = ("stiffness", "damping", "stiffness_curve", "damping_curve", "modal_mass", "orders")
+        arranged = (
+            *("stiffness", "damping", "stiffness_curve", "damping_curve"),
+            *("residual_fraction", "modal_mass", "orders"),
+        )
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
+            "residual_share": self.residual_fraction,
             "known_by": "forced tests",
             **coefficients_json(self.stiffness, self.damping),
             "modal_mass": asdict(self.modal_mass),
@@ -229,7 +233,7 @@ def _make_mode_fit(
         band_hz=band,
         n_lines=sum(each.frequency_hz.size for each in lines),
         tests=tuple(test.name for test in tests),
-        residual_share=found.residual_share,
+        residual_fraction=found.residual_fraction,
         condition_raw=found.condition_raw,
         condition_scaled=found.condition_scaled,
         modal_mass=mass,
@@ -300,9 +304,9 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
             f"mode {fit.mode}: the fitted stiffness falls to zero or below at the largest amplitude: do not use the "
             "model beyond it"
         )
-    if fit.residual_share > MODAL.most_unexplained:
+    if fit.residual_fraction > MODAL.most_unexplained:
         yield (
-            f"mode {fit.mode}: the fit leaves {100 * fit.residual_share:.0f} % of the modal force unexplained: the "
+            f"mode {fit.mode}: the fit leaves {100 * fit.residual_fraction:.0f} % of the modal force unexplained: the "
             "mode is not alone in its band, or its linear properties belong to another state of the structure; check "
             "both"
         )

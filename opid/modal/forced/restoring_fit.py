@@ -13,9 +13,10 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import ModeLines, Powers, find_line_noise, find_noise_scores
-from opid.modal.power_laws import HIGHEST_ORDER, harmonic_factor
+from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -30,7 +31,7 @@ class Coefficients:
         covariance: (n, n) covariance of the coefficients.
         condition_raw: condition number of the columns as they are.
         condition_scaled: condition number of the columns scaled to unit norm.
-        residual_share: rms of the misfit over that of the modal force, in the band.
+        residual_fraction: rms of the misfit over that of the modal force, in the band.
         noise: (m,) divisor of each line, for each test: its noise together with the misfit of the model beyond it.
     """
 
@@ -39,7 +40,7 @@ class Coefficients:
     covariance: FloatArray
     condition_raw: float
     condition_scaled: float
-    residual_share: float
+    residual_fraction: float
     noise: tuple[FloatArray, ...]
 
     def stiffness(self) -> dict[int, Estimate]:
@@ -132,7 +133,7 @@ def linearised(powers: Iterable[int], value: Iterable[float], amplitude: FloatAr
     """
     total = np.zeros_like(amplitude)
     for n, each in zip(powers, value, strict=True):
-        total += each * harmonic_factor(n) * amplitude ** (n - 1)
+        total += each * first_harmonic_factor(n) * amplitude ** (n - 1)
     return total
 
 

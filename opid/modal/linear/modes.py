@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
 from opid.signals.motion import differentiate
 from opid.signals.recording import Channel, FloatArray, Recording
@@ -146,30 +146,6 @@ def condition_number(modes: LinearModes) -> float:
     return float(np.linalg.cond(modes.shapes))
 
 
-def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> FloatArray:
-    """Return the modal assurance criterion |a^H b|^2 / (a^H a b^H b), (n, m), of columns against columns.
-
-    Args:
-        shapes: (n_sensors, n), or one shape (n_sensors,); real or complex.
-        others: (n_sensors, m) or (n_sensors,); the same as `shapes` where left out (the auto-MAC).
-
-    Raises:
-        InputError: another number of sensors.
-
-    >>> modal_assurance([[1.0, 1.0], [1.0, -1.0]]).round(12).tolist()
-    [[1.0, 0.0], [0.0, 1.0]]
-    """
-    given = (shapes, shapes if others is None else others)
-    first, second = (np.atleast_2d(np.asarray(each).T).T for each in given)
-    if first.shape[0] != second.shape[0]:
-        raise InputError(
-            f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
-        )
-    norms = np.outer(np.sum(np.abs(first) ** 2, axis=0), np.sum(np.abs(second) ** 2, axis=0))
-    # A shape that is zero has a MAC of 0 with every other.
-    return np.abs(first.conj().T @ second) ** 2 / np.where(norms > 0, norms, 1.0)
-
-
 def modes_of_structure(structure: Structure, sensors: ArrayLike, names: Sequence[str]) -> LinearModes:
     """Return the linear modes of a structure as sensors on it see them.
 
@@ -193,7 +169,7 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
     unseen = np.flatnonzero(~shapes.any(axis=0))
     if unseen.size:
         raise InputError(
-            f"mode {unseen[0] + 1} does not move the sensors {_list_names(sensors)}: name one that it moves"
+            f"mode {unseen[0] + 1} does not move the sensors {list_names(map(repr, sensors))}: name one that it moves"
         )
     return replace(modes, shapes=shapes, sensors=tuple(sensors))
 
@@ -270,8 +246,8 @@ def modal_test(
     sensors = [sensor for sensor in modes.sensors if sensor in recording.names]
     if not sensors:
         raise InputError(
-            f"test {name!r} has none of the sensors {_list_names(modes.sensors)}: its channels are "
-            f"{_list_names(recording.names)}; give the channels the names that the sensors have in the shapes"
+            f"test {name!r} has none of the sensors {list_names(map(repr, modes.sensors))}: its channels are "
+            f"{list_names(map(repr, recording.names))}; give the channels the names that the sensors have in the shapes"
         )
     for sensor in sensors:
         if recording.unit(sensor) not in ("m/s^2", "m/s"):
@@ -346,8 +322,3 @@ def _require_force(recording: Recording, modes: LinearModes, name: str, force: s
         )
     if not recording.channel(force).any():
         raise InputError(f"the force {force!r} of test {name!r} is zero throughout: name the channel of the force cell")
-
-
-def _list_names(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(name) for name in names[:6])
-    return shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")

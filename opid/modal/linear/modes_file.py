@@ -15,7 +15,7 @@ import numpy as np
 from opid.errors import InputError, meant_by, nearest
 from opid.modal.linear.modes import LinearModes
 from opid.modal.settings import MODAL
-from opid.signals.files import write_whole
+from opid.signals.files import read_table_text, write_whole
 from opid.signals.recording import FloatArray
 
 VARIANTS = {
@@ -128,7 +128,7 @@ def looks_in_percent(modes: LinearModes) -> str:
     return ""
 
 
-def _from_npz(source: Path) -> LinearModes:
+def _read_npz(source: Path) -> LinearModes:
     try:
         with source.open("rb") as opened:
             file = np.load(opened, allow_pickle=False)
@@ -148,15 +148,8 @@ def _from_npz(source: Path) -> LinearModes:
     return _make_modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _read_names(arrays["sensors"]))
 
 
-def _from_csv(source: Path) -> LinearModes:
-    try:
-        text = source.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    delimiter = next((mark for mark in "\t;," if mark in first), None)
-    if delimiter is None:
-        raise InputError("its first line has one column: give a header like sensor,mode 1,mode 2")
+def _read_csv(source: Path) -> LinearModes:
+    text, delimiter = read_table_text(source, "sensor,mode 1,mode 2")
     try:
         table = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
     except csv.Error as error:
@@ -187,7 +180,7 @@ def _from_csv(source: Path) -> LinearModes:
     return _make_modes(frequency_hz, damping_ratio, shapes, tuple(sensors))
 
 
-_READERS = {".npz": _from_npz, ".csv": _from_csv}
+_READERS = {".npz": _read_npz, ".csv": _read_csv}
 
 
 def _make_modes(

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import Rig, find_harmonics
-from opid.mechanics.structure import ComplexArray
+from opid.mechanics.structure import ComplexArray, modal_assurance
 from opid.modal.linear.frequency_response import accelerance
-from opid.modal.linear.modes import LinearModes, modal_assurance, modal_filter
+from opid.modal.linear.modes import LinearModes, modal_filter
 from opid.modal.resonance.phase_lock import (
     N_HARMONICS,
     Controller,

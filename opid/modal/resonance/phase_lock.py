@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, require_positive
 from opid.mechanics.response import State
 from opid.mechanics.rig import OpenRig, Readings, Rig, drive, find_harmonics, open_rig
 from opid.modal.linear.modes import LinearModes
@@ -54,9 +54,7 @@ class PhaseLock:
             if value != int(value) or value < least:
                 raise InputError(f"{name} of the phase lock is {value}: give a whole number, {least} or more")
         for name in ("tolerance_deg", "steady_fraction", "longest_s", "proportional", "integral"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise InputError(f"{name} of the phase lock is {value}: give a positive number")
+            require_positive(f"{name} of the phase lock", getattr(self, name))
 
 
 @dataclass(frozen=True, eq=False)

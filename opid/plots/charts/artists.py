@@ -28,6 +28,7 @@ from matplotlib.spines import Spine
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Transform, blended_transform_factory
 
+from opid.estimate import format_number
 from opid.plots.charts.looks import (
     CLEAR,
     PX_PER_PT,
@@ -50,6 +51,8 @@ from opid.plots.charts.looks import (
     join_lines,
 )
 
+# no text of a chart is smaller
+_LEAST_FONT_PX = 10.0
 _STEPS = {"steps": "vh", "steps-pre": "vh", "steps-mid": "hvh", "steps-post": "hv"}
 
 
@@ -103,7 +106,7 @@ class Panel:
     @property
     def abscissa(self) -> str:
         """What is shown of the abscissa of a point."""
-        return "%{x|%Y-%m-%d}" if self.has_dates else f"%{{x:.5g}}{self.units[0]}"
+        return "%{x|%Y-%m-%d}" if self.has_dates else f"%{{x:.6~g}}{self.units[0]}"
 
     @cached_property
     def has_colored_cells(self) -> bool:
@@ -148,7 +151,7 @@ class Panel:
         where["keep"] = self.has_colored_cells
         if link:
             where["link"] = link
-        numbers = f"{self.abscissa}, %{{y:.5g}}{self.units[1]}{OPENS if link else ''}"
+        numbers = f"{self.abscissa}, %{{y:.6~g}}{self.units[1]}{OPENS if link else ''}"
         words = {
             "name": format_html(name),
             "meta": name,
@@ -327,13 +330,13 @@ def _add_cells(panel: Panel, artist: Any, x: np.ndarray, y: np.ndarray) -> None:
         # colours follow the logarithm; the reader is shown the value itself
         trace = {"customdata": encode_matrix(values)}
         values, limits = np.log10(np.where(values > 0, values, np.nan)), np.log10(limits)
-    ordinate = f"%{{y:.4g}}{panel.units[1]}"
+    ordinate = f"%{{y:.6~g}}{panel.units[1]}"
     name_row = panel.ax.fmt_ydata
     if name_row is not None:
         # rows have names: the page shows them where there is no room for them beside the cells
         trace["rows"] = [name_row(each) for each in (y[:-1] + y[1:]) / 2]
         ordinate = "%{text}"
-    shown = f"{panel.abscissa}, {ordinate}: %{{{'customdata' if 'customdata' in trace else 'z'}:.4g}}"
+    shown = f"{panel.abscissa}, {ordinate}: %{{{'customdata' if 'customdata' in trace else 'z'}:.6~g}}"
     panel.add_trace(
         artist,
         type="heatmap",
@@ -372,7 +375,7 @@ def _describe_colorbar(panel: Panel, artist: Any, limits: np.ndarray) -> Json:
         look |= {"x": right, "len": high - low, "y": (low + high) / 2}
     if isinstance(artist.norm, LogNorm):
         powers = np.arange(np.ceil(limits[0]), np.floor(limits[1]) + 1).astype(int).tolist()
-        look |= {"tickvals": powers, "ticktext": [f"10<sup>{each}</sup>" for each in powers]}
+        look |= {"tickvals": powers, "ticktext": [format_number(10.0**each) for each in powers]}
     return {"colorbar": look | {"title": title}}
 
 
@@ -410,7 +413,10 @@ def _add_text(panel: Panel, text: Any) -> None:
             "yanchor": {"top": "top", "bottom": "bottom", "baseline": "bottom"}.get(text.get_va(), "middle"),
             "align": text.get_ha(),
             "textangle": -float(text.get_rotation()),
-            "font": {"color": format_color(text.get_color()), "size": round(float(text.get_fontsize()) * PX_PER_PT, 1)},
+            "font": {
+                "color": format_color(text.get_color()),
+                "size": round(max(_LEAST_FONT_PX, float(text.get_fontsize()) * PX_PER_PT), 1),
+            },
             "bgcolor": "rgba(0,0,0,0)" if box is None else format_color(box.get_facecolor()),
         }
     )

@@ -10,6 +10,7 @@ from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from opid.plots.charts.artists import Panel, add_artist
@@ -47,6 +48,8 @@ def build_chart(figure: Figure) -> Json:
     domains, chart["layout"]["height"] = _arrange_panels(figure, panels)
     for number, (ax, domain) in enumerate(zip(panels, domains, strict=True), start=1):
         _add_panel(chart, ax, number, domain, panels)
+    for legend in (*(ax.get_legend() for ax in panels), *figure.legends):
+        _add_legend(chart, legend)
     return chart
 
 
@@ -81,7 +84,6 @@ def _add_panel(chart: Json, ax: Axes, number: int, domain: Domain, panels: Seque
         if artist.get_visible():
             add_artist(panel, artist)
     _add_title(panel)
-    _add_legend(chart, ax)
 
 
 def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Sequence[Axes]) -> Json:
@@ -112,14 +114,15 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         formatter, ticker.NullFormatter
     ):
         found["showticklabels"] = False
-    if isinstance(locator, ticker.FixedLocator):
+    # the page cannot be told to have whole numbers at an axis: these remain at any zoom
+    counts = isinstance(locator, ticker.MaxNLocator) and getattr(locator, "_integer", False)
+    if isinstance(locator, ticker.FixedLocator) or counts:
         found["tickvals"] = [float(each) for each in locator()]
         found["ticktext"] = _color_labels(axis, formatter.format_ticks(locator()))
     elif is_log:
-        has_plain_numbers = isinstance(formatter, ticker.StrMethodFormatter)
-        found |= (
-            {"dtick": "D2", "exponentformat": "none"} if has_plain_numbers else {"dtick": 1, "exponentformat": "power"}
-        )
+        has_plain_numbers = isinstance(formatter, ticker.FuncFormatter)
+        # with a format of its own each number at the axis is whole and of full size: "20", not a small "2"
+        found |= {"dtick": "D2", "tickformat": "~r"} if has_plain_numbers else {"dtick": 1}
     return found
 
 
@@ -155,9 +158,8 @@ def _add_title(panel: Panel) -> None:
     )  # fmt: skip
 
 
-def _add_legend(chart: Json, ax: Axes) -> None:
-    """The entries of a panel; one text has one entry, whatever the colours of its lines in several panels."""
-    legend = ax.get_legend()
+def _add_legend(chart: Json, legend: Legend | None) -> None:
+    """The entries of a legend; one text has one entry, whatever the colours of its lines in several panels."""
     known = {entry["text"]: entry["looks"] for entry in chart["legend"]}
     for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True) if legend else ():
         words, look = text.get_text(), describe_handle(handle)

@@ -22,6 +22,9 @@ Json = dict[str, Any]
 PX_PER_PT = 4 / 3
 """Pixels of the page per point of a figure."""
 
+WHITE = "#ffffff"
+"""The face of a hollow marker that hides what is below it."""
+
 CLEAR = (0.0, 0.0, 0.0, 0.0)
 """No colour."""
 
@@ -130,7 +133,9 @@ def describe_handle(handle: Artist | None) -> Json:
         if has_line(handle):
             look["dash"] = describe_line(handle)["dash"]
         if has_marker(handle):
-            look |= {"symbol": describe_marker(handle)["symbol"], "color": format_color(handle.get_markeredgecolor())}
+            look["symbol"] = describe_marker(handle)["symbol"]
+            if format_color(handle.get_markerfacecolor()) == WHITE:
+                look["symbol"] += "-open"
         return look
     if isinstance(handle, Patch):
         return {"color": format_color(handle.get_facecolor()), "symbol": "patch"}

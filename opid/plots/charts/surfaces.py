@@ -12,7 +12,8 @@ from opid.plots.charts.artists import UnknownArtistError
 from opid.plots.charts.looks import Json, encode_numbers, format_color, format_html
 
 _LOOK = {"aspectmode": "manual", "aspectratio": {"x": 1.1, "y": 1.1, "z": 0.8}}
-_CAMERA = {"eye": {"x": 1.35, "y": -1.45, "z": 0.7}}
+# far enough that the words at the axes are within the chart
+_CAMERA = {"eye": {"x": 1.5, "y": -1.6, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.17}}
 
 
 def add_surfaces(chart: Json, ax: Axes) -> None:
@@ -37,8 +38,8 @@ def _build_mesh(artist: Poly3DCollection) -> Json:
     firsts = np.cumsum([0, *map(len, polygons)])[:-1].tolist()
     # each polygon is a fan of triangles about its first corner
     fans = [(k, k + j, k + j + 1) for k, each in zip(firsts, polygons, strict=True) for j in range(1, len(each) - 1)]
-    faces = np.atleast_2d(artist.get_facecolor())
-    shades = [format_color(faces[k % len(faces)]) for k, each in enumerate(polygons) for _ in range(len(each) - 2)]
+    colors = _list_colors(artist)
+    shades = [format_color(colors[k % len(colors)]) for k, each in enumerate(polygons) for _ in range(len(each) - 2)]
     corners = zip("ijk", zip(*fans, strict=True), strict=True)
     return {
         "type": "mesh3d",
@@ -48,6 +49,13 @@ def _build_mesh(artist: Poly3DCollection) -> Json:
         "flatshading": True,
         "lighting": {"ambient": 0.9},
     }
+
+
+def _list_colors(artist: Any) -> np.ndarray:
+    """The colours of the polygons in their own order, in which `get_facecolor` no longer has them once one is drawn."""
+    if artist.get_array() is not None:
+        return np.asarray(artist.to_rgba(artist.get_array()))
+    return np.atleast_2d(artist._facecolor3d)
 
 
 def _list_polygons(artist: Any) -> list[np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from opid.estimate import rounded
+from opid.estimate import format_number, format_percent, rounded
 from opid.report.document import Document, Figure, Paragraph, Row, build_warnings, write_options, write_sentence
 from opid.report.estimates import (
     INTERVAL,
@@ -14,6 +14,7 @@ from opid.report.estimates import (
     say_law,
     tabulate_estimates,
 )
+from opid.report.sketch import sketch_bench
 from opid.suspensions.bench.law import UNITS, BenchLaw
 
 LABELS = {
@@ -32,8 +33,9 @@ def build_document(result: BenchLaw) -> Document:
     return Document(
         result.title or "Test bench",
         _format_equation(result),
-        f"The law is {result.law.name}: with the linear part it explains {100 * result.r2_left_out:.4g} % of the "
-        "variance of the force on stretches of time that were left out.",
+        f"The law is {result.law.name}: with the linear part it explains "
+        f"{format_percent(result.r2_left_out, 4)} of the variance of the force on stretches of time that were left "
+        "out.",
         result.not_determined,
         (
             tabulate_estimates(
@@ -47,6 +49,7 @@ def build_document(result: BenchLaw) -> Document:
         lambda: _list_figures(result),
         write_command(result),
         source="record",
+        sketch=sketch_bench(result),
     )
 
 
@@ -109,28 +112,29 @@ def _list_rows(result: BenchLaw) -> Iterator[Row]:
 
 def _say_quality(result: BenchLaw) -> str:
     bench = result.bench
-    rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
+    rate = "" if bench.is_quasi_static else f" at {format_number(bench.fs)} Hz"
     return (
-        f"The law explains {100 * result.r2:.5g} % of the variance of the force, {100 * result.r2_left_out:.5g} % on "
-        f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
-        f"samples{rate} ({result.n_independent:.0f} independent ones in the residual); velocity: "
+        f"The law explains {format_percent(result.r2, 5)} of the variance of the force, "
+        f"{format_percent(result.r2_left_out, 5)} on stretches of time that were left out; "
+        f"{format_number(result.residual_rms, 3)} N rms are left. From {bench.samples.size} samples{rate} "
+        f"({result.n_independent:.0f} independent ones in the residual); velocity: "
         f"{bench.velocity_from}.{_say_mass(result)}{_say_loop(result)}{_say_simulation(result)}"
     )
 
 
 def _say_mass(result: BenchLaw) -> str:
     mass_kg, name = result.bench.mass_kg, result.bench.channels["force"]
-    return "" if mass_kg is None else f" The force is that of {mass_kg:.6g} kg with the acceleration {name!r}."
+    said = f" The force is that of {format_number(mass_kg)} kg with the acceleration {name!r}."
+    return "" if mass_kg is None else said
 
 
 def _say_loop(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
-    of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
+    of_record = "" if cycle.frequency_hz is None else f" at {format_number(cycle.frequency_hz, 3)} Hz"
     if cycle.area_j.value is None:
         return " The record does not determine the energy of a cycle."
-    words = (
-        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
-    )
+    size = f"{format_number(1e3 * cycle.travel_amplitude_m, 3)} mm{of_record}"
+    words = f" A cycle of {size}, as large as the record in the mean, takes "
     is_friction = friction.value is not None and friction.value > 0
     words += (
         f"the energy of a dry friction of {rounded(friction.value, friction.std)} N" if is_friction else "no energy"
@@ -146,7 +150,8 @@ def _say_simulation(result: BenchLaw) -> str:
         return ""
     return (
         " The parameters are those with which the motion simulated from the force alone comes nearest to the recorded "
-        f"one: {simulation.error_rms_m:.3g} m rms of {result.bench.travel.std():.3g} m are left."
+        f"one: {format_number(simulation.error_rms_m, 3)} m rms of {format_number(result.bench.travel.std(), 3)} m are "
+        "left."
     )
 
 
@@ -156,7 +161,7 @@ def write_command(result: BenchLaw) -> list[str]:
     if bench.source is not None:
         return ["opid", "law", str(bench.source)]
     words = ["opid", "law", str(bench.log or result.title or "BENCH.csv")]
-    words += write_options({role: name for role, name in bench.channels.items() if name is not None})
+    words += write_options({f"{role}_channel": name for role, name in bench.channels.items() if name is not None})
     words += ["--moving-mass"] if bench.acceleration is not None else []
     words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]
     words += [] if bench.piston_area_m2 is None else ["--piston-area", f"{bench.piston_area_m2:.12g}"]

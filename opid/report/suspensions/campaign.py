@@ -62,10 +62,9 @@ def _list_details(result: Campaign) -> Iterator[Block]:
         "tail",
         "date",
         "verdict",
-        *map(_write_head, quantities),
-        "reason",
-        left=(0, 1, 2, 3, 4 + len(quantities)),
-        elastic=(4 + len(quantities),),
+        *map(write_head, quantities),
+        left=(0, 1, 2, 3),
+        elastic=(3,),
     )
     overlaid = set(_choose_overlaid(flights))
     yield Table(
@@ -116,7 +115,8 @@ def _choose_quantities(outcomes: Sequence[Outcome]) -> list[Quantity]:
     return sorted(kept, key=lambda what: (order.index(what.name), what.gear))
 
 
-def _write_head(quantity: Quantity) -> str:
+def write_head(quantity: Quantity) -> str:
+    """Return a quantity with its suspension and unit as the head of a column of flights."""
     label = " ".join(filter(None, (quantity.gear, quantity.label.split(" (")[0])))
     return f"{label} [{quantity.unit}]"
 
@@ -127,5 +127,6 @@ def _build_row(outcome: Outcome, quantities: Sequence[Quantity]) -> Row:
     for what in quantities:
         estimate = values.get(what)
         cells.append("-" if estimate is None else rounded(estimate.value, estimate.std))
-    head = (outcome.name, outcome.tail or "-", str(outcome.date or "-"), outcome.verdict.value)
-    return (*head, *cells, outcome.reason or "-")
+    # The reason stands before the numbers, which a narrow window may cut.
+    verdict = ": ".join(filter(None, (outcome.verdict.value, outcome.reason)))
+    return (outcome.name, outcome.tail or "-", str(outcome.date or "-"), verdict, *cells)

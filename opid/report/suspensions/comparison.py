@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from opid.estimate import rounded
+from opid.estimate import Estimate, format_number, rounded, with_std
 from opid.report.document import (
     Block,
     Document,
     Figure,
     Paragraph,
     Remarks,
+    Row,
     Table,
     build_columns,
     build_warnings,
     format_count,
     write_sentence,
 )
-from opid.report.suspensions.campaign import OVERLAY, overlay_laws
+from opid.report.suspensions.campaign import OVERLAY, overlay_laws, write_head
 from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
+from opid.suspensions.flights.result_file import Flight, Quantity
 
 
 def build_document(result: Comparison) -> Document:
@@ -67,15 +69,23 @@ def _list_details(result: Comparison) -> Iterator[Block]:
     for number, label in enumerate(labels, start=1):
         yield build_figure(number, label)
     yield from overlay_laws({flight.name: flight for flight in result.flights})
+    quantities = tuple(dict.fromkeys(series.quantity for series in result.series))
     yield Table(
-        build_columns("flight", "date", "method", left=(0, 1, 2)),
-        tuple((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights),
+        build_columns("flight", "date", "method", *map(write_head, quantities), left=(0, 1, 2)),
+        tuple(_build_flight_row(flight, quantities) for flight in result.flights),
         "Flights",
+        note="Values are given ± one standard deviation; a head sorts by the values of its column.",
         is_filtered=True,
         links=tuple(flight.page for flight in result.flights),
         overlay=OVERLAY if any(flight.strut_laws for flight in result.flights) else "",
         keys=tuple(flight.name if flight.strut_laws else "" for flight in result.flights),
     )
+
+
+def _build_flight_row(flight: Flight, quantities: Sequence[Quantity]) -> Row:
+    found = (flight.values.get(quantity, Estimate()) for quantity in quantities)
+    values = (with_std(each.value, each.std) for each in found)
+    return (flight.name, str(flight.date or "-"), flight.method, *values)
 
 
 def _say_span(result: Comparison) -> str:
@@ -88,8 +98,8 @@ def _say_basis(result: Comparison) -> str:
     return (
         f"Each flight is compared with the weighted mean of the earlier ones that were not flagged, by itself and with "
         f"the one before it: {result.n_tests} comparisons. Departures are in standard deviations. If nothing changed, "
-        f"the chance of any flag is {result.false_alarm:g}. To judge by a new state, after a repair, leave out the "
-        "results before it."
+        f"the chance of any flag is {format_number(result.false_alarm)}. To judge by a new state, after a repair, "
+        "leave out the results before it."
     )
 
 

@@ -9,14 +9,15 @@ from opid.mechanics.truth import BodyTruth, GearTruth, TaxiTruth
 from opid.plots.force import find_rested_springs
 from opid.report.document import Figure
 from opid.suspensions.answer.as_json import chain_of
-from opid.suspensions.paper.result import AnyIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Identification
 
 
 def list_figures(result: AnyIdentification, truth: TaxiTruth | None = None) -> Iterator[Figure]:
     """Yield the figures, in the order of the page, for which the result has data.
 
-    A refused fit is not drawn, and the steps of the paper are drawn only if they can be taken on all runs.
+    A refused fit is not drawn, nor is the law of a fit whose errors prevent an answer. The steps of the paper are drawn
+    only if they can be taken on all runs.
     """
     if result.study.is_one_gear:
         yield from _list_gear_figures(result, truth if isinstance(truth, GearTruth) else None)
@@ -79,7 +80,7 @@ def _list_gear_figures(result: AnyIdentification, truth: GearTruth | None) -> It
             "force_sections",
             "The law against the force without a law",
             "Measured force on the predicted motion, less stiffness and damping, averaged in bins near zero velocity "
-            "and near zero travel with two standard errors; the line is the law.",
+            "and near zero travel with two standard errors, on one scale; the line is the law.",
             lambda: plots.force_sections(surface),
         )
         yield Figure(
@@ -89,7 +90,7 @@ def _list_gear_figures(result: AnyIdentification, truth: GearTruth | None) -> It
             "patch of one colour is a term that the law lacks.",
             lambda: plots.force_departures(surface),
         )
-    if not result.is_refused:
+    if _has_law(result):
         yield Figure(
             "law_curves",
             "The law that was found",
@@ -133,15 +134,31 @@ def _list_gear_figures(result: AnyIdentification, truth: GearTruth | None) -> It
             lambda: plots.equation_residual(result),
         )
     yield from _list_left_out_figures(result)
-    if chain is not None and not result.is_refused:
+    if chain is not None and _has_law(result):
+        has_peak_formula = result.method == "paper"
+        peaks = (
+            " Values beyond the frame stand at its edge. The peak formula is the paper's; hollow marks come from peaks "
+            "that the mass change cannot have moved so."
+        )
         yield Figure(
             "estimates",
             "Every method side by side",
-            "Mass from two runs of known mass difference, and the ratios to it, with 95 % intervals. Values beyond the "
-            "frame stand at its edge. The peak formula is the paper's; hollow marks come from peaks that the mass "
-            "change cannot have moved so.",
-            lambda: plots.estimates(result, truth=truth),
+            "Mass from two runs of known mass difference, and the ratios to it, with 95 % intervals."
+            f"{peaks * has_peak_formula}",
+            lambda: plots.estimates(result, truth=truth, has_peak_formula=has_peak_formula),
         )
+
+
+def _has_law(result: AnyIdentification) -> bool:
+    """Return whether the law of a fit is drawn: not of a refused one, nor where its errors prevent an answer.
+
+    Then the terms of a wrong law may be thousands of times the force, and cancel. Runs at one loading give no mass
+    whatever the law is, so that theirs is drawn.
+    """
+    if result.is_refused or isinstance(result, PaperIdentification):
+        return not result.is_refused
+    is_one_loading = len({run.loading for run in result.runs}) == 1
+    return is_one_loading or not (result.not_determined and result.limited_by == "model")
 
 
 def _list_body_figures(result: Identification, truth: BodyTruth | None) -> Iterator[Figure]:
@@ -162,25 +179,27 @@ def _list_body_figures(result: Identification, truth: BodyTruth | None) -> Itera
     )
     if result.is_refused:
         return
-    yield Figure(
-        "suspensions",
-        "Suspension by suspension",
-        "Stiffness, damping and the amplitudes of the laws: 95 % intervals about each estimate, whose value stands "
-        "above; ± is one standard deviation.",
-        lambda: plots.suspension_parameters(result, truth=truth),
-    )
-    yield Figure(
-        "suspension_forces",
-        "The force of each suspension",
-        "The force over velocity (at z = 0) and over travel (at z′ = 0) as far as the runs went, and its nonlinear "
-        "part. Outside the shaded range, the rms of the motion, few samples speak.",
-        lambda: plots.suspension_forces(result, truth=truth),
-    )
+    if _has_law(result):
+        yield Figure(
+            "suspensions",
+            "Suspension by suspension",
+            "Stiffness, damping and the amplitudes of the laws: 95 % intervals about each estimate, whose value stands "
+            "above; ± is one standard deviation.",
+            lambda: plots.suspension_parameters(result, truth=truth),
+        )
+        yield Figure(
+            "suspension_forces",
+            "The force of each suspension",
+            "The force over velocity (at z = 0) and over travel (at z′ = 0) as far as the runs went, and its nonlinear "
+            "part. Outside the shaded range, the rms of the motion, few samples speak.",
+            lambda: plots.suspension_forces(result, truth=truth),
+        )
     yield from _list_rest_figures(result, truth)
     yield Figure(
         "predicted_accelerations",
         "Measured and predicted",
-        "Some seconds of each sensor on the body: what it read, what the model said it would, and the difference.",
+        "Some seconds of each sensor on the body: what it read, what the model said it would, and "
+        "the difference on a scale of its own.",
         lambda: plots.predicted_accelerations(result),
     )
     yield Figure(
@@ -209,7 +228,7 @@ def _list_left_out_figures(result: AnyIdentification) -> Iterator[Figure]:
 
 def _list_rest_figures(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator[Figure]:
     """Where each run rests, if a law depends on travel."""
-    if isinstance(result, Identification) and not result.is_refused and find_rested_springs(result):
+    if isinstance(result, Identification) and _has_law(result) and find_rested_springs(result):
         yield Figure(
             "static_curves",
             "Where each run rests",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from opid.estimate import Estimate, rounded
+from opid.estimate import Estimate, format_number, rounded
 from opid.report.document import (
     Block,
     Document,
@@ -80,22 +80,22 @@ def _say_basis(result: Fleet) -> str:
         "Each flight of a strut, and the mean of up to "
         f"{max(result.settings.windows)} flights in a row, is compared with what its flights before say, and the other "
         f"struts where it has few: {n_tests} comparisons. What the covariates and the common trend explain is no "
-        f"change. If nothing changed, {result.alarms_per_year:g} false alarms a year are expected at most in the whole "
-        "fleet. After a change a strut is compared with its new level. Scatter is from flight to flight, beyond the "
-        "intervals of the results."
+        f"change. If nothing changed, {format_number(result.alarms_per_year)} false alarms a year are expected at most "
+        "in the whole fleet. After a change a strut is compared with its new level. Scatter is from flight to flight, "
+        "beyond the intervals of the results."
     )
 
 
 def _list_details(result: Fleet) -> Iterator[Block]:
-    from opid.plots.fleet import draw_fleet_map, draw_strut
+    from opid.plots.fleet import draw_fleet_map, draw_strut, find_column_days
 
     for number, series in enumerate(result.series, start=1):
+        days = max(1, round(find_column_days(series)))
         yield Figure(
             f"fleet_{number}",
             f"All struts: {_write_name(series)}",
-            "Percent from the first level of each strut, without what covariates and the common trend explain."
-            if number == 1
-            else "",
+            "Percent from the first level of each strut, without what covariates and the common trend explain. A cell "
+            f"stands for about {format_count(days, 'day')}; it is empty where the strut did not fly.",
             partial(draw_fleet_map, series),
         )
     drifting = {(id(series), drift.tail) for series in result.series for drift in series.drifts}
@@ -132,7 +132,7 @@ def _list_details(result: Fleet) -> Iterator[Block]:
         "latest",
         "expected",
         left=(0, 1, 2),
-        elastic=(2,),
+        elastic=(1, 2),
     )
     pairs = [(series, strut) for series in result.series for strut in series.struts]
     pairs.sort(key=lambda each: not each[1].changes)

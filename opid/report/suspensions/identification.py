@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 
-from opid.estimate import Estimate, rounded, with_std
+from opid.estimate import Estimate, format_number, format_percent, rounded, with_std
 from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import loop_area, sine_like
 from opid.mechanics.truth import BodyTruth, GearTruth, SuspensionTruth, TaxiTruth
@@ -33,10 +33,10 @@ from opid.report.estimates import (
     say_law,
     tabulate_estimates,
 )
+from opid.report.sketch import sketch_suspensions
 from opid.report.suspensions.again import write_command, write_python
 from opid.report.suspensions.figures import list_figures
 from opid.report.suspensions.paper_tables import tabulate_peaks, tabulate_spectra, tabulate_weighed
-from opid.report.suspensions.sketch import build_sketch
 from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.answer.intervals import limits_of_mass
 from opid.suspensions.fitting.noise import over_noise
@@ -90,6 +90,7 @@ def build_document(result: AnyIdentification, truth: TaxiTruth | None = None) ->
         write_command(result),
         write_python(result),
         reference=REFERENCE if result.study.is_one_gear else "",
+        sketch=sketch_suspensions(result),
     )
 
 
@@ -130,8 +131,6 @@ def _list_blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator
     about_body = (
         " Values are those of the reference loading; inertias about the centre of gravity, x forward, y to the left."
     )
-    if (sketch := build_sketch(result)) is not None:
-        yield sketch
     yield tabulate_estimates(
         _list_rows(result, truth),
         truth,
@@ -359,8 +358,9 @@ def _list_loop_rows(
         if true is not None:
             pace = 2 * math.pi * frequency_hz
             known = scale * loop_area(true.law, *sine_like(size_m / math.sqrt(2), size_m * pace / math.sqrt(2)))
+        sine = f"a sine of {format_number(1e3 * size_m, 3)} mm at {format_number(frequency_hz, 3)} Hz"
         yield (
-            f"What remembers, in a sine of {1e3 * size_m:.3g} mm at {frequency_hz:.3g} Hz like run {each.run!r}"
+            f"What remembers, in {sine} like run {each.run!r}"
             f"{': these runs do not determine it' * (each.loop.area_j.value is None)}",
         )
         yield build_estimate_row("energy per cycle", "J/kg" if result.per_mass else "J", each.loop.area_j, known)
@@ -414,10 +414,10 @@ def _tabulate_sensors(result: Identification) -> Iterator[Table]:
     rows = tuple(
         (
             fault.name,
-            f"{fit.value(fault.name):.5g}",
-            f"{fit.std[fit.model.names.index(fault.name)]:.1g}",
-            f"{fault.nominal:.3g}",
-            f"{fault.std:.1g}",
+            rounded(fit.value(fault.name), std := float(fit.std[fit.model.names.index(fault.name)])),
+            rounded(std, std),
+            format_number(fault.nominal, 3),
+            format_number(fault.std, 1),
         )
         for fit in (evidence.fit for evidence in result.evidence)
         for fault in fit.model.faults
@@ -433,7 +433,7 @@ def _tabulate_runs(result: AnyIdentification, chain: PaperChain | None) -> Table
     def format_step(index: int) -> Row:
         surface = steps[index].surface
         travel, velocity = 1e3 * float(surface.travel.std()), float(surface.velocity.std())
-        return f"{travel:.3g}", f"{velocity:.3g}", f"{steps[index].T.spectra.n_averages:.1f}"
+        return format_number(travel, 3), format_number(velocity, 3), f"{steps[index].T.spectra.n_averages:.1f}"
 
     heads = ("travel rms [mm]", "velocity rms [m/s]", "averages")
     has_weighed = any(run.weighed_mass_kg is not None for run in result.study.runs)
@@ -444,10 +444,10 @@ def _tabulate_runs(result: AnyIdentification, chain: PaperChain | None) -> Table
         tuple(
             (
                 run.name,
-                f"{run.mass_change_kg:+g}" if run.mass_change_kg else "0",
-                *(("-" if run.weighed_mass_kg is None else f"{run.weighed_mass_kg:g}",) * has_weighed),
-                f"{run.recording.duration_s:.4g}",
-                f"{run.recording.fs:g}",
+                format_number(run.mass_change_kg, has_sign=True) if run.mass_change_kg else "0",
+                *(("-" if run.weighed_mass_kg is None else format_number(run.weighed_mass_kg),) * has_weighed),
+                format_number(run.recording.duration_s, 4),
+                format_number(run.recording.fs),
                 f"{run.recording.n_samples}",
                 *(format_step(index) if steps else ()),
             )
@@ -481,7 +481,7 @@ def _say_limits_of_gear(result: Identification) -> str:
     check = f" (resampling blocks of time gives {checked:.2f} times that of the mass)" if checked and is_white else ""
     unlike = " and for suspensions that differ from run to run" * (evidence.repeatability.estimated is not None)
     left_out = (
-        f"The other runs predict {result.runs[each.run].name!r} to {100 * each.unexplained:.2g} % of its rms "
+        f"The other runs predict {result.runs[each.run].name!r} to {format_percent(each.unexplained, 2)} of its rms "
         f"acceleration; {100 * each.inside:.0f} % of its spectral lines lie in the predicted 95 % band."
         for each in result.left_out
     )
@@ -521,15 +521,15 @@ def _say_limits_of_body(result: Identification) -> str:
         (
             f"From {format_count(len(result.runs), 'run')} at {scale}: {format_count(n_sensors, 'sensor')} on the body "
             f"predicted from the motion below {format_count(n_gears, 'suspension')}, "
-            f"{over_noise(result.residual_over_noise)} times the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is "
-            "left.",
+            f"{over_noise(result.residual_over_noise)} times the noise of {_format_mm_per_s2(result.noise_m_per_s2)} "
+            "is left.",
             *(write_sentence(limit) for limits in alike for limit in limits),
         )
     )
 
 
 def _say_runs(n_runs: int, band_hz: tuple[float, float]) -> str:
-    return f"From {format_count(n_runs, 'run')}, {band_hz[0]:.3g} to {band_hz[1]:.3g} Hz: "
+    return f"From {format_count(n_runs, 'run')}, {format_number(band_hz[0], 3)} to {format_number(band_hz[1], 3)} Hz: "
 
 
 def _say_kinds(law: str | None, kinds: tuple[str, ...]) -> str:
@@ -543,4 +543,4 @@ def _say_kinds(law: str | None, kinds: tuple[str, ...]) -> str:
 
 
 def _format_mm_per_s2(value: float) -> str:
-    return f"{float(f'{1e3 * value:.2g}'):g} mm/s^2"
+    return f"{format_number(1e3 * value, 2)} mm/s^2"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from opid.estimate import format_number
 from opid.report.document import Document, Paragraph, Row, build_warnings, format_count, write_sentence
 from opid.report.estimates import INTERVAL, build_estimate_row, list_law_rows, say_law, tabulate_estimates
+from opid.report.sketch import sketch_structure
 from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.own_structure import StructureIdentification
 from opid.suspensions.result import SpringEstimate, units_of_suspensions
@@ -29,6 +31,7 @@ def build_document(result: StructureIdentification) -> Document:
             Paragraph(_say_limits(result)),
             build_warnings(result.warnings),
         ),
+        sketch=sketch_structure(result),
     )
 
 
@@ -58,5 +61,5 @@ def _say_limits(result: StructureIdentification) -> str:
     limits = "".join(f" {write_sentence(each)}" for each in result.limits)
     return (
         f"The fit leaves {over_noise(result.residual_over_noise)} times the noise of "
-        f"{1e3 * result.noise_m_per_s2:.2g} mm/s^2 (by sensor: {sensors}).{others}{limits}"
+        f"{format_number(1e3 * result.noise_m_per_s2, 2)} mm/s^2 (by sensor: {sensors}).{others}{limits}"
     )

@@ -1,6 +1,7 @@
 // The charts of a page: drawn when they come into view, in the colours of the scheme, with buttons for keyboard and mouse.
 "use strict";
 const INK = { light: "#222222", dark: "#e8e8e8" }, GRID = { light: "#e4e4e4", dark: "#3a3f44" };
+const PAPER = 0.68, PAPER_WITH_WORDS = 0.9; // height of a chart on paper over that on a screen
 const MOST_POINTS = 3000; // of a line that is drawn; of more, the least and the largest of each stretch
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const scheme = () => (dark.matches ? "dark" : "light");
@@ -88,27 +89,82 @@ function recolored(node) {
     [key, ["x", "y", "z", "text", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata", "rows"].includes(key) ? value : recolored(value)]));
 }
 
-// a text in lines of at most so many letters
+// ---- texts and the room for them ----
+
+const LETTER = 6.2; // px, of a text of 11 or 12 px in the mean
+const lengthOf = (html) => Math.max(...html.split("<br>").map((line) => line.replace(/<[^>]*>|&\w+;/g, "").length), 0);
+
+// a text in lines of at most so many letters, with its colour and weight around all of them
 function broken(html, most) {
-  if (/<br>/.test(html)) return html;
-  const lines = [[]];
-  for (const word of html.split(" ")) {
-    if ([...lines.at(-1), word].join(" ").length > most && lines.at(-1).length) lines.push([]);
-    lines.at(-1).push(word);
+  const [, head, words, tail] = /^((?:<(?!br)[^>]*>)*)(.*?)((?:<\/[^>]*>)*)$/s.exec(html);
+  const lines = words.split("<br>").flatMap((line) => {
+    const parts = [[]];
+    for (const word of line.split(" ")) {
+      if (lengthOf([...parts.at(-1), word].join(" ")) > most && parts.at(-1).length) parts.push([]);
+      parts.at(-1).push(word);
+    }
+    return parts.map((part) => part.join(" "));
+  });
+  return head + lines.join("<br>") + tail;
+}
+
+const isTitle = (note) => /^<b>/.test(note.text) && note.yanchor === "bottom" && / domain$/.test(note.yref);
+
+// the texts of a chart in lines that its panels have room for, and numbers at logarithmic axes that do not touch
+function fitTexts(layout, width) {
+  const isNarrow = width < 560, notes = layout.annotations || [];
+  const roomOf = (key) => (layout[key].domain[1] - layout[key].domain[0]) * (width - 78);
+  for (const key of Object.keys(layout).filter((each) => /^[xy]axis/.test(each))) {
+    const axis = layout[key], isAcross = key[0] === "x";
+    if (isNarrow && axis.ticktext && !isAcross) axis.ticktext = axis.ticktext.map((text) => broken(text, 24));
+    const names = axis.ticktext && !isAcross ? LETTER * Math.max(...axis.ticktext.map(lengthOf)) : 0;
+    axis.left = Math.max(0, names - 50); // px that the names beside a panel take from it
+    if (names) {
+      const part = axis.domain[1] - axis.domain[0], needed = axis.ticktext.length * (4 + 13 * Math.max(...axis.ticktext.map((text) => text.split("<br>").length)));
+      layout.height = Math.max(layout.height, needed / part + layout.margin.t + layout.margin.b);
+    }
   }
-  return lines.map((line) => line.join(" ")).join("<br>");
+  const leftOf = (key) => layout[key.replace("x", "y")].left || 0;
+  for (const key of Object.keys(layout).filter((each) => /^xaxis/.test(each))) {
+    const axis = layout[key], room = roomOf(key) - leftOf(key);
+    axis.title.text = broken(axis.title.text, Math.max(12, room / LETTER));
+    if (axis.dtick === "D2" && room / (axis.range[1] - axis.range[0]) < 105) axis.dtick = 1;
+  }
+  for (const note of notes.filter(isTitle)) note.text = broken(note.text, Math.max(12, roomOf(note.xref.replace(/x(\d*) domain/, "xaxis$1")) / 7.5));
+  // a number beside a point needs room within its panel
+  for (const note of notes.filter((each) => each.xanchor === "left" && /^x\d*$/.test(each.xref))) {
+    const key = note.xref.replace("x", "xaxis"), axis = layout[key], [low, high] = axis.range, room = roomOf(key) - leftOf(key);
+    const free = room - note.xshift - LETTER * lengthOf(note.text) - 6;
+    const place = ((note.x - low) / (high - low)) * room;
+    if (high > low && place <= room && place > free && free > 40) axis.range = [low, low + ((note.x - low) * room) / free];
+  }
+  for (const key of Object.keys(layout)) if (/^[xy]axis/.test(key)) delete layout[key].left;
+  const heights = notes.filter(isTitle).map((note) => 12 + note.yshift + 18 * note.text.split("<br>").length);
+  const more = Math.max(34, ...heights) - layout.margin.t;
+  layout.margin.t += more, layout.height += more;
 }
 
 function layoutOf(chart, width) {
   const axis = { gridcolor: GRID[scheme()], zeroline: false, linecolor: "#888", showline: true, ticks: "outside", automargin: true,
-    tickfont: { size: width < 560 ? 10 : 12 }, title: { font: { size: width < 560 ? 11 : 13 }, standoff: 8 } };
+    exponentformat: "power", minexponent: 5, title: { font: { size: width < 560 ? 11 : 13 }, standoff: 8 } };
   const layout = recolored(chart.layout);
-  if (width < 560) for (const each of layout.annotations || []) if (/^<b>/.test(each.text)) each.text = broken(each.text, Math.round(width / 9));
   for (const key of Object.keys(layout))
-    if (/^[xy]axis/.test(key)) layout[key] = { ...axis, ...layout[key], title: { ...axis.title, ...layout[key].title } };
+    if (/^[xy]axis/.test(key)) {
+      layout[key] = { ...axis, ...layout[key], title: { ...axis.title, ...layout[key].title } };
+      // the powers of ten at an axis are smaller than its numbers, and must not be too small
+      const hasPowers = Math.max(...layout[key].range.map(Math.abs)) >= 1e6 && layout[key].type === "linear";
+      layout[key].tickfont = { size: hasPowers ? 14.5 : width < 560 && layout[key].type !== "log" ? 10 : 12 };
+    }
   return { ...layout, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false, hovermode: "closest", autosize: true,
-    margin: { l: 62, r: 16, t: (layout.annotations || []).some((each) => each.yshift > 10) ? 52 : 34, b: 52 }, font: { family: "system-ui, sans-serif", size: 12.5, color: INK[scheme()] },
+    margin: { l: 62, r: 16, t: 34, b: 52 }, font: { family: "system-ui, sans-serif", size: 12.5, color: INK[scheme()] },
     hoverlabel: { namelength: -1 }, dragmode: chart.layout.scene ? "orbit" : "zoom" };
+}
+
+// a surface in the whole box, seen from farther where that is narrow, so that the words at its axes are within it
+function turnable(layout, width) {
+  const { eye } = layout.scene.camera, farther = width < 560 ? 1.25 : 1;
+  const camera = { ...layout.scene.camera, eye: { x: farther * eye.x, y: farther * eye.y, z: farther * eye.z } };
+  return { ...layout, margin: { l: 0, r: 0, t: 0, b: 0 }, scene: { ...layout.scene, camera } };
 }
 
 // panels beside each other one below the other, where the page is narrow
@@ -116,16 +172,30 @@ function stack(layout) {
   const keys = Object.keys(layout).filter((key) => /^xaxis/.test(key)), columns = new Set(keys.map((key) => layout[key].domain[0]));
   if (columns.size < 2) return;
   const yOf = (key) => key.replace("x", "y"), order = (key) => -layout[yOf(key)].domain[1] * 100 + layout[key].domain[0];
-  const gap = 80, heights = keys.map((key) => (layout[yOf(key)].domain[1] - layout[yOf(key)].domain[0]) * layout.height);
-  const total = heights.reduce((sum, each) => sum + Math.max(each, 150) + gap, 0);
+  const heightOf = (key) => Math.max((layout[yOf(key)].domain[1] - layout[yOf(key)].domain[0]) * layout.height, 150);
+  // between two panels are the names of an axis and a title; no such gap stands below the last panel
+  const gap = 80, total = keys.reduce((sum, key) => sum + heightOf(key) + gap, -gap);
   let top = 1;
   for (const key of keys.sort((a, b) => order(a) - order(b))) {
-    const height = Math.max((layout[yOf(key)].domain[1] - layout[yOf(key)].domain[0]) * layout.height, 150) / total;
+    const height = heightOf(key) / total;
     layout[key].domain = [0, 1], layout[yOf(key)].domain = [Math.max(0, top - height), top];
-    layout[key].showticklabels = layout[yOf(key)].showticklabels = true;
+    for (const axis of [layout[key], layout[yOf(key)]]) axis.showticklabels = true, axis.title.text ||= axis.label;
     top -= height + gap / total;
   }
-  layout.height = total;
+  layout.height = total + layout.margin.t + layout.margin.b;
+}
+
+// a chart on paper is lower, much lower if no words stand between its rows of panels
+function lower(layout) {
+  const bottoms = Object.keys(layout).filter((key) => /^yaxis/.test(key)).map((key) => layout[key].domain[0]);
+  const inner = Object.keys(layout).filter((key) => /^xaxis/.test(key) && layout[key.replace("x", "y")].domain[0] > Math.min(...bottoms) + 0.01);
+  const factor = inner.every((key) => !layout[key].title.text) ? PAPER : PAPER_WITH_WORDS;
+  layout.height = Math.max(factor * layout.height, Math.min(layout.height, 220));
+  const room = layout.height - layout.margin.t - layout.margin.b;
+  for (const key of Object.keys(layout).filter((each) => /^yaxis/.test(each))) {
+    const [low, high] = layout[key].domain;
+    layout[key].title.text = broken(layout[key].title.text, Math.max(12, ((high - low) * room) / LETTER));
+  }
 }
 
 // ---- one chart ----
@@ -160,10 +230,19 @@ class Chart {
     return [Math.min(...ends), Math.max(...ends)];
   }
   layout() {
-    const layout = layoutOf(this.chart, this.box.clientWidth);
-    if (this.box.clientWidth < 560) stack(layout);
+    const width = this.box.clientWidth, layout = layoutOf(this.chart, width);
+    const isPaper = document.body.classList.contains("paper");
+    if (layout.scene) return { ...turnable(layout, width), height: layout.height * (isPaper ? PAPER : 1) };
+    if (width < 560) stack(layout);
+    fitTexts(layout, width);
+    if (isPaper) lower(layout);
     layout.shapes = (layout.shapes || []).filter((shape) => !this.off.has(shape.name));
     return layout;
+  }
+  // whether half of a sheet of paper is wide enough: for one panel without names beside it
+  isSmall() {
+    const axes = Object.entries(this.chart.layout).filter(([key]) => /^[xy]axis/.test(key));
+    return axes.length <= 2 && !axes.some(([key, axis]) => key[0] === "y" && axis.ticktext);
   }
   async draw() {
     const config = { responsive: true, displayModeBar: false, scrollZoom: false };
@@ -256,7 +335,8 @@ function swatch(entry) {
   sign.style.color = recolor(entry.color);
   if (entry.symbol === "patch") sign.style.background = recolor(entry.color), sign.style.height = ".8em";
   else if (entry.dash) sign.style.borderTop = `2px ${entry.dash === "solid" ? "solid" : entry.dash === "dot" ? "dotted" : "dashed"}`;
-  const open = /-open/.test(entry.symbol || ""), signs = { circle: "●○", square: "■□", diamond: "◆◇", "triangle-up": "▲△", "triangle-down": "▼▽" };
+  const open = /-open/.test(entry.symbol || ""), signs = { circle: "●○", square: "■□", diamond: "◆◇", "diamond-tall": "♦◊", star: "★☆",
+    "triangle-up": "▲△", "triangle-down": "▼▽", "triangle-left": "◀◁", "triangle-right": "▶▷", "x-thin": "××", x: "××", "cross-thin": "++", cross: "++" };
   const pair = signs[(entry.symbol || "").replace("-open", "")];
   if (pair && !entry.dash) sign.textContent = pair[open ? 1 : 0], sign.classList.add("sign");
   return sign;
@@ -296,10 +376,11 @@ function save(name, text) {
   script.textContent = await unpack("plotly");
   document.head.append(script);
   const charts = new Map();
-  const show = (box) => {
+  const make = (box) => {
     if (!charts.has(box)) charts.set(box, new Chart(box, JSON.parse(box.querySelector("script").textContent)));
-    return charts.get(box).draw();
+    return charts.get(box);
   };
+  const show = (box) => make(box).draw();
   const watcher = new IntersectionObserver((entries) => {
     for (const { target, isIntersecting } of entries) if (isIntersecting) watcher.unobserve(target), show(target);
   }, { rootMargin: "400px" });
@@ -310,5 +391,23 @@ function save(name, text) {
     await show(box);
     charts.get(box).choose(detail.curve, detail.on);
   });
-  addEventListener("beforeprint", () => boxes.forEach(show));
+  const unfolded = [], halves = [];
+  addEventListener("beforeprint", () => {
+    for (const each of document.querySelectorAll("details.fold:not([open])")) each.open = true, unfolded.push(each);
+    document.body.classList.add("paper");
+    boxes.forEach(make);
+    for (let k = 0; k < boxes.length - 1; k++) {
+      const pair = [boxes[k], boxes[k + 1]].map((box) => box.closest("section"));
+      if (pair[0].nextElementSibling !== pair[1] || !charts.get(boxes[k]).isSmall() || !charts.get(boxes[k + 1]).isSmall()) continue;
+      for (const each of pair) each.classList.add("half"), halves.push(each);
+      k++;
+    }
+    boxes.forEach(show);
+  });
+  addEventListener("afterprint", () => {
+    document.body.classList.remove("paper");
+    for (const each of halves.splice(0)) each.classList.remove("half");
+    boxes.forEach(show);
+    for (const each of unfolded.splice(0)) each.open = false;
+  });
 })();

@@ -1,7 +1,8 @@
 // Tables that a reader filters by words, sorts by a column, and from which curves are chosen for a chart.
 "use strict";
 {
-  const numeric = (text) => parseFloat(text.replaceAll("\u2212", "-").replaceAll(",", ""));
+  const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹", lowered = (power) => [...power].map((each) => (each === "⁻" ? "-" : RAISED.indexOf(each))).join("");
+  const numeric = (text) => parseFloat(text.replaceAll("\u2212", "-").replace(/×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/, (_, power) => `e${lowered(power)}`));
 
   const MOST_ROWS = 100; // a reader looks through no more, and searches in the others
 

@@ -339,7 +339,7 @@ def describe_channel(
         yield (
             "warning",
             "missing_values",
-            f"{channel.missing} value(s) are missing, the first at {_first_s(channel, 'missing'):.4f} s: choose a "
+            f"{channel.missing} value(s) are missing, the first at {_find_first_s(channel, 'missing'):.4f} s: choose a "
             "stretch without them (start_s, stop_s); `identify` leaves them out by itself",
         )
     if channel.mute:
@@ -351,7 +351,7 @@ def describe_channel(
             "warning",
             "clipped",
             f"{channel.clipped_fraction:.2%} of the samples are clipped at {_with_unit(ends, channel.unit)}, the "
-            f"first at {_first_s(channel, 'clipped'):.3f} s: measure again with a larger range",
+            f"first at {_find_first_s(channel, 'clipped'):.3f} s: measure again with a larger range",
         )
     elif held_s:
         yield (
@@ -364,7 +364,7 @@ def describe_channel(
         yield (
             "warning",
             "spikes",
-            f"{channel.spikes} spike(s) of one sample, the first at {_first_s(channel, 'spike'):.4f} s: check the "
+            f"{channel.spikes} spike(s) of one sample, the first at {_find_first_s(channel, 'spike'):.4f} s: check the "
             "cable, or leave them out with start_s and stop_s",
         )
     step = channel.quantisation_step
@@ -445,5 +445,5 @@ def _with_unit(value: str, unit: str) -> str:
     return value if unit == "?" else f"{value} {unit}"
 
 
-def _first_s(channel: ChannelHealth, kind: Kind) -> float:
+def _find_first_s(channel: ChannelHealth, kind: Kind) -> float:
     return next((stretch.start_s for stretch in channel.stretches if stretch.kind == kind), np.nan)

@@ -157,13 +157,13 @@ class Thinning:
     def add(self, items: Items, *, n_halvings: int = 0) -> None:
         """Append items, which already stand for two to the power of `n_halvings` each."""
         for i in range(n_halvings, self.n_halvings):
-            items = self._pair(i, items)
+            items = self._join_pairs(i, items)
         if _count(items):
             self._kept.append(items)
             self._n += _count(items)
         while self._n >= self._most:  # an item without a neighbour waits beside the kept ones
             self._waiting.append(None)
-            halved = self._pair(self.n_halvings - 1, self._concatenate())
+            halved = self._join_pairs(self.n_halvings - 1, self._concatenate())
             self._kept, self._n = [halved], _count(halved)
 
     def items(self) -> Items:
@@ -182,7 +182,7 @@ class Thinning:
             self._kept = [{name: np.concatenate([each[name] for each in self._kept]) for name in self._joins}]
         return self._kept[0]
 
-    def _pair(self, i: int, items: Items) -> Items:
+    def _join_pairs(self, i: int, items: Items) -> Items:
         """Join each two neighbours, beginning with the waiting one; an item without a neighbour waits."""
         waiting = self._waiting[i]
         if waiting is not None:

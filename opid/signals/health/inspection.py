@@ -9,7 +9,7 @@ from itertools import accumulate, chain
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, list_names
 from opid.signals.conversion import choose_channels
 from opid.signals.health.across_channels import check_magnitudes, check_pair, compare_pairs
 from opid.signals.health.channel import Bins, MomentCheck, RunCheck, describe_channel
@@ -204,7 +204,7 @@ def _find_unit_faults(wanted: Mapping[str, _Wanted]) -> Iterator[Finding]:
     without = {name: own for name, own in wanted.items() if own.no_unit}
     silent = [name for name, own in without.items() if not own.states_unit]
     if len(silent) > 1:
-        names = ", ".join(map(repr, silent[:4])) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")
+        names = list_names(map(repr, silent), 4)
         yield Finding(
             "warning",
             "no_unit",

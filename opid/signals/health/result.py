@@ -279,7 +279,7 @@ class Health(Result):
         """Return the content of result.json, see `health_json`."""
         return health_json([self])
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         return f"{self.log or 'a recording'}, {len(self.channels)} channels: {count_findings(self.findings)}"
 
 
@@ -312,7 +312,7 @@ class Inspection(Result):
         """The logs and the study that says how they are read, as they were then."""
         return tuple(file for health in self.logs for file in health.files)
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         findings = [each for health in self.logs for each in health.findings]
         return f"{len(self.logs)} logs: {count_findings(findings)}"
 
@@ -339,10 +339,10 @@ def health_json(logs: Sequence[Health]) -> dict[str, Any]:
     ['schema', 'logs', 'settings']
     """
     settings = asdict(HEALTH) | {"spikes": asdict(SPIKES)}
-    return plain({"schema": SCHEMA, "logs": [_without_arrays(each) for each in logs], "settings": settings})
+    return plain({"schema": SCHEMA, "logs": [_drop_arrays(each) for each in logs], "settings": settings})
 
 
-def _without_arrays(health: Health) -> dict[str, Any]:
+def _drop_arrays(health: Health) -> dict[str, Any]:
     # the arrays are left out before `asdict`, which would copy them
     channels = tuple(replace(channel, overview=None) for channel in health.channels)
     document = asdict(replace(health, channels=channels, rms_history=(), files=()))

@@ -139,7 +139,7 @@ class SpikeSearch:
         size = np.abs(departure)
         offset = begin - lead + 1  # departure k belongs to row `offset + k` of the chunk
         usual = self._find_usual_of_bins(size, offset, n)
-        floor = 0.5 * SPIKES.quiet_ratio * self._median() if self._has_usual else np.inf
+        floor = 0.5 * SPIKES.quiet_ratio * self._compute_median() if self._has_usual else np.inf
         # with three neighbours on either side: from three rows before the chunk to three rows before its end
         first, stop = (-3 if lead else 3), n - 3
         limit = np.repeat(SPIKES.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
@@ -155,10 +155,10 @@ class SpikeSearch:
         rows, size = np.concatenate(self._found, axis=1)
         every = np.concatenate(self._usual)
         own = _spread_to_neighbours(every)[np.minimum(rows.astype(np.int64) // self._bin, every.size - 1)]
-        floor = max(SPIKES.quiet_ratio * self._median(), 0.5 * (step or 0.0))
+        floor = max(SPIKES.quiet_ratio * self._compute_median(), 0.5 * (step or 0.0))
         return rows[size > SPIKES.least_sigma * _ROBUST * np.fmax(own, floor)].astype(np.int64)
 
-    def _median(self) -> float:
+    def _compute_median(self) -> float:
         return float(np.nanmedian(np.concatenate(self._usual)))
 
     def _find_usual_of_bins(self, size: FloatArray, offset: int, n: int) -> FloatArray:

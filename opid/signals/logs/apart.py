@@ -225,7 +225,9 @@ class _Reading:
         module, _, name = opener.partition(":")
         log = getattr(import_module(module), name)(path, settings)
         self._tracks = log.tracks
-        return replace(log, tracks=tuple(replace(track, rows=_nowhere, locate=_nowhere) for track in log.tracks))
+        return replace(
+            log, tracks=tuple(replace(track, rows=_refuse_call, locate=_refuse_call) for track in log.tracks)
+        )
 
     def next(self, number: int, track: int, columns: Sequence[int], start: int, stop: int | None) -> Block | None:
         _bound_time(self._seconds)
@@ -254,7 +256,7 @@ class _Reading:
         return self._tracks[track].locate(row)
 
 
-def _nowhere(*_: object) -> Any:
+def _refuse_call(*_: object) -> Any:
     raise AssertionError
 
 

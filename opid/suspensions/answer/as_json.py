@@ -52,23 +52,26 @@ def result_json(result: Identification | PaperIdentification) -> Json:
     """
     if isinstance(result, PaperIdentification):
         return plain(
-            _head(result) | _describe_gear(result) | {"diagnostics": _paper_diagnostics(result)} | _tail(result)
+            _build_head(result)
+            | _describe_gear(result)
+            | {"diagnostics": _build_paper_diagnostics(result)}
+            | _build_tail(result)
         )
     if result.study.is_one_gear:
         return plain(
-            _head(result)
+            _build_head(result)
             | _describe_gear(result)
-            | _structures(result)
+            | _build_structures(result)
             | {"natural_frequency_of": result.frequency_of}
-            | {"diagnostics": _gear_diagnostics(result)}
-            | _tail(result)
+            | {"diagnostics": _build_gear_diagnostics(result)}
+            | _build_tail(result)
         )
     return plain(
-        _head(result)
+        _build_head(result)
         | _describe_body(result)
-        | _structures(result)
-        | {"diagnostics": _body_diagnostics(result)}
-        | _tail(result)
+        | _build_structures(result)
+        | {"diagnostics": _build_body_diagnostics(result)}
+        | _build_tail(result)
     )
 
 
@@ -86,9 +89,9 @@ def structure_json(result: StructureIdentification) -> Json:
         {
             "schema": STRUCTURE_SCHEMA,
             "per_mass": result.per_mass,
-            "masses": _estimates(result.masses),
-            "interfaces": {name: _spring(each, result.per_mass) for name, each in result.interfaces.items()},
-            "joints": {name: _spring(each, result.per_mass) for name, each in result.joints.items()},
+            "masses": _build_estimates(result.masses),
+            "interfaces": {name: _build_spring(each, result.per_mass) for name, each in result.interfaces.items()},
+            "joints": {name: _build_spring(each, result.per_mass) for name, each in result.joints.items()},
             **{name: getattr(result, name) for name in reported},
             "repeatability": asdict(result.repeatability),
             "limits": result.limits,
@@ -114,7 +117,7 @@ def chain_of(result: AnyIdentification) -> PaperChain | None:
 # ---- the answer ------------------------------------------------------------------------------------
 
 
-def _head(result: Identification | PaperIdentification) -> Json:
+def _build_head(result: Identification | PaperIdentification) -> Json:
     return {
         "schema": SCHEMA,
         "method": result.method,
@@ -123,7 +126,7 @@ def _head(result: Identification | PaperIdentification) -> Json:
     }
 
 
-def _tail(result: Identification | PaperIdentification) -> Json:
+def _build_tail(result: Identification | PaperIdentification) -> Json:
     weighed = [asdict(each) for each in result.weighed]
     return {"weighed": weighed, "warnings": result.warnings, "not_determined": result.not_determined}
 
@@ -136,9 +139,9 @@ def _describe_gear(result: AnyIdentification) -> Json:
             "name": result.law.name,
             "latex": result.law.latex,
             "per_mass": result.per_mass,
-            "parameters": {kind: _estimates(values) for kind, values in result.law_estimates.items()},
+            "parameters": {kind: _build_estimates(values) for kind, values in result.law_estimates.items()},
         },
-        "restoring_force": _force(result.restoring_force),
+        "restoring_force": _build_force(result.restoring_force),
     }
 
 
@@ -151,11 +154,11 @@ def _describe_body(result: Identification) -> Json:
         "parameters": parameters | asdict(GearParameters()) | parameters,
         "ratios": asdict(result.ratios) | asdict(GearRatios()),
         "law": {"name": name, "latex": latex, "per_mass": result.per_mass, "parameters": {}},
-        "restoring_force": _force(VisitedForce(nothing, nothing, nothing, nothing, per_mass=result.per_mass)),
+        "restoring_force": _build_force(VisitedForce(nothing, nothing, nothing, nothing, per_mass=result.per_mass)),
     }
 
 
-def _structures(result: Identification) -> Json:
+def _build_structures(result: Identification) -> Json:
     best = result.recommended
     positions = {
         name: dict(zip(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), position, strict=True))
@@ -171,9 +174,9 @@ def _structures(result: Identification) -> Json:
             "residual_over_noise": result.residual_over_noise,
             "noise_m_per_s2": result.noise_m_per_s2,
             "places": positions,
-            "place_corrections": _estimates(result.place_corrections),
+            "place_corrections": _build_estimates(result.place_corrections),
         },
-        "interfaces": [_interface(result, interface) for interface in result.interfaces],
+        "interfaces": [_build_interface(result, interface) for interface in result.interfaces],
         "candidates": [asdict(candidate) for candidate in result.candidates],
         "runs": [_run_of_body(result, index) for index in range(len(result.runs))],
         "equivalents": [asdict(each) for each in result.equivalents],
@@ -196,10 +199,10 @@ def _run_of_body(result: Identification, index: int) -> Json:
     }
 
 
-def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
+def _build_interface(result: Identification, interface: InterfaceEstimate) -> Json:
     stiffness, _ = result.units
     x_m, y_m = result.places[interface.name][:2]
-    spring = _spring(interface, result.per_mass)
+    spring = _build_spring(interface, result.per_mass)
     return {
         "name": interface.name,
         "shared_with": interface.shared_with,
@@ -218,12 +221,12 @@ def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
     }
 
 
-def _spring(spring: SpringEstimate, per_mass: bool) -> Json:
+def _build_spring(spring: SpringEstimate, per_mass: bool) -> Json:
     stiffness, damping = units_of_suspensions(per_mass=per_mass)
     return {
         "stiffness": asdict(spring.stiffness) | {"unit": stiffness},
         "damping": asdict(spring.damping) | {"unit": damping},
-        "law": {kind: _estimates(values) for kind, values in spring.law_estimates.items()},
+        "law": {kind: _build_estimates(values) for kind, values in spring.law_estimates.items()},
         "law_name": spring.law.name,
         "latex": spring.law.latex,
         "rest_m": asdict(spring.rest_m),
@@ -231,11 +234,11 @@ def _spring(spring: SpringEstimate, per_mass: bool) -> Json:
     }
 
 
-def _estimates(estimates: Mapping[str, Estimate]) -> Json:
+def _build_estimates(estimates: Mapping[str, Estimate]) -> Json:
     return {name: asdict(estimate) for name, estimate in estimates.items()}
 
 
-def _force(force: VisitedForce) -> Json:
+def _build_force(force: VisitedForce) -> Json:
     unit = "m/s^2" if force.per_mass else "N"
     return {
         "travel": force.travel,
@@ -250,10 +253,10 @@ def _force(force: VisitedForce) -> Json:
 # ---- what it rests on ------------------------------------------------------------------------------
 
 
-def _gear_diagnostics(result: Identification) -> Json:
+def _build_gear_diagnostics(result: Identification) -> Json:
     evidence, chain = result.evidence[0], chain_of(result)
     return {
-        "settings": _channels(result.study)
+        "settings": _list_channels(result.study)
         | _list_options(result)
         | {
             "high_pass_hz": None if chain is None else chain.high_pass_hz,
@@ -263,19 +266,19 @@ def _gear_diagnostics(result: Identification) -> Json:
         "unexplained_over_floor": result.residual_over_noise,
         "n_lines": [run.frequency_hz.size for run in result.runs],
         "law_candidates": sorted(result.options.kinds),
-        "law_ladder": _ladder(evidence.ladder),
+        "law_ladder": _build_ladder(evidence.ladder),
         "law_alternatives": result.alternative_laws,
-        "runs": _runs_of_gear(result.study.runs, chain),
-        **_chain_parts(chain),
-        "model": _model(evidence)
+        "runs": _build_runs_of_gear(result.study.runs, chain),
+        **_build_chain_parts(chain),
+        "model": _build_evidence(evidence)
         | {"mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True))},
     }
 
 
-def _paper_diagnostics(result: PaperIdentification) -> Json:
+def _build_paper_diagnostics(result: PaperIdentification) -> Json:
     chain, settings = result.chain, asdict(result.settings)
     return {
-        "settings": _channels(result.study)
+        "settings": _list_channels(result.study)
         | {
             "law": settings.pop("law") or "searched",
             "ground": settings.pop("ground"),
@@ -288,19 +291,19 @@ def _paper_diagnostics(result: PaperIdentification) -> Json:
         "unexplained_over_floor": result.residual_over_noise,
         "n_lines": [frequency.size for frequency in result.joint.frequency_hz],
         "law_candidates": result.tried_kinds,
-        "law_ladder": _ladder(result.ladder),
+        "law_ladder": _build_ladder(result.ladder),
         "law_alternatives": result.alternative_laws,
-        "runs": _runs_of_gear(result.study.runs, chain),
-        **_chain_parts(chain),
+        "runs": _build_runs_of_gear(result.study.runs, chain),
+        **_build_chain_parts(chain),
         "model": None,
     }
 
 
-def _body_diagnostics(result: Identification) -> Json:
+def _build_body_diagnostics(result: Identification) -> Json:
     study, parts = result.study, result.evidence
     asked = _list_options(result)
     return {
-        "study": _source(study),
+        "study": _name_source(study),
         "law": asked["law"],
         "band_hz": asked["band_hz"],
         "settings": asked,
@@ -325,17 +328,17 @@ def _body_diagnostics(result: Identification) -> Json:
             for step in part.ladder
         ],
         "law_alternatives": result.alternative_laws,
-        "models": [_model(part) for part in parts],
+        "models": [_build_evidence(part) for part in parts],
         "mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True)),
     }
 
 
-def _source(study: Study) -> str | None:
+def _name_source(study: Study) -> str | None:
     return None if study.source is None else str(study.source)
 
 
-def _channels(study: Study) -> Json:
-    return {"study": _source(study), "sprung": study.sprung, "unsprung": study.unsprung}
+def _list_channels(study: Study) -> Json:
+    return {"study": _name_source(study), "sprung": study.sprung, "unsprung": study.unsprung}
 
 
 def _list_options(result: Identification) -> Json:
@@ -351,7 +354,7 @@ def _list_options(result: Identification) -> Json:
     }
 
 
-def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
+def _build_ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
     choice = chosen(ladder)
     return [
         {
@@ -367,7 +370,7 @@ def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
     ]
 
 
-def _model(evidence: Evidence) -> Json:
+def _build_evidence(evidence: Evidence) -> Json:
     """Return the evidence of a fit of the driven model."""
     fit = evidence.fit
     faults = {fault.name: fault for fault in fit.model.faults}
@@ -381,7 +384,8 @@ def _model(evidence: Evidence) -> Json:
     }
     return {
         "noise_m_per_s2": {
-            side: fit.ratio * _rms(level) for side, level in zip(("unsprung", "sprung"), fit.model.noise, strict=True)
+            side: fit.ratio * _compute_rms(level)
+            for side, level in zip(("unsprung", "sprung"), fit.model.noise, strict=True)
         },
         "whiteness": asdict(evidence.whiteness),
         "std_over_white": {name: each for name, each in evidence.std_over_white.items() if name not in faults},
@@ -396,8 +400,8 @@ def _model(evidence: Evidence) -> Json:
             }
             for name, fault in faults.items()
         },
-        "demanded": [_demand(demand) for demand in evidence.demands],
-        "implausible": [_demand(demand) for demand in evidence.implausible],
+        "demanded": [_build_demand(demand) for demand in evidence.demands],
+        "implausible": [_build_demand(demand) for demand in evidence.implausible],
         "imitates_ground_spring": evidence.ground.sentences,
         "surface": next(iter(surfaces.values()), None),
         "surfaces": surfaces,
@@ -408,11 +412,11 @@ def _model(evidence: Evidence) -> Json:
     }
 
 
-def _rms(levels: FloatArray) -> float:
+def _compute_rms(levels: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(levels))))
 
 
-def _demand(demand: Demand) -> Json:
+def _build_demand(demand: Demand) -> Json:
     return {
         "name": demand.name,
         "words": demand.words,
@@ -427,15 +431,15 @@ def _demand(demand: Demand) -> Json:
 # ---- the steps of the paper ------------------------------------------------------------------------
 
 
-def _chain_parts(chain: PaperChain | None) -> Json:
+def _build_chain_parts(chain: PaperChain | None) -> Json:
     return {
         "static_transmissibility_read_from_lines": None if chain is None else chain.static_transmissibility,
-        "peak_pairs": [] if chain is None else [_pair(pair) for pair in chain.pairs],
-        "table_3": [] if chain is None else [_pair(pair) for pair in chain.table_3],
+        "peak_pairs": [] if chain is None else [_build_pair(pair) for pair in chain.pairs],
+        "table_3": [] if chain is None else [_build_pair(pair) for pair in chain.table_3],
     }
 
 
-def _spectra(T: Transmissibility) -> Json:
+def _describe_spectra(T: Transmissibility) -> Json:
     """Return how a transmissibility was estimated."""
     return {
         "window": T.spectra.window,
@@ -447,7 +451,7 @@ def _spectra(T: Transmissibility) -> Json:
     }
 
 
-def _pair(pair: PeakPair) -> Json:
+def _build_pair(pair: PeakPair) -> Json:
     return {
         "run": pair.run_name,
         "reference_hz": pair.match.reference.frequency_hz,
@@ -461,7 +465,7 @@ def _pair(pair: PeakPair) -> Json:
     }
 
 
-def _runs_of_gear(runs: Sequence[Run], chain: PaperChain | None) -> list[Json]:
+def _build_runs_of_gear(runs: Sequence[Run], chain: PaperChain | None) -> list[Json]:
     """Return the runs of one gear; without the paper's chain only what the study states of them."""
     steps: Sequence[RunEvidence | None] = [None] * len(runs) if chain is None else chain.runs
     return [_run_of_gear(run, step) for run, step in zip(runs, steps, strict=True)]
@@ -483,8 +487,8 @@ def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
     return known | {
         "n_averages": step.T.spectra.n_averages,
         "n_blocks": step.T.spectra.n_blocks,
-        "transmissibility": _spectra(step.T),
-        "printed": _printed(step.printed),
+        "transmissibility": _describe_spectra(step.T),
+        "printed": _build_printed(step.printed),
         "noise_floor_m_per_s2": dict(zip(("unsprung", "sprung"), step.noise_floor, strict=True)),
         "travel_rms_m": step.surface.travel.std(),
         "velocity_rms_m_per_s": step.surface.velocity.std(),
@@ -493,13 +497,13 @@ def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
             {"term": verdict.name, "departure": verdict.departure, "statement": verdict.statement}
             for verdict in step.surface_fit.verdicts
         ],
-        "complex_least_squares": _direct(step.complex_fit),
-        "errors_in_variables": _direct(step.spectral_fit),
+        "complex_least_squares": _build_direct_fit(step.complex_fit),
+        "errors_in_variables": _build_direct_fit(step.spectral_fit),
         "peaks_hz": [peak.frequency_hz for peak in step.peaks],
     }
 
 
-def _printed(step: PrintedRun) -> Json:
+def _build_printed(step: PrintedRun) -> Json:
     """Return the steps of a run as printed: eq. (3) on both curves, per unit of its mass, and the spectra."""
     names = {"travel": "stiffness_curve", "velocity": "damping_curve"}
     curves = {
@@ -511,10 +515,13 @@ def _printed(step: PrintedRun) -> Json:
         }
         for curve, fit in zip(step.slices, step.slice_fits, strict=True)
     }
-    return curves | {"transmissibility": _spectra(step.T), "peaks_hz": [peak.frequency_hz for peak in step.peaks]}
+    return curves | {
+        "transmissibility": _describe_spectra(step.T),
+        "peaks_hz": [peak.frequency_hz for peak in step.peaks],
+    }
 
 
-def _direct(fit: DirectParameters) -> Json:
+def _build_direct_fit(fit: DirectParameters) -> Json:
     names = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
     return {
         **{name: [value, std] for name, value, std in zip(names, fit.value, fit.std, strict=True)},

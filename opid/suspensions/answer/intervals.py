@@ -248,38 +248,47 @@ class Parameters:
             for value, each in zip(values.tolist(), slopes, strict=True)
         ]
 
-    def at_rest(self, attachment: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
-        """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.
+    def at_rest(self, run: int, *, per_mass: bool = False) -> list[tuple[Estimate, Estimate, Estimate]]:
+        """Return static travel (m), tangent stiffness and equivalent damping of each suspension in a run.
 
         The equivalent damping dissipates as much as damper and law over the motion of the run: it is the sum of
         (f(z, z') - f(z, 0)) z' over that of z'^2, with the memory of the law.
         """
         model, prediction = self.fit.model, self.fit.errors.predictions[run]
-        remembers = model.resting_interfaces(self.fit.theta, run)[attachment].law.has_memory
-        every = 1 if remembers else max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
-        z, v = prediction.travel[::every, attachment], prediction.velocity[::every, attachment]
-        has_mass, fs = model.mass_free and not per_mass, model.runs[run].fs
+        n, has_mass, fs = model.body.n_interfaces, model.mass_free and not per_mass, model.runs[run].fs
+        thinner = max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
 
         @cache
-        def damping_of(law: Law) -> float:
-            lost = (force_along(law, z, v, fs) if remembers else law.force(z, v)) - law.force(z, 0.0)
+        def damping_of(law: Law, attachment: int) -> float:
+            every = 1 if law.has_memory else thinner
+            z, v = prediction.travel[::every, attachment], prediction.velocity[::every, attachment]
+            lost = (force_along(law, z, v, fs) if law.has_memory else law.force(z, v)) - law.force(z, 0.0)
             return float(lost @ v) / float(v @ v)
 
         def read(theta: FloatArray) -> FloatArray:
-            here, moved = model.resting_interfaces(theta, run)[attachment], model.rest(theta, run, straight=True)
-            damping = here.damping + damping_of(here.law)
-            stiffness = here.stiffness + float(here.law.gradient(0.0, 0.0)[0])
+            resting, moved = model.resting_interfaces(theta, run)[:n], model.rest(theta, run, straight=True)
             scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
-            return np.array([0.0 if moved is None else moved.travel[attachment], scale * stiffness, scale * damping])
+            return np.array(
+                [
+                    (
+                        0.0 if moved is None else moved.travel[attachment],
+                        scale * (here.stiffness + float(here.law.gradient(0.0, 0.0)[0])),
+                        scale * (here.damping + damping_of(here.law, attachment)),
+                    )
+                    for attachment, here in enumerate(resting)
+                ]
+            ).ravel()
 
         try:
-            travel, stiffness, damping = self.estimate_function(read)
+            estimates = self.estimate_function(read)
         except UnboundedResponseError:
             # The springs can hardly carry the weight: a step of the derivative goes beyond what they can carry.
-            return Estimate(), Estimate(), Estimate()
-        if model.body.fall is None or not (model.mass_free or not model.runs[run].loading.any()):
-            travel = Estimate()
-        return travel, stiffness, damping
+            return [(Estimate(), Estimate(), Estimate())] * n
+        has_travel = model.body.fall is not None and (model.mass_free or not model.runs[run].loading.any())
+        return [
+            (travel if has_travel else Estimate(), stiffness, damping)
+            for travel, stiffness, damping in zip(estimates[::3], estimates[1::3], estimates[2::3], strict=True)
+        ]
 
     def loop(self, attachment: int, run: int, *, per_mass: bool = False) -> Loop | None:
         """Return the energy per cycle that the terms with memory take, in a motion like that of a run.
@@ -365,7 +374,7 @@ class Parameters:
                 omega = float(np.sqrt(max(square, 1e-300)))
                 return np.array([omega / (2 * np.pi), suspension.damping / (2 * omega)])
 
-            frequency, zeta = self.estimate_function(at_rest)
+            frequency, zeta = withhold_frequency(*self.estimate_function(at_rest))
             return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
         if total <= 0:
             return ratios
@@ -373,6 +382,7 @@ class Parameters:
         springs = (0, 2) if group.ground else (0,)
         frequency = self.estimate(omega / (2 * np.pi), dict.fromkeys(springs, 1 / (4 * np.pi * omega)))
         zeta = self.estimate(c / (2 * omega), {1: 1 / (2 * omega), **dict.fromkeys(springs, -c / (4 * omega**3))})
+        frequency, zeta = withhold_frequency(frequency, zeta)
         return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
 
     def estimate_rigid_body(self) -> tuple[BodyParameters, BodyRatios]:
@@ -397,6 +407,17 @@ class Parameters:
         mu = model.inverse_mass(self.fit.theta)
         gradient: dict[str | int, float] = {about: 1 / mu, offset: -2 * away / mu, "inverse_mass": -square / mu**2}
         return radius, self.estimate(square / mu, gradient)
+
+
+def withhold_frequency(frequency: Estimate, damping_ratio: Estimate) -> tuple[Estimate, Estimate]:
+    """Return both; neither if the interval of the frequency reaches zero.
+
+    The runs then do not say whether there is a restoring spring, and near zero neither number is a linear function of
+    the parameters, so that no interval of them would hold.
+    """
+    if frequency.interval95 is not None and frequency.interval95[0] <= 0.0:
+        return Estimate(), Estimate()
+    return frequency, damping_ratio
 
 
 def limits(known: Parameters, alike: Repeatability, mass: Estimate, *, is_pushed: bool = False) -> Iterator[str]:
@@ -430,14 +451,14 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed:
         return
     if mass.value is not None and mass.std is not None:
         source = "unmeasured forces" if is_pushed else "the sensors' noise"
-        yield _interval_in_words(alike, 196 * mass.std / mass.value, source)
+        yield _describe_interval(alike, 196 * mass.std / mass.value, source)
     if len(fit.model.runs) > 1:
-        yield from _repeatability_in_words(alike)
+        yield from _describe_repeatability(alike)
     if mass.value is not None and mass.std is not None:
-        yield from _what_would_help(alike, fit, mass.value)
+        yield from _list_remedies(alike, fit, mass.value)
 
 
-def _interval_in_words(alike: Repeatability, percent: float, source: str) -> str:
+def _describe_interval(alike: Repeatability, percent: float, source: str) -> str:
     if alike.mass_if_alike is None:
         return f"the mass is known to {percent:.2g} % (half of its 95 % interval), all of it from {source}"
     noise = percent * alike.mass_if_alike
@@ -447,7 +468,7 @@ def _interval_in_words(alike: Repeatability, percent: float, source: str) -> str
     )
 
 
-def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
+def _describe_repeatability(alike: Repeatability) -> Iterator[str]:
     if alike.estimated is not None and not alike.stated:
         yield (
             "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`), which these "
@@ -464,7 +485,7 @@ def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
         yield "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`)"
 
 
-def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
+def _list_remedies(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
     runs = fit.model.runs
     # With several suspensions no single number gives the ratio of a loading to the body.
     changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_attachments == 1 else [0.0]

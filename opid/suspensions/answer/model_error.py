@@ -252,11 +252,11 @@ def _with_own_levels(fit: Fit) -> Model:
     for index, (run, line) in enumerate(zip(model.runs, fit.errors.lines, strict=True)):
         before = model.process.levels[index] if model.process.levels else np.ones((1, 1))
         own = np.abs(line.reshape(-1, run.omega.size)) * before / np.sqrt(2)
-        rows.append(np.array([_band_rms(each, _bands(model, index)) for each in own]))
+        rows.append(np.array([_compute_band_rms(each, _index_bands(model, index)) for each in own]))
     return replace(model, process=replace(model.process, levels=tuple(rows)))
 
 
-def _bands(model: Model, index: int) -> NDArray[np.int64]:
+def _index_bands(model: Model, index: int) -> NDArray[np.int64]:
     known = model.settings.process
     return band_indices(model.runs[index].omega, known.bands_per_octave, known.least_lines)
 
@@ -265,7 +265,7 @@ def _bands(model: Model, index: int) -> NDArray[np.int64]:
 _FARTHEST = 1e50
 
 
-def _band_rms(values: FloatArray | ComplexArray, bands: NDArray[np.int64]) -> FloatArray:
+def _compute_band_rms(values: FloatArray | ComplexArray, bands: NDArray[np.int64]) -> FloatArray:
     """Return, for each line, the rms magnitude over its band."""
     return np.sqrt(np.bincount(bands, np.abs(values) ** 2) / np.bincount(bands))[bands]
 
@@ -373,11 +373,11 @@ def measure_left_out(fit: Fit) -> tuple[LeftOut, ...]:
         own = [free_errors(each)[0] for each in fits]
     except NO_FIT:
         return ()
-    bands = [_bands(each.model, 0) for each in fits]
+    bands = [_index_bands(each.model, 0) for each in fits]
     lines = [each.model.runs[0].omega for each in fits]
     # The strength of the motion is that of the prediction itself.
     sizes = [
-        np.array([_band_rms(each, band) for each in read - error])
+        np.array([_compute_band_rms(each, band) for each in read - error])
         for (error, read), band in zip(own, bands, strict=True)
     ]
     found = []
@@ -385,15 +385,17 @@ def measure_left_out(fit: Fit) -> tuple[LeftOut, ...]:
         others = [
             (lines[k], np.abs(each) / np.maximum(sizes[k], 1e-300)) for k, (each, _) in enumerate(own) if k != index
         ]
-        stated = _widths(others, lines[index], bands[index]) * sizes[index]
+        stated = _compute_widths(others, lines[index], bands[index]) * sizes[index]
         run = fits[index].model.runs[0]
-        spectra = tuple(_spectrum(run, bands[index], *sensor) for sensor in zip(error, read, stated, strict=True))
+        spectra = tuple(
+            _compute_spectrum(run, bands[index], *sensor) for sensor in zip(error, read, stated, strict=True)
+        )
         inside = float(np.mean(np.abs(error) <= stated))
         found.append(LeftOut(index, float(np.linalg.norm(error) / np.linalg.norm(read)), inside, spectra))
     return tuple(found)
 
 
-def _spectrum(
+def _compute_spectrum(
     run: DrivenRun, bands: NDArray[np.int64], error: ComplexArray, read: ComplexArray, stated: FloatArray
 ) -> LeftOutSpectrum:
     """Return the spectra of one sensor; `stated` holds 95 % of the magnitudes of the lines of `error`."""
@@ -410,7 +412,9 @@ def _spectrum(
     return LeftOutSpectrum(edges_hz, rms(read), rms(read - error), rms(error), rms(stated), inside)
 
 
-def _widths(others: Sequence[tuple[FloatArray, FloatArray]], omega: FloatArray, bands: NDArray[np.int64]) -> FloatArray:
+def _compute_widths(
+    others: Sequence[tuple[FloatArray, FloatArray]], omega: FloatArray, bands: NDArray[np.int64]
+) -> FloatArray:
     """Return, for each line, the largest 95 % quantile of the relative errors of the other runs in its band.
 
     Args:

@@ -50,17 +50,19 @@ class Numbers(Estimates):
 
     def without_scale(self) -> Numbers:
         """Return the numbers without absolute values of the body."""
-        return self.with_estimates(_nothing, only={"parameters"})
+        return self.with_estimates(_withhold_estimate, only={"parameters"})
 
     def without_motions(self, motions: Sequence[str]) -> Numbers:
         """Return the numbers without the inertia of motions that the runs hardly determine."""
-        parameters = self.parameters.with_estimates(_nothing, only={f"{motion}_inertia_kg_m2" for motion in motions})
-        ratios = self.ratios.with_estimates(_nothing, only={f"{motion}_radius_m" for motion in motions})
+        parameters = self.parameters.with_estimates(
+            _withhold_estimate, only={f"{motion}_inertia_kg_m2" for motion in motions}
+        )
+        ratios = self.ratios.with_estimates(_withhold_estimate, only={f"{motion}_radius_m" for motion in motions})
         return replace(self, parameters=parameters, ratios=ratios)
 
     def without_values(self) -> Numbers:
         """Return only the names of the laws, for a refused answer."""
-        empty = self.with_estimates(_nothing)
+        empty = self.with_estimates(_withhold_estimate)
         interfaces = tuple(replace(each, law_estimates={}, at_rest=()) for each in empty.interfaces)
         return replace(empty, interfaces=interfaces, corrections={})
 
@@ -82,7 +84,7 @@ class Numbers(Estimates):
         return replace(self, parameters=parameters, ratios=ratios, interfaces=tuple(interfaces))
 
 
-def _nothing(_: Estimate) -> Estimate:
+def _withhold_estimate(_: Estimate) -> Estimate:
     return Estimate()
 
 
@@ -93,7 +95,7 @@ def collect_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: b
     ground were allowed.
     """
     parts = choice.parts
-    interfaces = _interfaces(choice, evidence, per_mass=per_mass, ground=ground)
+    interfaces = _estimate_interfaces(choice, evidence, per_mass=per_mass, ground=ground)
     if choice.study.is_one_gear:
         first, known = interfaces[0], parts[0].known
         std = evidence[0].ground.std_per_mass[0] if ground else None
@@ -105,11 +107,11 @@ def collect_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: b
     if choice.kind == "rigid_body":
         body, radii = parts[0].known.estimate_rigid_body()
     else:
-        body, radii = BodyParameters(_total(parts)), BodyRatios()
-    return Numbers(BodyParameters() if per_mass else body, radii, interfaces, _corrections(parts))
+        body, radii = BodyParameters(_sum_masses(parts)), BodyRatios()
+    return Numbers(BodyParameters() if per_mass else body, radii, interfaces, _collect_corrections(parts))
 
 
-def _total(parts: Sequence[FittedStructure]) -> Estimate:
+def _sum_masses(parts: Sequence[FittedStructure]) -> Estimate:
     """Return the mass of all gears together, if each of them is known."""
     if not all(part.fit.model.mass_free for part in parts):
         return Estimate()
@@ -122,7 +124,7 @@ def _total(parts: Sequence[FittedStructure]) -> Estimate:
     return Estimate.normal(value, float(np.sqrt(variance)))
 
 
-def _interfaces(
+def _estimate_interfaces(
     choice: Choice, evidence: Sequence[Evidence], *, per_mass: bool, ground: bool
 ) -> tuple[InterfaceEstimate, ...]:
     names = choice.study.names
@@ -130,6 +132,7 @@ def _interfaces(
     for part, row in zip(choice.parts, evidence, strict=True):
         fit, is_rigid = part.fit, part.kind == "rigid_body"
         mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
+        rests = at_rest(part, per_mass=per_mass)
         for number, group in enumerate(fit.groups):
             stiffness, damping, law = part.known.suspension(number, per_mass=per_mass)
             std = row.ground.std_per_mass[number] if ground else None
@@ -150,7 +153,7 @@ def _interfaces(
                     velocity=thin_samples(velocity),
                     residual_over_noise=sensor_ratio(fit, attachment) * fit.model.level / part.level,
                     rest_m=part.known.rest(number),
-                    at_rest=at_rest(part, attachment, per_mass=per_mass),
+                    at_rest=rests[attachment],
                     gas=None
                     if per_mass
                     else gas_of(part.known, number, choice.study.interfaces[member].piston_area_m2),
@@ -158,21 +161,22 @@ def _interfaces(
     return tuple(found[k] for k in sorted(found))
 
 
-def at_rest(part: FittedStructure, attachment: int, *, per_mass: bool) -> tuple[AtRest, ...]:
-    """Return a suspension at rest in each run; `per_mass` gives forces per unit of the reference mass."""
-    found = []
+def at_rest(part: FittedStructure, *, per_mass: bool) -> list[tuple[AtRest, ...]]:
+    """Return each suspension at rest in each run; `per_mass` gives forces per unit of the reference mass."""
+    found: list[list[AtRest]] = [[] for _ in range(part.fit.model.body.n_interfaces)]
     for index, name in enumerate(part.task.run_names):
-        travel_m, stiffness, damping = part.known.at_rest(attachment, index, per_mass=per_mass)
-        travel = part.fit.errors.predictions[index].travel[:, attachment] + (travel_m.value or 0.0)
-        travelled_m, loop = (
-            (float(travel.min()), float(travel.max())),
-            part.known.loop(attachment, index, per_mass=per_mass),
-        )
-        found.append(AtRest(name, travel_m, stiffness, damping, travelled_m, loop))
-    return tuple(found)
+        estimates = part.known.at_rest(index, per_mass=per_mass)
+        for attachment, (travel_m, stiffness, damping) in enumerate(estimates):
+            travel = part.fit.errors.predictions[index].travel[:, attachment] + (travel_m.value or 0.0)
+            travelled_m, loop = (
+                (float(travel.min()), float(travel.max())),
+                part.known.loop(attachment, index, per_mass=per_mass),
+            )
+            found[attachment].append(AtRest(name, travel_m, stiffness, damping, travelled_m, loop))
+    return [tuple(each) for each in found]
 
 
-def _corrections(parts: Sequence[FittedStructure]) -> dict[str, Estimate]:
+def _collect_corrections(parts: Sequence[FittedStructure]) -> dict[str, Estimate]:
     found = {}
     for part in parts:
         for coordinate in part.fit.model.body.coordinates:

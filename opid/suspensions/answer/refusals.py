@@ -35,7 +35,7 @@ def why_refused(choice: Choice) -> str | None:
     """Return why there are no numbers at all; None if there are."""
     study, parts, ratio, verdicts = choice.study, choice.parts, choice.ratio, choice.verdicts
     if study.is_one_gear:
-        return _why_gear_refused(parts[0])
+        return _explain_refused_gear(parts[0])
     if ratio <= verdicts.refused or choice.explains:
         return None
     return (
@@ -44,7 +44,7 @@ def why_refused(choice: Choice) -> str | None:
     )
 
 
-def _why_gear_refused(part: FittedStructure) -> str | None:
+def _explain_refused_gear(part: FittedStructure) -> str | None:
     fit, verdicts, ratio = part.fit, part.settings.verdicts, part.residual_over_noise
     frequencies = natural_frequencies(fit) if ratio > verdicts.doubtful else [0.0]
     differ = max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
@@ -92,14 +92,14 @@ def why_no_mass(choice: Choice) -> str | None:
     untold = [part for part in parts if not part.fit.model.mass_free]
     changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
     if len(untold) == len(parts):
-        return _why_no_scale(study)
+        return _explain_no_scale(study)
     if untold:
         return (
             f"the loading ({changes}) does not rest on {choice.names(untold)}: only ratios to the mass are determined "
             "there; change the loading there, too"
         )
     if any(negative_ground(part) for part in parts):
-        return _why_no_spring(choice)
+        return _explain_no_spring(choice)
     if any(is_loaded_by_gas(part) for part in parts):
         return (
             "loaded_friction takes the load of the seals in a run of another mass from the gas curve of quick motion, "
@@ -108,7 +108,7 @@ def why_no_mass(choice: Choice) -> str | None:
             "so that friction may differ between runs"
         )
     if study.is_one_gear:
-        return _why_no_mass_of_gear(choice)
+        return _explain_no_mass_of_gear(choice)
     loose = [part for part in parts if _is_loose(part.known.mass, choice.verdicts)]
     if not loose:
         return None
@@ -174,7 +174,7 @@ def is_biased(part: FittedStructure) -> bool:
     return bool(negative_ground(part) or part.implausible) or is_loaded_by_gas(part)
 
 
-def _why_no_spring(choice: Choice) -> str:
+def _explain_no_spring(choice: Choice) -> str:
     """Return why a ground spring with negative stiffness prevents an answer: the model lacks some force."""
     found = {part: negative for part in choice.parts if (negative := negative_ground(part))}
     fraction, n_std = next(iter(found.values()))
@@ -187,7 +187,7 @@ def _why_no_spring(choice: Choice) -> str:
     )
 
 
-def _why_no_scale(study: Study) -> str:
+def _explain_no_scale(study: Study) -> str:
     if len(study.runs) == 1:
         key = "mass_change_kg" if study.is_one_gear else "loading"
         return (
@@ -205,7 +205,7 @@ def _why_no_scale(study: Study) -> str:
     )
 
 
-def _why_no_mass_of_gear(choice: Choice) -> str | None:
+def _explain_no_mass_of_gear(choice: Choice) -> str | None:
     (part,), changes = choice.parts, [run.mass_change_kg for run in choice.study.runs]
     (mu, std), largest = part.known.inverse_mass, max(changes) - min(changes)
     is_loose = _is_loose(part.known.mass, choice.verdicts)
@@ -410,7 +410,7 @@ def _find_partners(part: FittedStructure, number: int, term: Term, std: float) -
     group, settings = part.fit.groups[number], part.settings.warnings
     is_loose = std > part.settings.verdicts.loosely_known * abs(term.amplitude)
     if term.kind.is_stop:
-        travels = _travels(part.fit, number)
+        travels = _list_travels(part.fit, number)
         if is_loose or not any(Law((term,)).force(travel, 0.0).any() for travel in travels):
             distance_m = max(distance_to_stop(term, travel) for travel in travels)
             yield ConfoundedTerm(group.name, term.name, None, describe_unreached_stop(distance_m))
@@ -423,7 +423,7 @@ def _find_partners(part: FittedStructure, number: int, term: Term, std: float) -
         yield ConfoundedTerm(group.name, term.name, "damping", reason)
         return
     if term.kind.slides:
-        range_m, scale_m = max(float(np.ptp(travel)) for travel in _travels(part.fit, number)), term.values[1]
+        range_m, scale_m = max(float(np.ptp(travel)) for travel in _list_travels(part.fit, number)), term.values[1]
         if range_m < settings.least_way_to_slide * scale_m:
             reason = (
                 f"slides after {1e3 * scale_m:.3g} mm, but the motion covers only {1e3 * range_m:.3g} mm from end to "
@@ -439,7 +439,7 @@ def _find_partners(part: FittedStructure, number: int, term: Term, std: float) -
         rms = float((velocity if parameter.unit == "m/s" else travel).std())
         if scale > settings.straight_rms * rms and is_loose:
             yield straight_term(group.name, term.name, parameter.unit, scale, rms)
-        sharpness = _turnover_over_rate(part, group.members, term, parameter.unit, scale, velocity)
+        sharpness = _compute_turnover_over_rate(part, group.members, term, parameter.unit, scale, velocity)
         if sharpness > settings.turnover_between_samples:
             reason = (
                 f"turns over faster than the runs were sampled ({sharpness:.2g} times their rate), so its force "
@@ -448,7 +448,7 @@ def _find_partners(part: FittedStructure, number: int, term: Term, std: float) -
             yield ConfoundedTerm(group.name, term.name, "damping", reason, "record at a higher rate")
 
 
-def _travels(fit: Fit, number: int) -> list[FloatArray]:
+def _list_travels(fit: Fit, number: int) -> list[FloatArray]:
     """Return the travel of each interface of a group in each run, m, measured from the origin of its law."""
     members, found = fit.model.groups[number].members, []
     for index, prediction in enumerate(fit.errors.predictions):
@@ -457,7 +457,7 @@ def _travels(fit: Fit, number: int) -> list[FloatArray]:
     return found
 
 
-def _turnover_over_rate(
+def _compute_turnover_over_rate(
     part: FittedStructure, members: Sequence[int], term: Term, unit: str, scale: float, velocity: FloatArray
 ) -> float:
     """Return the rate at which a friction stops a motion, over the sampling rate."""

@@ -500,12 +500,12 @@ def warn_of_gas(
 
     `interfaces` holds the suspensions that were fitted, `measured` all of them as stated.
     """
-    done, areas = set[str](), {stated.name: stated.piston_area_m2 for stated in measured}
+    done, by_name = set[str](), {stated.name: stated for stated in measured}
     for each in interfaces:
         if done.isdisjoint(each.shared_with):
             names = ", ".join((each.name, *each.shared_with))
             where = f"at {names!r}: " if len(measured) > 1 else ""
-            for doubt in _warn_of_column(each, areas[each.name], settings):
+            for doubt in _warn_of_column(each, by_name[each.name], settings):
                 yield where + doubt
         done.add(each.name)
 
@@ -530,8 +530,15 @@ def warn_of_stops(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:
             )
 
 
-def _warn_of_column(interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:
-    yield from warn_of_area(interface.gas, piston_area_m2, settings)
+def _warn_of_column(interface: InterfaceEstimate, stated: MeasuredInterface, settings: GasSettings) -> Iterator[str]:
+    columns = [term.name for term in interface.law.terms if term.kind.quasi_static]
+    if columns and stated.axis == "horizontal":
+        yield (
+            f"the axis is 'horizontal' and the law has a {columns[0]}, which carries weight: no weight says how large "
+            "its static force is, and it can hardly be told from a straight spring; give axis = 'up' or 'down' if the "
+            "suspension carries weight, or another law"
+        )
+    yield from warn_of_area(interface.gas, stated.piston_area_m2, settings)
     yield from warn_of_exponents(interface, settings)
 
 

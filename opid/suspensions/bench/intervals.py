@@ -71,7 +71,10 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
             "parameter has an interval; record longer, or a motion that turns more often"
         )
     if refined is None:
-        reasons += [*_why_no_memory(bench, fit, covariance, settings), *_why_no_mass(bench, fit, slopes, covariance)]
+        reasons += [
+            *_explain_no_memory(bench, fit, covariance, settings),
+            *_explain_no_mass(bench, fit, slopes, covariance),
+        ]
     known_covariance = np.full_like(covariance, np.nan) if reasons else covariance
     return Spread(known_covariance, student, length / bench.fs, tuple(reasons))
 
@@ -86,7 +89,9 @@ def fades_linearly(term: Term) -> bool:
     return bool(np.allclose(slopes, slopes[0]))
 
 
-def _why_no_memory(bench: Bench, fit: SeparableFit, covariance: FloatArray, settings: BenchSettings) -> Iterator[str]:
+def _explain_no_memory(
+    bench: Bench, fit: SeparableFit, covariance: FloatArray, settings: BenchSettings
+) -> Iterator[str]:
     """Yield the first reason why a memory has no interval."""
     for term in fit.law.terms:
         if len(term.kind.elements) > 1 and term.inner[0] > settings.slips * np.ptp(bench.travel):
@@ -106,7 +111,7 @@ def _why_no_memory(bench: Bench, fit: SeparableFit, covariance: FloatArray, sett
             return
 
 
-def _why_no_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: FloatArray) -> Iterator[str]:
+def _explain_no_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: FloatArray) -> Iterator[str]:
     """Yield why a mass has no interval: noise of the acceleration biases it by more than its standard deviation.
 
     Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).

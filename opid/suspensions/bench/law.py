@@ -8,7 +8,7 @@ simulation of the motion (`simulation`). The intervals also hold for a residual 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from opid.estimate import Estimate, Estimates
 from opid.json_values import plain
 from opid.mechanics.laws.law import LAWS, Law, default_law, law_rows
 from opid.mechanics.memory import Loop
+from opid.progress import Say
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
@@ -176,11 +177,11 @@ class BenchLaw(Result):
                 "gas": None if self.gas is None else asdict(self.gas),
                 "warnings": self.warnings,
                 "not_determined": self.not_determined,
-                "settings": self._settings(),
+                "settings": self._collect_settings(),
             }
         )
 
-    def _settings(self) -> dict[str, Any]:
+    def _collect_settings(self) -> dict[str, Any]:
         """The record, the options and every tuned number that the answer was made with."""
         bench, search = self.bench, self.settings.search
         return {
@@ -204,7 +205,7 @@ class BenchLaw(Result):
             **asdict(self.settings),
         }
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         return f"{self.title or 'without a title'} (law {self.law.name}, {100 * self.r2_left_out:.4g} % explained)"
 
     @property
@@ -220,7 +221,7 @@ def law_of_bench(
     candidates: Sequence[str] | None = None,
     most_terms: int | None = None,
     settings: BenchSettings = DEFAULTS,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> BenchLaw:
     """Find the law of a damper or spring from its measured force and motion.
 
@@ -254,7 +255,7 @@ def law_of_bench(
         raise InputError(
             f"bench is of type {type(bench).__name__}: give a BenchStudy, as read_study makes one, or a Bench"
         )
-    kinds = _kinds_to_try(bench, candidates)
+    kinds = _choose_kinds(bench, candidates)
     if most_terms is not None:
         settings = replace(settings, search=replace(settings.search, most_terms=most_terms))
     if settings.search.most_terms < 0:
@@ -267,23 +268,23 @@ def law_of_bench(
     found = chosen(ladder).fit
     logger.info("law %s: r2 %.4f, of %d laws that were tried", found.law_name, found.r2, len(ladder))
     if found.law_name in simulated:
-        fit = _as_fit_of_force(bench, simulated[found.law_name])
+        fit = _convert_to_fit_of_force(bench, simulated[found.law_name])
     else:
         say("the chosen law on all samples")
-        bench = _without_beginning(bench, found.law, settings)
+        bench = _drop_beginning(bench, found.law, settings)
         fit = fit_law(all_points(bench), found.law, found.n_independent, settings)
     say("memory")
-    return _result(bench, title, problem, ladder, fit, simulated)
+    return _build_result(bench, title, problem, ladder, fit, simulated)
 
 
-def _kinds_to_try(bench: Bench, candidates: Sequence[str] | None) -> tuple[str, ...]:
+def _choose_kinds(bench: Bench, candidates: Sequence[str] | None) -> tuple[str, ...]:
     kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
         default_law(name)  # refuses an unknown candidate
     return tuple(name for name in kinds if not bench.is_quasi_static or _is_of_travel(name))
 
 
-def _result(
+def _build_result(
     bench: Bench,
     title: str,
     problem: BenchLaws,
@@ -296,7 +297,7 @@ def _result(
     refined = simulated.get(found.law_name)
     spread = find_spread(bench, fit, refined, settings)
     straight, of_law = estimate_parameters(fit, spread)
-    for name in _distances_to_stops(bench, fit.law):
+    for name in _measure_distances_to_stops(bench, fit.law):
         of_law[name] = dict.fromkeys(of_law[name], Estimate())
     index = np.r_[1, fit.weights.size : fit.weights.size + fit.law.vector.size]
     covariance, damping = spread.covariance[np.ix_(index, index)], float(fit.weights[1])
@@ -310,11 +311,11 @@ def _result(
         parameters=StraightPart(*straight),
         law=fit.law,
         law_estimates=of_law,
-        residual=_residual(bench, fit),
+        residual=_compute_residual(bench, fit),
         r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
         r2_left_out=found.r2_left_out,
         ladder=ladder,
-        memory=_memory(bench, problem, ladder),
+        memory=_measure_memory(bench, problem, ladder),
         loop=loop_of(fit.law, covariance[1:, 1:], bench, spread.student),
         cycle=cycle_of(fit.law, damping, covariance, bench, student=spread.student),
         n_independent=independent_samples(fit.residual),
@@ -324,14 +325,14 @@ def _result(
         candidates=problem.kinds,
         n_search_samples=problem.points.sample.size,
         interval_cell_s=spread.cell_s,
-        simulation=None if refined is None else _simulation(bench, refined, simulated),
+        simulation=None if refined is None else _build_simulation(bench, refined, simulated),
         gas=gas_of_bench(fit, of_law, spread, bench.piston_area_m2),
     )
-    warnings = (*_warnings(result, fit), *spread.reasons)
-    return replace(result, warnings=warnings, not_determined=_reason(result))
+    warnings = (*_list_warnings(result, fit), *spread.reasons)
+    return replace(result, warnings=warnings, not_determined=_find_reason(result))
 
 
-def _memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
+def _measure_memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
     """Measure the memory beside the best laws with and without memory, including those with too many terms."""
     settings, step = problem.known, chosen(ladder)
     asked = [each for each in ladder if each.left_out is not None]
@@ -356,7 +357,7 @@ def _is_of_travel(kind: str) -> bool:
     return not np.any(by_velocity)
 
 
-def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench:
+def _drop_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench:
     """Return the record without its beginning, in which a nonlinear memory depends on its unknown initial value.
 
     If that would remove more than half of the record, the whole record is kept.
@@ -374,33 +375,33 @@ def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench
     return replace(bench, counted=counted)
 
 
-def _residual(bench: Bench, fit: SeparableFit) -> FloatArray:
+def _compute_residual(bench: Bench, fit: SeparableFit) -> FloatArray:
     """Return force minus fit of every sample, also of those that do not count, N."""
     own = bench.motion.force(fit.law) + bench.motion.start_columns(fit.law) @ fit.start_weights
     return bench.force - bench.columns @ fit.weights - own
 
 
-def _as_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
+def _convert_to_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
     """Return a refined law as a fit of the force, with its residual."""
     part = simulated.part
     fit = SeparableFit(part.straight, np.zeros(part.begins.size - 2), part.law, np.empty(0), simulated.at_bound)
-    return replace(fit, residual=_residual(bench, fit))
+    return replace(fit, residual=_compute_residual(bench, fit))
 
 
-def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, SimulatedFit]) -> Simulation:
+def _build_simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, SimulatedFit]) -> Simulation:
     errors = {name: fit.error_rms for name, fit in tried.items()}
     travel = bench.travel - refined.residual
     return Simulation(refined.part, travel, refined.error_rms, refined.r2, refined.steps_per_sample, errors)
 
 
-def _distances_to_stops(bench: Bench, law: Law) -> dict[str, float]:
+def _measure_distances_to_stops(bench: Bench, law: Law) -> dict[str, float]:
     """Return the stops that the motion does not reach, and the distance that it goes towards them, m."""
     travel = bench.travel[bench.samples]
     stops = [term for term in law.terms if term.kind.is_stop]
     return {term.name: distance_to_stop(term, travel) for term in stops if not Law((term,)).force(travel, 0.0).any()}
 
 
-def _reason(result: BenchLaw) -> str | None:
+def _find_reason(result: BenchLaw) -> str | None:
     if result.r2_left_out < result.settings.least_r2:
         return (
             "no law of travel and velocity predicts the force on stretches of time that were left out better than its "
@@ -411,7 +412,7 @@ def _reason(result: BenchLaw) -> str | None:
     return None
 
 
-def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
+def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
     """Return the warnings about the law, one sentence each."""
     memory, settings = result.memory, result.settings
     found = list(result.bench.warnings)
@@ -443,7 +444,7 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
             "the energy that a cycle takes is not given: its interval exceeds the largest energy that the measured "
             "force could take; record a motion that turns round several times, at several speeds"
         )
-    for name, others in _rivals(result).items():
+    for name, others in _list_rivals(result).items():
         found.append(f"over the visited range {name} cannot be distinguished from {' or '.join(others)}")
     for term in fit.law.terms:
         amplitude, *inner = term.kind.parameters
@@ -455,7 +456,7 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
                 "strokes"
             )
     found += warn_of_area(result.gas, result.bench.piston_area_m2, settings.gas)
-    unreached = _distances_to_stops(result.bench, fit.law)
+    unreached = _measure_distances_to_stops(result.bench, fit.law)
     found += [f"{name} {describe_unreached_stop(distance_m)}" for name, distance_m in unreached.items()]
     names = [(term, p.name) for term in fit.law.terms for p in term.kind.parameters]
     for (term, name), at_bound in zip(names, fit.at_bound, strict=True):
@@ -464,7 +465,7 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _rivals(result: BenchLaw) -> dict[str, list[str]]:
+def _list_rivals(result: BenchLaw) -> dict[str, list[str]]:
     """Return for each term the kinds that explain the record as well in its place, the most likely first."""
     best = chosen(result.ladder).fit
     mine, rivals = set(best.law.parameters), dict[str, list[str]]()
@@ -473,12 +474,12 @@ def _rivals(result: BenchLaw) -> dict[str, list[str]]:
         gone, new = mine - theirs, theirs - mine
         if len(gone) == len(new) == 1 and step.fit.bic < best.bic + result.settings.search.alike_bic:
             (name,), (other,) = gone, new
-            if not _contains(other, name) and other not in rivals.setdefault(name, []):
+            if not _has_more_parameters(other, name) and other not in rivals.setdefault(name, []):
                 rivals[name].append(other)
     return {name: others for name, others in rivals.items() if others}
 
 
-def _contains(kind: str, other: str) -> bool:
+def _has_more_parameters(kind: str, other: str) -> bool:
     """Whether a kind has an exponent or a lag that another lacks: it then contains the other and fits as well."""
     roles, plainer = ({parameter.role for parameter in LAWS[name].parameters} for name in (kind, other))
     return bool((roles - plainer) & {"exponent", "lag"})

@@ -115,13 +115,13 @@ def measure_memory(
     mass, by_pace = None, tuple[float, ...]()
     if seen == "inertia":
         others = np.column_stack([plane, by_law])
-        mass = _moving_mass(groups["inertia"], others, rest)
-        by_pace = _masses_by_pace(bench, points, others, rest, settings)
+        mass = _fit_moving_mass(groups["inertia"], others, rest)
+        by_pace = _fit_masses_by_pace(bench, points, others, rest, settings)
         if max(by_pace) - min(by_pace) > known.mass_agreement * abs(mass):
             seen, mass = "vibration", None
     remembering = "+".join(term.name for term in law.terms if term.kind.memory is not None)
     measured = Memory(r2_static, r2_law, r2_past, seen, mass, by_pace, testable, foretold, "")
-    return replace(measured, statement=_statement(measured, remembering, is_noise))
+    return replace(measured, statement=_write_statement(measured, remembering, is_noise))
 
 
 def past_signals(bench: Bench, settings: BenchSettings) -> dict[Past, FloatArray]:
@@ -202,14 +202,14 @@ def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySe
     return independent_samples(left) * np.log(before / max(after, 1e-300)) > known.evidence
 
 
-def _moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray) -> float:
+def _fit_moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray) -> float:
     """Return the coefficient of the acceleration beside stiffness, damping, offset and changes of the law, kg."""
     basis = np.column_stack([acceleration, others, np.ones(rest.size)])
     scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
     return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
 
 
-def _masses_by_pace(
+def _fit_masses_by_pace(
     bench: Bench, points: Points, others: FloatArray, rest: FloatArray, settings: BenchSettings
 ) -> tuple[float, ...]:
     """Return the coefficients of parts of the acceleration that have equal power, from slow to quick, kg."""
@@ -223,21 +223,21 @@ def _masses_by_pace(
     parts = [fft.irfft(np.where(owner == k, spectrum, 0.0), acceleration.size)[points.sample] for k in range(n_parts)]
     columns = np.column_stack(parts)
     return tuple(
-        _moving_mass(columns[:, k : k + 1], np.column_stack([np.delete(columns, k, axis=1), others]), rest)
+        _fit_moving_mass(columns[:, k : k + 1], np.column_stack([np.delete(columns, k, axis=1), others]), rest)
         for k in range(n_parts)
     )
 
 
-def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
+def _write_statement(memory: Memory, remembering: str, is_noise: bool) -> str:
     """Return what was measured in words."""
     if not memory.testable:
         return (
             "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
             "cannot be distinguished: record several amplitudes or a random motion"
         )
-    of_laws = f"a law of travel and velocity explains at most {_percent(memory.r2_at_most)} of this force"
+    of_laws = f"a law of travel and velocity explains at most {_format_percent(memory.r2_at_most)} of this force"
     if remembering:
-        of_laws += f", with the memory of {remembering} {_percent(memory.r2_with_law)}"
+        of_laws += f", with the memory of {remembering} {_format_percent(memory.r2_with_law)}"
     if memory.cause is not None:
         what = {
             "hysteresis": "remembers the past (hysteresis or backlash)",
@@ -253,8 +253,9 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
             ),
         }[memory.cause]
         return (
-            f"{of_laws}; {_percent(memory.r2_with_past - memory.r2_with_law)} {what}, which no law that was tried "
-            f"explains; {_percent(1 - memory.r2_with_past)} is neither (noise, or a cause that was not recorded)"
+            f"{of_laws}; {_format_percent(memory.r2_with_past - memory.r2_with_law)} {what}, which no law that was "
+            f"tried explains; {_format_percent(1 - memory.r2_with_past)} is neither (noise, or a cause that was not "
+            "recorded)"
         )
     if is_noise:
         return f"{of_laws}; the past does not explain the remainder either"
@@ -263,10 +264,10 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
     return f"no memory is seen: {of_laws}, and the past explains none of the remainder"
 
 
-def _percent(fraction: float) -> str:
+def _format_percent(fraction: float) -> str:
     """Return a fraction in per cent, with more digits near 0 and near 100 %.
 
-    >>> _percent(0.93), _percent(0.99973), _percent(0.0002), _percent(1.0)
+    >>> _format_percent(0.93), _format_percent(0.99973), _format_percent(0.0002), _format_percent(1.0)
     ('93 %', '99.97 %', '0.02 %', '100 %')
     """
     percent = 100 * max(0.0, fraction)

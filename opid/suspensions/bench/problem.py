@@ -7,7 +7,7 @@ residual are correlated, so the criteria count independent samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from opid.mechanics.laws.law import LAWS, LINEAR, FitOfOneLaw, Law
 from opid.mechanics.memory import RecordedMotion, recorded_motion
+from opid.progress import Say
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
@@ -309,7 +310,7 @@ def residual_worth(residual: FloatArray, n_independent: float) -> float:
     return float(np.sqrt(np.sum(residual**2) / n_independent))
 
 
-def search_record(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
+def search_record(problem: BenchLaws, kinds: tuple[str, ...], say: Say) -> Ladder:
     """Return the laws that were tried and those closest to the choice, with their left-out errors."""
     say("the linear law")
     ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)

@@ -144,7 +144,7 @@ def bench_from_recording(
             "mass_kg beside moving_mass: the force of a known mass is that of its acceleration, beside which a part of "
             "unknown mass is not determined; leave one of them out"
         )
-    y, raw, zero, warnings = _force_and_travel(recording, force, travel, velocity, settings, mass_kg)
+    y, raw, zero, warnings = _read_force_and_travel(recording, force, travel, velocity, settings, mass_kg)
     rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
     if velocity is None:
         v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
@@ -200,7 +200,7 @@ def quasi_static_bench(
     >>> sorted(set(bench.velocity.tolist())), round(bench.force.size / bench.fs, 3)
     ([-1.0, 1.0], 0.04)
     """
-    recorded_y, raw, zero, warnings = _force_and_travel(recording, force, travel, None, settings)
+    recorded_y, raw, zero, warnings = _read_force_and_travel(recording, force, travel, None, settings)
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(raw)))])
     n = settings.path_steps * raw.size
     step = float(path[-1]) / (n - 1)
@@ -218,7 +218,7 @@ def quasi_static_bench(
     return replace(bench, counted=counted, is_quasi_static=True, files=recording.files)
 
 
-def _force_and_travel(
+def _read_force_and_travel(
     recording: Recording,
     force: str,
     travel: str,
@@ -246,7 +246,7 @@ def _force_and_travel(
             what = "moves: a law needs motion" if role == "travel" else "changes: a law has nothing to explain"
             raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
     warnings = []
-    if _turns(raw, settings.turn * float(np.ptp(raw))) < 2:
+    if _count_turns(raw, settings.turn * float(np.ptp(raw))) < 2:
         warnings.append(
             f"the travel {travel!r} turns round less than twice: friction cannot be distinguished from the offset, nor "
             "a law with memory from one without; record several cycles"
@@ -260,7 +260,7 @@ def _force_and_travel(
     return y, raw, zero, warnings
 
 
-def _turns(travel: FloatArray, least_m: float) -> int:
+def _count_turns(travel: FloatArray, least_m: float) -> int:
     """Return how often a travel turns round and goes back by more than `least_m`."""
     count, direction, extreme = 0, 0, float(travel[0])
     for value in travel.tolist():
@@ -316,7 +316,7 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     bent = samples - line
     frequency, power = signal.welch(bent, fs, nperseg=min(n, max(256, n // 8)))
     # The margin of half an octave keeps the filter from weakening the last strong line.
-    band_hz = float(np.clip(1.5 * _motion_ends(frequency, power, settings), 8 * fs / n, fs / 2))
+    band_hz = float(np.clip(1.5 * _find_end_of_motion(frequency, power, settings), 8 * fs / n, fs / 2))
     # Both ends of `bent` are zero, so the point reflection is the odd continuation.
     extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
     n_fft = fft.next_fast_len(extended.size, real=True)
@@ -326,7 +326,7 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     return rate + (samples[-1] - samples[0]) / (n - 1) * fs, band_hz
 
 
-def _motion_ends(frequency: FloatArray, power: FloatArray, settings: RecordSettings) -> float:
+def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: RecordSettings) -> float:
     """Return the frequency above which a spectrum holds noise, Hz."""
     floor = float(np.median(power[-max(1, power.size // 5) :]))
     above = np.flatnonzero(power > settings.above_floor * floor)

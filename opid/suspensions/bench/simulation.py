@@ -9,7 +9,7 @@ System Identification, chapter 4).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from opid.errors import InputError
 from opid.mechanics.laws.law import Law
 from opid.mechanics.response import State, advance, assemble
 from opid.mechanics.structure import Joint, Structure
+from opid.progress import Say
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import resampled
 from opid.suspensions.bench.problem import BenchFit, Ladder, end_on
@@ -59,7 +60,7 @@ class MovingPart:
         >>> round(float(travel[-1]), 6)
         0.005
         """
-        return self.travel_of_half_steps(_half_steps(force, fs, steps_per_sample), fs, steps_per_sample)
+        return self.travel_of_half_steps(_interpolate_half_steps(force, fs, steps_per_sample), fs, steps_per_sample)
 
     def at_rest(self) -> MovingPart:
         """Return the part that begins at rest, with all memories zero."""
@@ -159,7 +160,7 @@ class SimulatedFit:
 
 
 def fit_by_simulation(
-    bench: Bench, fit: SeparableFit, settings: SimulationSettings, *, say: Callable[[str], None]
+    bench: Bench, fit: SeparableFit, settings: SimulationSettings, *, say: Say
 ) -> SimulatedFit | None:
     """Fit the parameters of a law until the travel simulated from the force is the recorded one.
 
@@ -196,7 +197,7 @@ def fit_by_simulation(
     return SimulatedFit(best, search.residual(found), slopes, search.steps, tuple(at_bound.tolist()), rms)
 
 
-def _half_steps(force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
+def _interpolate_half_steps(force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
     """Return a force at half steps, (2 (n - 1) steps_per_sample + 1, 1) N, band-limited between its samples."""
     finer = 2 * steps_per_sample
     record = Recording(force[:, np.newaxis], fs=fs, channels=(Channel("force", "N"),))
@@ -207,7 +208,7 @@ def _find_search(part: MovingPart, bench: Bench, settings: SimulationSettings) -
     """Return the search with the fewest steps that can simulate a part; None where no allowed number is enough."""
     steps = settings.steps_per_sample[0]
     while steps <= settings.steps_per_sample[1]:
-        search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
+        search = _Search(part, bench, _interpolate_half_steps(bench.force, bench.fs, steps), steps, settings)
         # Otherwise the step is too long for a quick memory, or the motion is unbounded.
         if np.isfinite(search.travel(part)).all():
             return search
@@ -300,7 +301,7 @@ class _Search:
 
 
 def refine_ladder(
-    bench: Bench, ladder: Ladder, settings: BenchSettings, say: Callable[[str], None]
+    bench: Bench, ladder: Ladder, settings: BenchSettings, say: Say
 ) -> tuple[Ladder, dict[str, SimulatedFit]]:
     """Return the ladder that ends on the law with the best simulation, and the refined laws by their name.
 

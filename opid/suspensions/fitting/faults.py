@@ -11,12 +11,13 @@ leaves little, because nothing else has the same effect then. Other such faults 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from opid.mechanics.driven import UnboundedResponseError
+from opid.progress import Say
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.fit import NO_FIT, Fit, carry_over, fit_model, rows_with_departures
 from opid.suspensions.fitting.start import Start
@@ -125,7 +126,7 @@ def add_faults(
     *,
     ground: bool,
     start: Start | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> tuple[Fit, tuple[Demand, ...]]:
     """Return the fit with the ground springs and sensor faults that the runs demand, and these demands.
 
@@ -180,10 +181,10 @@ def find_coupling(fit: Fit) -> Hypothesis | None:
         fit: a fit with its first laws.
     """
     known = fit.model.settings.faults
-    new = [each for each in _hypotheses(fit.model, False, known) if each.is_coupling and not each.is_stated]
+    new = [each for each in _list_hypotheses(fit.model, False, known) if each.is_coupling and not each.is_stated]
     try:
         # A coupling removes slow motion, which has the same effect as a ground spring.
-        bare = _without_ground(fit) if new else fit
+        bare = _drop_ground(fit) if new else fit
     except NO_FIT:
         return None
     # A coupling must help more than a ground spring, which a gain error demands, too.
@@ -215,7 +216,7 @@ def implausible_demands(fit: Fit) -> tuple[Demand, ...]:
     known, found = fit.model.settings.faults, list[Demand]()
     try:
         coarse = _fit_at_runs(fit, fit.model.coarse.runs)
-        first = _without_ground(coarse)
+        first = _drop_ground(coarse)
     except NO_FIT:
         return ()
     for hypothesis in _rank_hypotheses(first, False, None):
@@ -243,7 +244,10 @@ def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[floa
     new = {index[name] for group in groups for name in group}
     fitted = [k for k in range(size.size) if k not in new]
     return [
-        max(_gain(gram, along, [*fitted, *(index[n] for n in group if n != name)], index[name]) for name in group)
+        max(
+            _compute_gain(gram, along, [*fitted, *(index[n] for n in group if n != name)], index[name])
+            for name in group
+        )
         for group in groups
     ]
 
@@ -256,7 +260,7 @@ def _fit_at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
     return fit_model(replace(fit.model, runs=runs), fit.theta, least_promise=promise)
 
 
-def _gain(gram: FloatArray, along: FloatArray, others: list[int], new: int) -> float:
+def _compute_gain(gram: FloatArray, along: FloatArray, others: list[int], new: int) -> float:
     """Return the gain of a step along one column when all other columns are fitted, too."""
     cross = gram[new, others] @ np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
     size = 1.0 - float(cross @ gram[others, new])
@@ -297,7 +301,7 @@ def _search_farther_corners(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Ite
     starts = [grown] if not _is_plausible(grown, hypothesis) else []
     if fit.model.ground:
         try:
-            again = _add_to_fit(_without_ground(fit), hypothesis, None)
+            again = _add_to_fit(_drop_ground(fit), hypothesis, None)
         except NO_FIT:
             again = None
         starts += [] if again is None else [again]
@@ -340,7 +344,7 @@ def _has_sure_ground(fit: Fit) -> bool:
     return bool(np.any(np.abs(fit.theta[springs]) > fit.model.settings.faults.sure_ground_std * fit.std[springs]))
 
 
-def _without_ground(fit: Fit) -> Fit:
+def _drop_ground(fit: Fit) -> Fit:
     """Return the fit without springs to the ground."""
     if not fit.model.ground:
         return fit
@@ -406,7 +410,7 @@ def _rank_hypotheses(fit: Fit, ground: bool, start: Start | None) -> list[Hypoth
     A score test does not hold for a stiff ground spring; its score comes from the equation of motion.
     """
     known = fit.model.settings.faults
-    hypotheses = list(_hypotheses(fit.model, ground, known))
+    hypotheses = list(_list_hypotheses(fit.model, ground, known))
     if not hypotheses:
         return []
     model = fit.model
@@ -440,7 +444,7 @@ def _make_slight(before: Sensors, after: Sensors, known: FaultSettings) -> Senso
     return after
 
 
-def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hypothesis]:
+def _list_hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hypothesis]:
     """Yield the hypotheses that the model does not contain yet, with what is known of such faults in general."""
     below, above, names = model.sensors.unsprung, model.sensors.sprung, model.sensors.names
     if ground and not model.ground:
@@ -539,9 +543,9 @@ def ground_imitations(fit: Fit) -> GroundImitations:
     std = []
     for spring in springs:
         beside = [k for k in fitted if k != spring]
-        alone = _schur(gram, beside, [spring])[0, 0]
+        alone = _project_out(gram, beside, [spring])[0, 0]
         std.append(float(np.sqrt(fit.variance / max(alone, 1e-300))) / float(size[spring]))
-    sentences = tuple(_sentences(gram, size, names, springs[0], fit)) if is_one else ()
+    sentences = tuple(_write_sentences(gram, size, names, springs[0], fit)) if is_one else ()
     return GroundImitations(tuple(std), sentences)
 
 
@@ -561,14 +565,14 @@ def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]
     return replace(model, sensors=sensors), values
 
 
-def _schur(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
+def _project_out(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
     """Return the products of columns after the other columns were projected out (Schur complement)."""
     cross = gram[np.ix_(kept, others)]
     inverse = np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
     return np.asarray(gram[np.ix_(kept, kept)] - cross @ inverse @ cross.T)
 
 
-def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], ...]:
+def _list_usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], ...]:
     """Return faults of the sensors of the first interface: name, words, size."""
     gain, corner_hz, lag_s = settings.imitating_gain, settings.imitating_corner_hz, settings.imitating_lag_s
     return (
@@ -579,12 +583,12 @@ def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], .
     )
 
 
-def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
+def _write_sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
     settings = fit.model.settings.intervals
-    faults = _usual_faults(settings)
+    faults = _list_usual_faults(settings)
     indices = [spring, *(names.index(name) for name, _, _ in faults)]
     others = [k for k in range(size.size) if k not in indices]
-    left = _schur(gram, others, indices) * np.outer(size[indices], size[indices])
+    left = _project_out(gram, others, indices) * np.outer(size[indices], size[indices])
     stiffness = float(fit.theta[0])
     for k, (_, words, usual) in enumerate(faults, start=1):
         cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)

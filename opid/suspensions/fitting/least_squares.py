@@ -81,28 +81,28 @@ def least_squares(
     errors = (first or evaluate)(best)
     if errors is None:
         return best, None, 1
-    cost, damping, n_data, failed = _cost(errors), 0.0, errors.stacked.size, False
+    cost, damping, n_data, failed = _compute_cost(errors), 0.0, errors.stacked.size, False
     for spent in range(1, most_evaluations):
-        step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
+        step, promise = _compute_step(errors, free, damping, best[free], lower, upper, caps)
         trial = best.copy()
         trial[free] = np.clip(best[free] + step, lower, upper)
         if promise * n_data < least_promise * cost:
             return trial, errors if promise * n_data < negligible_promise * cost else None, spent
         new = evaluate(trial)
-        if new is not None and _cost(new) < cost:
+        if new is not None and _compute_cost(new) < cost:
             # After a longer step has failed, the damping is kept: the next longer step may fail as well.
             eased = damping if failed else damping / 10 if damping > least_damping else 0.0
-            best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
+            best, errors, cost, damping, failed = trial, new, _compute_cost(new), eased, False
         else:
             damping, failed = max(10 * damping, first_damping), True
     return best, errors, most_evaluations
 
 
-def _cost(errors: Residual) -> float:
+def _compute_cost(errors: Residual) -> float:
     return float(errors.stacked @ errors.stacked)
 
 
-def _step(
+def _compute_step(
     errors: Residual,
     free: slice,
     damping: float,
@@ -126,7 +126,7 @@ def _step(
     step[moving] = -np.linalg.lstsq(scaled, residual, rcond=1e-12)[0] / size
     step /= max(1.0, float(np.max(np.abs(step) / caps)))
     ahead = errors.stacked + jacobian @ step
-    return step, _cost(errors) - float(ahead @ ahead)
+    return step, _compute_cost(errors) - float(ahead @ ahead)
 
 
 @dataclass(frozen=True)
@@ -280,9 +280,9 @@ def start_laws(law: Law, motion: Motion, settings: SeparableSettings = DEFAULTS)
         vector = law.vector.copy()
         for k, parameter in enumerate(law.parameter_list):
             if parameter.role == "scale":
-                vector[k] = fraction * parameter.over_rms[1] * _reference(parameter, motion)
+                vector[k] = fraction * parameter.over_rms[1] * _find_reference(parameter, motion)
             elif parameter.role == "lag":
-                vector[k] = _reference(parameter, motion)
+                vector[k] = _find_reference(parameter, motion)
         starts.append(law.with_vector(vector))
     return list(dict.fromkeys(starts))
 
@@ -353,7 +353,7 @@ class _Search:
 def _make_search(law: Law, motion: Motion, free: list[int], settings: SeparableSettings) -> _Search:
     size, bounds = [], []
     for parameter in (law.parameter_list[k] for k in free):
-        reference = 1.0 if parameter.unit == "1" else _reference(parameter, motion)
+        reference = 1.0 if parameter.unit == "1" else _find_reference(parameter, motion)
         seen = settings.beyond_seen * parameter.over_rms[1]
         size.append(reference)
         if parameter.role == "scale":
@@ -375,7 +375,7 @@ def _project(
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
     linear = np.concatenate([columns, motion.start_columns(shapes)], axis=1)
-    basis = np.concatenate([linear, gradient[:, _amplitudes(shapes)]], axis=1)
+    basis = np.concatenate([linear, gradient[:, _list_amplitudes(shapes)]], axis=1)
     if not np.isfinite(gradient).all() or not np.isfinite(basis).all():
         return np.full(y.size, np.nan), np.zeros((y.size, len(search.free)))
     q, weights = _solve_linear(basis, y)
@@ -406,7 +406,7 @@ def _solve_linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatAr
 def _make_fit(columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray) -> SeparableFit:
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
-    own = np.concatenate([motion.start_columns(shapes), gradient[:, _amplitudes(shapes)]], axis=1)
+    own = np.concatenate([motion.start_columns(shapes), gradient[:, _list_amplitudes(shapes)]], axis=1)
     if not np.isfinite(own).all():  # a law that is not defined on the motion is left out of the fit
         own = np.zeros_like(own)
     basis = np.concatenate([columns, own], axis=1)
@@ -420,11 +420,11 @@ def _make_fit(columns: FloatArray, search: _Search, inner: FloatArray, motion: M
     return SeparableFit(straight, start, fitted, y - basis @ weights, tuple(at_bound.tolist()))
 
 
-def _amplitudes(law: Law) -> list[int]:
+def _list_amplitudes(law: Law) -> list[int]:
     return [k for k, parameter in enumerate(law.parameter_list) if parameter.role == "amplitude"]
 
 
-def _reference(parameter: Parameter, motion: Motion) -> float:
+def _find_reference(parameter: Parameter, motion: Motion) -> float:
     """Return the rms motion that an inner parameter is compared with."""
     return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (motion.z, motion.v)))
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from opid.estimate import format_number
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray, incoherent_noise, noise_floor
 from opid.suspensions.fitting.fit import NO_FIT, Fit, fit_model
@@ -134,7 +135,7 @@ def over_noise(ratio: float | None) -> str:
     """
     if ratio is None or not np.isfinite(ratio):
         return "-"
-    return f"{ratio:#.3g}".rstrip(".") if ratio < 999.5 else f"{ratio:.0f}"
+    return f"{ratio:#.3g}".rstrip(".") if ratio < 999.5 else format_number(round(ratio))
 
 
 def thin_samples(samples: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft
 
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law
+from opid.progress import Say
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import (
     Demand,
@@ -59,7 +60,6 @@ from opid.suspensions.model.run import DrivenRun
 from opid.suspensions.sensor_facts import SIDES
 from opid.suspensions.settings import SearchSettings, Settings
 
-Say = Callable[[str], None]
 Ladder = tuple[LawStep[Fit], ...]
 
 
@@ -316,7 +316,7 @@ class _Search:
             )
         ]
         if searched and any(group.law.terms for group in model.groups):
-            attempts.append(lambda: self.attempt(bare, _without_laws(model, theta), noisier[0]))
+            attempts.append(lambda: self.attempt(bare, _drop_laws(model, theta), noisier[0]))
         n_sure = len(attempts)
         attempts += [lambda each=each: self.attempt(model, theta, each, hold_coordinates=False) for each in noisier[1:]]  # type: ignore[misc]
         n_without_faults = len(attempts)
@@ -820,7 +820,7 @@ def _take_strongest_pieces(model: Model) -> Model:
     return model if runs == model.runs else replace(model, runs=runs)
 
 
-def _without_laws(model: Model, theta: FloatArray) -> FloatArray:
+def _drop_laws(model: Model, theta: FloatArray) -> FloatArray:
     """Return the vector without the entries of the laws."""
     gone = [np.arange(theta.size)[model.law_indices(number)] for number in range(len(model.groups))]
     return np.delete(theta, np.concatenate(gone))

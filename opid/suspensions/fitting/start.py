@@ -329,7 +329,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         (k, term, equation.of_term(groups[k], term, is_coarse=True))
         for k in open_groups
         for kind in kinds
-        for term in _candidates(kind, rms[list(groups[k].members)].mean(axis=0), equation.settings)
+        for term in _list_candidates(kind, rms[list(groups[k].members)].mean(axis=0), equation.settings)
     ]
     most_terms = equation.settings.most_terms
     matrix = np.stack([*equation.linear(groups), *equation.springs_to_ground(groups)], axis=1)
@@ -357,7 +357,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
     return groups
 
 
-def _candidates(kind: str, rms: FloatArray, settings: StartSettings) -> list[Term]:
+def _list_candidates(kind: str, rms: FloatArray, settings: StartSettings) -> list[Term]:
     """Return terms of unit amplitude of a kind, at several inner scales."""
     return list_terms(
         kind,
@@ -409,13 +409,13 @@ def look_for_start(model: Model, theta: FloatArray) -> FloatArray:
     for index in range(len(model.runs)):
         cells = [np.array([z, v]) * rms for z in grid for v in grid]
         for seconds, n_kept in known.start_rounds:
-            misfits = _misfits_of_cells(model, theta, index, cells, std, seconds)
+            misfits = _compute_misfits_of_cells(model, theta, index, cells, std, seconds)
             cells = [cells[k] for k in np.argsort(misfits, kind="stable")[:n_kept]]
         found[model.indices_of_run(index)[0]] = cells[0]
     return found
 
 
-def _misfits_of_cells(
+def _compute_misfits_of_cells(
     model: Model, theta: FloatArray, index: int, cells: Sequence[FloatArray], cell_std: FloatArray, seconds: float
 ) -> list[float]:
     """Return the misfit of the first seconds of a run for each initial state."""

@@ -113,6 +113,6 @@ class Campaign(Result):
             }
         )
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         said = ", ".join(f"{n} {verdict.value}" for verdict, n in self.counts.items() if n)
         return f"{len(self.outcomes)} flights: {said}"

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, NotDeterminedError
-from opid.estimate import Estimate
+from opid.errors import InputError, NotDeterminedError, list_names
+from opid.estimate import Estimate, format_change
 from opid.json_values import plain
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
@@ -29,7 +29,7 @@ from opid.suspensions.flights.departures import (
     scatter_between,
 )
 from opid.suspensions.flights.result_file import Flight, Quantity
-from opid.suspensions.flights.results import Flights, list_names
+from opid.suspensions.flights.results import Flights
 
 SCHEMA = "opid.comparison/1"
 
@@ -86,9 +86,8 @@ class Comparison(Result):
         """Return each quantity of the last flight in which it was judged, or of the last flight if it never was."""
         rows = []
         for each in self.series:
-            what, last = each.quantity, (each.judged or each.points)[-1]
-            name = ".".join(filter(None, (what.gear, what.name, what.kind)))
-            rows.append(SummaryRow.of(name, last.estimate, what.unit))
+            last = (each.judged or each.points)[-1]
+            rows.append(SummaryRow.of(each.quantity.key, last.estimate, each.quantity.unit))
         return tuple(rows)
 
     @property
@@ -121,13 +120,13 @@ class Comparison(Result):
                     for flight in self.flights
                 ],
                 "series": [
-                    _describe_quantity(series)
+                    series.quantity.to_dict()
                     | {"unit": series.quantity.unit, "scatter": series.scatter, "threshold": series.threshold}
-                    | {"points": [_point(point) for point in series.points]}
+                    | {"points": [_build_point(point) for point in series.points]}
                     for series in self.series
                 ],
                 "changes": [
-                    _describe_quantity(change)
+                    change.quantity.to_dict()
                     | {"first": change.first, "last": change.last, "share": asdict(change.fraction)}
                     | {"departure": change.departure, "confirmed": change.confirmed, "statement": change.statement}
                     for change in self.changes
@@ -137,17 +136,13 @@ class Comparison(Result):
             }
         )
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         n = len(self.changes)
         flagged = f"{n} change{'s' * (n != 1)} flagged" if n else "no change exceeds its uncertainty"
         return f"{len(self.flights)} flights, {flagged}"
 
 
-def _describe_quantity(found: Series | Change) -> dict[str, Any]:
-    return {"gear": found.quantity.gear, "quantity": found.quantity.name, "kind": found.quantity.kind}
-
-
-def _point(point: Point) -> dict[str, Any]:
+def _build_point(point: Point) -> dict[str, Any]:
     own = asdict(point)
     head, expected_std = {"flight": own.pop("flight")} | own.pop("estimate"), own.pop("std")
     return head | own | {"expected_std": expected_std}
@@ -183,26 +178,26 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
         raise InputError(
             f"the chance of a false alarm is {settings.false_alarm:g}: give one between 0 and 0.5, like 0.001"
         )
-    found = [collect_values(flights.flights, quantity) for quantity in _quantities(flights)]
+    found = [collect_values(flights.flights, quantity) for quantity in _list_quantities(flights)]
     n_tests = sum(max(0, 2 * each.value.size - 3) for each in found)
     if not n_tests:
         raise NotDeterminedError(
             "no quantity has a value with an interval in two flights, so no change can be compared with its "
             "uncertainty: "
-            f"{'; '.join(_why_no_intervals(flights))}"
+            f"{'; '.join(_explain_no_intervals(flights))}"
         )
     chance = -math.expm1(math.log1p(-settings.false_alarm) / n_tests)
-    table = _table(found, len(flights.flights))
-    scatter = _scatter([each.quantity.label for each in found], *table, settings)
+    table = _tabulate_values(found, len(flights.flights))
+    scatter = _estimate_scatter([each.quantity.label for each in found], *table, settings)
     series = []
     for each in found:
         fraction, freedom = scatter[each.quantity.label]
         series.append(judge_series(each, scatter=fraction, freedom=freedom, chance=chance, settings=settings))
     changes = sorted(
-        (change for each in series for change in _changes(each, flights, settings)), key=lambda each: each.first
+        (change for each in series for change in _join_changes(each, flights, settings)), key=lambda each: each.first
     )
     left_out = (each.sentence for each in flights.left_out)
-    warnings = _warnings(flights.flights, series, changes, chance_of_steps(*table), settings)
+    warnings = _list_warnings(flights.flights, series, changes, chance_of_steps(*table), settings)
     return Comparison(
         flights.flights,
         flights.dated,
@@ -215,7 +210,7 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
     )
 
 
-def _why_no_intervals(flights: Flights) -> Iterator[str]:
+def _explain_no_intervals(flights: Flights) -> Iterator[str]:
     """Yield why intervals are missing, and which flights were left out."""
     others = sorted({flight.method for flight in flights.flights} - {"model"})
     if others:
@@ -225,7 +220,7 @@ def _why_no_intervals(flights: Flights) -> Iterator[str]:
     yield from (each.sentence for each in flights.left_out)
 
 
-def _scatter(
+def _estimate_scatter(
     labels: Sequence[str], value: FloatArray, std: FloatArray, settings: FlightSettings
 ) -> dict[str, tuple[float, float]]:
     """Return scatter and degrees of freedom for each kind of quantity, of all gears together."""
@@ -245,7 +240,7 @@ def _is_narrow(value: FloatArray, std: FloatArray, below: float, settings: Fligh
     return bool(steps.sum() >= settings.enough_steps and chance_of_steps(value, std) < below)
 
 
-def _table(found: Sequence[MeasuredQuantity], n_flights: int) -> tuple[FloatArray, FloatArray]:
+def _tabulate_values(found: Sequence[MeasuredQuantity], n_flights: int) -> tuple[FloatArray, FloatArray]:
     """Return values and standard deviations, a row for each quantity and a column for each flight."""
     value, std = (np.full((len(found), n_flights), np.nan) for _ in range(2))
     for row, each in enumerate(found):
@@ -253,7 +248,7 @@ def _table(found: Sequence[MeasuredQuantity], n_flights: int) -> tuple[FloatArra
     return value, std
 
 
-def _quantities(flights: Flights) -> list[Quantity]:
+def _list_quantities(flights: Flights) -> list[Quantity]:
     """Return the quantities that at least two flights have, ordered by name: stiffness of all gears, damping, ..."""
     of_each = [[quantity for quantity, e in flight.values.items() if e.value is not None] for flight in flights.flights]
     counts = Counter(quantity for several in of_each for quantity in several)
@@ -263,7 +258,7 @@ def _quantities(flights: Flights) -> list[Quantity]:
     return [quantity for name in names for quantity, n in counts.items() if quantity.name == name and n > 1]
 
 
-def _changes(series: Series, flights: Flights, settings: FlightSettings) -> list[Change]:
+def _join_changes(series: Series, flights: Flights, settings: FlightSettings) -> list[Change]:
     """Join consecutive flagged flights of a series that depart to the same side."""
     groups: list[list[Point]] = []
     before = None
@@ -291,20 +286,15 @@ def _change(series: Series, group: Sequence[Point], flights: Flights, settings: 
     clear = abs(expected) > settings.clear_std * math.sqrt(before) and expected != 0
     fraction = Estimate.normal(change / abs(expected), std / abs(expected)) if clear else Estimate()
     departure = max((point.departure or 0.0 for point in group), key=abs)
-    statement = _statement(series, group, flights, fraction, change, departure)
+    statement = _write_statement(series, group, flights, fraction, change, departure)
     return Change(series.quantity, first.flight, group[-1].flight, fraction, departure, first.confirmed, statement)
 
 
-def _statement(
+def _write_statement(
     series: Series, group: Sequence[Point], flights: Flights, fraction: Estimate, change: float, departure: float
 ) -> str:
     quantity, first = series.quantity, group[0]
-    what = quantity.label + (f" of {quantity.gear!r}" if quantity.gear else "")
-    if fraction.interval95 is None or fraction.value is None:
-        by = f"{change:+.3g} {quantity.unit}"
-    else:
-        low, high = fraction.interval95
-        by = f"{100 * fraction.value:+.1f} % ({100 * low:+.1f} to {100 * high:+.1f} %)"
+    by = f"{change:+.3g} {quantity.unit}" if fraction.interval95 is None else format_change(fraction)
     since = when(flights.flights[first.flight])
     until = f" to {when(flights.flights[group[-1].flight])}" if len(group) > 1 else ""
     how = (
@@ -324,7 +314,7 @@ def _statement(
             else "an oil leak, more volume at the same pressure, unless gas was filled in or is warmer (1 % for each "
             "3 K): "
         )
-    return f"{what}: {meaning}{by} in {since}{until}, {abs(departure):.1f} standard deviations: {how}"
+    return f"{quantity.full_label}: {meaning}{by} in {since}{until}, {abs(departure):.1f} standard deviations: {how}"
 
 
 def when(flight: Flight) -> str:
@@ -335,7 +325,7 @@ def when(flight: Flight) -> str:
 # ---- warnings ----------------------------------------------------------------------------------------
 
 
-def _warnings(
+def _list_warnings(
     flights: Sequence[Flight],
     series: Sequence[Series],
     changes: Sequence[Change],
@@ -354,7 +344,7 @@ def _warnings(
     yield from _warn_of_scatter(series, changes, chance, settings)
     by_gear: dict[str, list[str]] = {}
     for change in changes:
-        if len(_points_before(change, series)) == 1:
+        if len(_list_points_before(change, series)) == 1:
             by_gear.setdefault(change.quantity.gear or "the body", []).append(change.quantity.label)
     for gear, labels in by_gear.items():
         yield (
@@ -397,7 +387,7 @@ def _warn_of_scatter(
         )
 
 
-def _points_before(change: Change, series: Sequence[Series]) -> list[Point]:
+def _list_points_before(change: Change, series: Sequence[Series]) -> list[Point]:
     """Return the judged flights of the series before a change."""
     points = next(each.points for each in series if each.quantity == change.quantity)
     return [point for point in points if point.flight < change.first and point.has_interval]
@@ -408,7 +398,7 @@ def _warn_of_missing(flights: Sequence[Flight], series: Sequence[Series]) -> Ite
     for status, words in ((Status.NO_VALUE, "have no value"), (Status.NO_INTERVAL, "have no interval")):
         for index, flight in enumerate(flights):
             lacking = [
-                each.quantity.label + (f" of {each.quantity.gear!r}" if each.quantity.gear else "")
+                each.quantity.full_label
                 for each in series
                 if any(point.flight == index and point.status is status for point in each.points)
             ]

@@ -72,7 +72,7 @@ def write_part(directory: Path, outcomes: Sequence[Outcome], number: int, covari
     import pyarrow
     import pyarrow.parquet
 
-    kinds = {name: _type_of(pyarrow, kind) for name, kind in columns().items()} | dict.fromkeys(
+    kinds = {name: _choose_type(pyarrow, kind) for name, kind in columns().items()} | dict.fromkeys(
         covariates, pyarrow.float64()
     )
     rows = [row for outcome in outcomes for row in _list_rows(outcome)]
@@ -89,7 +89,7 @@ def partition_of(directory: Path, tail: str) -> Path:
     return directory / f"tail={quote(tail, safe='') if tail else _NO_TAIL}"
 
 
-def _type_of(pyarrow: Any, kind: str) -> Any:
+def _choose_type(pyarrow: Any, kind: str) -> Any:
     return pyarrow.list_(pyarrow.string()) if kind == "list<string>" else pyarrow.type_for_alias(kind)
 
 

@@ -165,16 +165,11 @@ def judge_series(
     `scatter_between`. The intervals are taken as known, so that scatter and interval together have more degrees of
     freedom (Welch 1947, Satterthwaite 1946).
     """
-    from scipy.special import ndtri, stdtrit
-
     x = found.value
     beyond = (scatter * np.median(x) if x.size else 0.0) ** 2
     variance = found.std**2 + beyond
     freedom = freedom * (1 + float(np.median(found.std)) ** 2 / beyond) ** 2 if beyond else math.inf
-    far, near = (
-        -float(ndtri(each) if math.isinf(freedom) else stdtrit(freedom, each))
-        for each in (chance / 2, settings.following)
-    )
+    far, near = (find_threshold(each, freedom) for each in (chance, 2 * settings.following))
     points: list[Point] = []
     kept: list[int] = []
     for i, point in enumerate(found.points):
@@ -201,6 +196,21 @@ def judge_series(
             kept.append(i)
         points.append(point)
     return Series(found.quantity, _confirm_flags(points, found.others), scatter, far)
+
+
+def find_threshold(chance: float, freedom: float) -> float:
+    """Return the departure that is exceeded by this two-sided chance, in standard deviations.
+
+    Args:
+        chance: that an unchanged value departs further, to either side.
+        freedom: degrees of freedom of Student's distribution; infinite for the normal one.
+
+    >>> round(find_threshold(0.05, math.inf), 2), round(find_threshold(0.05, 4.0), 2)
+    (1.96, 2.78)
+    """
+    from scipy.special import ndtri, stdtrit
+
+    return -float(ndtri(chance / 2) if math.isinf(freedom) else stdtrit(freedom, chance / 2))
 
 
 def _compare_with_kept(
@@ -265,7 +275,7 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
     """
     from scipy.special import bdtrc, chdtrc
 
-    step, stated, _ = _differences(value, std)
+    step, stated, _ = _compute_differences(value, std)
     n = np.sum(~np.isnan(step), axis=0)
     squares = np.nansum(step**2 / stated, axis=0)[n > 0]
     n = n[n > 0]
@@ -294,7 +304,7 @@ def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSetti
     from scipy.optimize import brentq
     from scipy.special import ndtri
 
-    step, stated, size = _differences(value, std)
+    step, stated, size = _compute_differences(value, std)
     known = ~np.isnan(step)
     step, stated, size = step[known], stated[known], size[known]
     n = step.size
@@ -312,7 +322,7 @@ def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSetti
     return scatter, max(1.0, settings.freedom_of_a_step * n)
 
 
-def _differences(value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compute_differences(value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return differences of neighbouring flights, their variance, and that of a scatter as large as the values."""
     step, stated = np.diff(value), std[:, 1:] ** 2 + std[:, :-1] ** 2
     middle = np.array([np.nanmedian(row) if np.any(np.isfinite(row)) else 0.0 for row in value]).reshape(-1, 1)

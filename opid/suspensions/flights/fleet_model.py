@@ -22,6 +22,7 @@ from scipy.special import digamma, polygamma
 from scipy.stats import norm, t as student
 
 from opid.signals.recording import FloatArray
+from opid.suspensions.flights.departures import find_threshold
 
 BoolArray = NDArray[np.bool_]
 
@@ -455,7 +456,7 @@ def find_tempers(judged: Judged, before: Tempers | None, settings: FleetSettings
     if left.size >= settings.values_per_coefficient:
         width = float(left.std())
         start, bounds = [math.log(8.0), math.log(width)], [(math.log(2.1), math.log(200.0)), (-3.0, 3.0)]
-        found = minimize(_misfit_of_tails, start, (left,), method="L-BFGS-B", bounds=bounds)
+        found = minimize(_compute_misfit_of_tails, start, (left,), method="L-BFGS-B", bounds=bounds)
         normal = left.size * math.log(width) - float(norm.logpdf(left / width).sum())
         if normal - found.fun > 2.0:
             freedom = np.minimum(freedom, math.exp(found.x[0]))
@@ -463,13 +464,8 @@ def find_tempers(judged: Judged, before: Tempers | None, settings: FleetSettings
     return Tempers(factor, freedom)
 
 
-def _misfit_of_tails(theta: FloatArray, values: FloatArray) -> float:
+def _compute_misfit_of_tails(theta: FloatArray, values: FloatArray) -> float:
     return float(values.size * theta[1] - student.logpdf(values / np.exp(theta[1]), np.exp(theta[0])).sum())
-
-
-def find_threshold(chance: float, freedom: float) -> float:
-    """Return the departure that is exceeded by this two-sided chance."""
-    return float(norm.isf(chance / 2) if math.isinf(freedom) else student.isf(chance / 2, freedom))
 
 
 def _compare(state: _State, h: FloatArray, y: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -57,6 +57,20 @@ class Quantity:
         }
         return words.get(self.name, self.name)
 
+    @property
+    def full_label(self) -> str:
+        """The quantity in words, with the gear."""
+        return self.label + (f" of {self.gear!r}" if self.gear else "")
+
+    @property
+    def key(self) -> str:
+        """The quantity as summaries name it: gear, name and kind, separated by dots."""
+        return ".".join(filter(None, (self.gear, self.name, self.kind)))
+
+    def to_dict(self) -> dict[str, str]:
+        """Return gear, name and kind as files of comparisons hold them."""
+        return {"gear": self.gear, "quantity": self.name, "kind": self.kind}
+
 
 @dataclass(frozen=True, eq=False)
 class StrutLaw:
@@ -153,7 +167,7 @@ def read_flight(path: Path, name: str) -> Flight:
     """
     document = load_result(path)
     faults: list[str] = []
-    flight = _flight(path, name, _Table(document, "", faults))
+    flight = _build_flight(path, name, _Table(document, "", faults))
     faults = list(dict.fromkeys(faults))
     if faults:
         more = [f"and {len(faults) - MOST_FAULTS} more"] if len(faults) > MOST_FAULTS else []
@@ -266,7 +280,7 @@ class _Table:
         return found
 
 
-def _flight(path: Path, name: str, document: _Table) -> Flight:
+def _build_flight(path: Path, name: str, document: _Table) -> Flight:
     structure = document.optional("structure")
     if structure is not None and structure.is_true("is_one_gear"):
         structure = None
@@ -346,8 +360,8 @@ def _read_one_gear(document: _Table) -> Iterator[_Gear]:
             parameters.estimate("suspension_damping_n_s_per_m"),
         )
     kinds = {part for part in law.text("name").split("+") if part and part != "linear"}
-    gas = next((_gas(each) for each in document.tables("interfaces", is_needed=False)), Estimate())
-    yield ONE_GEAR, kinds, per_mass, _values(ONE_GEAR, *linear, law.amplitudes("parameters"), gas, per_mass)
+    gas = next((_read_gas(each) for each in document.tables("interfaces", is_needed=False)), Estimate())
+    yield ONE_GEAR, kinds, per_mass, _read_values(ONE_GEAR, *linear, law.amplitudes("parameters"), gas, per_mass)
 
 
 def _read_gears(document: _Table) -> Iterator[_Gear]:
@@ -362,15 +376,15 @@ def _read_gears(document: _Table) -> Iterator[_Gear]:
         per_mass = interface.table("stiffness").text("unit") != "N/m"
         linear = interface.estimate("stiffness"), interface.estimate("damping")
         amplitudes, gear = interface.amplitudes("law"), ", ".join(alike)
-        yield gear, amplitudes, per_mass, _values(gear, *linear, amplitudes, _gas(interface), per_mass)
+        yield gear, amplitudes, per_mass, _read_values(gear, *linear, amplitudes, _read_gas(interface), per_mass)
 
 
-def _gas(interface: _Table) -> Estimate:
+def _read_gas(interface: _Table) -> Estimate:
     gas = interface.optional("gas")
     return Estimate() if gas is None else gas.estimate("content_n_m")
 
 
-def _values(
+def _read_values(
     gear: str, stiffness: Estimate, damping: Estimate, amplitudes: Mapping[str, Estimate], gas: Estimate, per_mass: bool
 ) -> dict[Quantity, Estimate]:
     """Return the quantities of a suspension; `gas` is pressure times volume of the gas that carries it."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import Any
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, list_names
 from opid.signals.files import nearest_beside
 from opid.suspensions.flights.result_file import RESULT_FILE, Flight, read_flight
 
@@ -63,11 +62,11 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
             different structures.
         NotDeterminedError: fewer than two flights remain that can be compared.
     """
-    files, unfinished = _files_at(paths)
+    files, unfinished = _list_files(paths)
     twice = [str(file) for file, n in Counter(file.resolve() for file in files).items() if n > 1]
     if twice:
         raise InputError(f"{list_names(twice)}: given more than once, give each result once")
-    names = _names(files)
+    names = _name_results(files)
     # The result of a study may be beside its folder and have its name.
     without_result = [
         LeftOut(str(folder), f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there")
@@ -79,7 +78,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
         raise InputError(f"{len(files)} result is given ({list_names(files)}): give two or more to compare{others}")
     flights = [read_flight(file, name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
-    kept, left_out = _comparable(flights)
+    kept, left_out = _select_comparable(flights)
     _refuse_unlike(kept)
     return replace(put_in_order(kept), left_out=(*without_result, *left_out))
 
@@ -104,20 +103,10 @@ def put_in_order(flights: Sequence[Flight]) -> Flights:
     return Flights(tuple(ordered), True, notes=notes)
 
 
-def list_names(names: Sequence[Any] | Mapping[str, Any]) -> str:
-    """Return names in a sentence; if there are more than six, the first six and the number of the others.
-
-    >>> list_names("abcdefgh")
-    'a, b, c, d, e, f and 2 more'
-    """
-    words = [str(name) for name in names]
-    return ", ".join(words[:6]) + (f" and {len(words) - 6} more" if len(words) > 6 else "")
-
-
 # ---- files -----------------------------------------------------------------------------------------
 
 
-def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list[Path]]:
+def _list_files(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list[Path]]:
     """Return the results, and folders beside them that hold a study without a result."""
     files, unfinished = [], []
     for path in map(Path, paths):
@@ -145,7 +134,7 @@ def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list
     return files, unfinished
 
 
-def _names(files: Sequence[Path]) -> list[str]:
+def _name_results(files: Sequence[Path]) -> list[str]:
     """Name each result after the folder of its study, or by its whole path if two have that name."""
     names = []
     for file in files:
@@ -158,7 +147,7 @@ def _names(files: Sequence[Path]) -> list[str]:
 # ---- what cannot be compared -----------------------------------------------------------------------
 
 
-def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]:
+def _select_comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]:
     """Return the flights that can be compared with each other, and why each of the others is left out."""
     reasons: dict[str, str] = {}
     for flight in flights:

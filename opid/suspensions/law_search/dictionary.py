@@ -100,9 +100,9 @@ class LawDictionary:
         With b the errors without the effect of the fitted law, and D the columns, the law of the terms S would leave
         min_a |b + D_S a|^2.
         """
-        return sorted((self.proposal(move) for move in self._moves()), key=lambda proposal: proposal.bic)
+        return sorted((self.proposal(move) for move in self._list_moves()), key=lambda proposal: proposal.bic)
 
-    def _moves(self) -> Iterator[tuple[str, ...]]:
+    def _list_moves(self) -> Iterator[tuple[str, ...]]:
         return filter(may_stand_together, self._list_neighbours())
 
     def _list_neighbours(self) -> Iterator[tuple[str, ...]]:
@@ -120,7 +120,7 @@ class LawDictionary:
     def left(self, columns: Sequence[int]) -> tuple[float, FloatArray]:
         """Return the squared error that some columns leave, and their weights."""
         chosen = list(columns)
-        weights = -self._inverse(chosen) @ self.along[chosen]
+        weights = -self._invert_columns(chosen) @ self.along[chosen]
         return self.total + float(self.along[chosen] @ weights), weights / self.size[chosen]
 
     def largest_expected_gain(self) -> float:
@@ -136,7 +136,7 @@ class LawDictionary:
         for _ in range(1 if len(new) < 2 else 3):
             for name in new:
                 others = [column for other, column in picked.items() if other != name]
-                picked[name] = self._best([*kept, *others], self.offered[name])
+                picked[name] = self._choose_best([*kept, *others], self.offered[name])
         cost, law = self._refine(names, kept, picked)
         now, _ = self.left([column for group in self.fitted.values() for column in group])
         # With exact data only rounding errors are left, of either sign.
@@ -167,17 +167,17 @@ class LawDictionary:
             terms.append(Term(name, (weight[index], *inner)))
         return cost, Law(tuple(terms), self.law.rest_m)
 
-    def _inverse(self, columns: Sequence[int]) -> FloatArray:
+    def _invert_columns(self, columns: Sequence[int]) -> FloatArray:
         if not columns:
             return np.empty((0, 0))
         gram = self.gram[np.ix_(columns, columns)]
         return np.asarray(np.linalg.pinv(gram, rcond=self.settings.nearly_parallel, hermitian=True), dtype=np.float64)
 
-    def _best(self, base: Sequence[int], options: Sequence[int]) -> int:
+    def _choose_best(self, base: Sequence[int], options: Sequence[int]) -> int:
         """Return the option that lowers the error most beside the base columns."""
         chosen, offered = np.array(base, dtype=np.int64), np.array(options, dtype=np.int64)
         products = self.gram[np.ix_(offered, chosen)]
-        cross = products @ self._inverse(base)
+        cross = products @ self._invert_columns(base)
         along = self.along[offered] - cross @ self.along[chosen]
         size, least = 1 - np.sum(cross * products, axis=1), self.settings.nearly_parallel
         gain = np.where(size > least, along**2 / np.maximum(size, least), 0.0)

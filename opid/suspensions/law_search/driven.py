@@ -75,7 +75,7 @@ class DrivenLaws:
         """Return the candidates beside a fit, all of them simulated at once."""
         known, kinds = self._find_answers(fit, of_one_model=False).dictionaries, tuple(kinds)
         if kinds not in known:
-            known[kinds] = self._dictionaries(fit, kinds)
+            known[kinds] = self._build_dictionaries(fit, kinds)
         return known[kinds]
 
     def rank_as(self, fit: Fit, other: Fit) -> None:
@@ -94,16 +94,16 @@ class DrivenLaws:
             scaled = {group: replace(each, n_data=round(more * each.n_data)) for group, each in known.items()}
             self._find_answers(fit, of_one_model=False).dictionaries.setdefault(kinds, scaled)
 
-    def _dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+    def _build_dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
             if group.has_origin:
                 new = [kind for kind in new if not LAWS[kind].is_about_rest]
             elif model.is_carried:
-                # A column of gas carries the known weight and replaces all springs, see `_carriers`.
+                # A column of gas carries the known weight and replaces all springs, see `_list_carriers`.
                 new = [kind for kind in new if not LAWS[kind].quasi_static]
-            offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
+            offered[number] = [term for kind in new for term in self._list_faint_terms(kind, fit, group, law.rest_m)]
         try:
             errors = model.evaluate(fit.theta, candidates=offered)
         except UnboundedResponseError:
@@ -114,12 +114,12 @@ class DrivenLaws:
         for number, (name, law) in enumerate(fit.laws.items()):
             nodes: dict[str, list[Node]] = {}
             for term in offered[number]:
-                nodes.setdefault(term.name, []).append(_node(term, columns[:, index : index + len(term.values)]))
+                nodes.setdefault(term.name, []).append(_build_node(term, columns[:, index : index + len(term.values)]))
                 index += len(term.values)
             own = np.arange(errors.jacobian.shape[1])[model.law_indices(number)]
             by_law, others = errors.jacobian[:, own], np.delete(errors.jacobian, own, axis=1)
             dictionary = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
-            found[name] = replace(dictionary, further=tuple(_carriers(fit, number, law, kinds)))
+            found[name] = replace(dictionary, further=tuple(_list_carriers(fit, number, law, kinds)))
         if fit.ratio > fit.model.settings.verdicts.refused:
             # No law explains the residual of a wrong structure.
             expected = sum(each.largest_expected_gain() for each in found.values())
@@ -144,7 +144,7 @@ class DrivenLaws:
         """Return True: fits without one run take as long as a search, so they are made once, after the search."""
         return True
 
-    def _faint(self, kind: str, fit: Fit, group: Group, rest_m: float) -> list[Term]:
+    def _list_faint_terms(self, kind: str, fit: Fit, group: Group, rest_m: float) -> list[Term]:
         """Return terms that are too weak to change the motion."""
         attachments = group.members
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, attachments), strict=True))
@@ -174,7 +174,7 @@ def _is_of_one_model(fit: Fit, other: Fit) -> bool:
     )
 
 
-def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+def _list_carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator[Law]:
     """Yield laws in which a column of gas of the same stiffness replaces all springs and carries the weight."""
     model = fit.model
     if not model.is_carried or any(term.kind.quasi_static for term in law.terms):
@@ -194,7 +194,7 @@ def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator
             yield Law((column, *(term for term in law.terms if term not in springs)))
 
 
-def _node(term: Term, columns: FloatArray) -> Node:
+def _build_node(term: Term, columns: FloatArray) -> Node:
     # The slope is the derivative by the logarithm of the inner parameter, for unit amplitude.
     slope = columns[:, 1] * term.inner[0] / term.amplitude if has_slope(term.kind) else None
     return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)
@@ -269,7 +269,9 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
     ranked: dict[str, list[Law]] = {}
     for group in fit.model.groups:
         if depends_on_travel(fit.laws[group.name]):
-            ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.members)])), kinds, settings)
+            ranked[group.name] = _find_imitations(
+                fit, group, float(np.mean(travel[list(group.members)])), kinds, settings
+            )
     for index in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
         laws = {name: row[min(index, len(row) - 1)] for name, row in ranked.items() if row}
         if all(law == fit.laws[name] for name, law in laws.items()):
@@ -299,7 +301,9 @@ def static_travel(fit: Fit) -> FloatArray | None:
     return find_rest(suspensions, body.rows, mass @ body.fall).travel
 
 
-def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings) -> list[Law]:
+def _find_imitations(
+    fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings
+) -> list[Law]:
     """Return laws of one kind of spring about another origin, those nearest to the fitted force first.
 
     Of two that are equally near, the one whose force about its origin balances the weight comes first.
@@ -334,7 +338,7 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
             found[key] = cost, fraction, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
 
     for fraction in (0.0, *settings.distances):
-        for term in _springs(kinds, float(np.hypot(travel.std(), distance_m * fraction)), settings.n_scales):
+        for term in _list_springs(kinds, float(np.hypot(travel.std(), distance_m * fraction)), settings.n_scales):
             imitate(fraction, term)
     for (name, is_away), (_, best, law) in list(found.items()):
         if is_away:
@@ -349,7 +353,7 @@ def _remove_columns(columns: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
-def _springs(kinds: Sequence[str], travel_rms: float, n_scales: int) -> Iterator[Term]:
+def _list_springs(kinds: Sequence[str], travel_rms: float, n_scales: int) -> Iterator[Term]:
     """Yield terms of unit amplitude that depend on the travel and have no origin of their own."""
     for kind in kinds:
         for term in list_terms(kind, travel_rms=travel_rms, velocity_rms=1.0, n_scales=n_scales):

@@ -128,7 +128,7 @@ def force_surface(fit: Fit, attachment: int) -> ForceSurface:
     # Second differences contain the noise and no errors of the law.
     noise = float(np.std(np.diff(points.force_per_mass - points.fitted, 2)) / np.sqrt(6))
     count, mean, error, fitted = (
-        x.reshape(n_cells, n_cells) for x in _averages(points, cell, n_cells**2, noise, settings)
+        x.reshape(n_cells, n_cells) for x in _average_cells(points, cell, n_cells**2, noise, settings)
     )
     departure = (mean - fitted) / error
     known = np.isfinite(departure)
@@ -142,15 +142,15 @@ def force_surface(fit: Fit, attachment: int) -> ForceSurface:
         mean=mean,
         standard_error=error,
         law=fitted,
-        along_travel=_section(points, law, 0, edges[0], noise, settings),
-        along_velocity=_section(points, law, 1, edges[1], noise, settings),
+        along_travel=_cut_section(points, law, 0, edges[0], noise, settings),
+        along_velocity=_cut_section(points, law, 1, edges[1], noise, settings),
         largest_standard_errors=float(np.max(np.abs(departure[known]), initial=0.0)),
         largest_percent=100 * float(np.max(np.abs((mean - fitted)[seen]), initial=0.0)) / rms,
         expected_standard_errors=float(stats.norm.isf(0.5 * (1 - 0.95 ** (1 / max(int(known.sum()), 1))))),
     )
 
 
-def _averages(
+def _average_cells(
     points: ForcePoints, cell: np.ndarray, n_cells: int, noise: float, settings: SurfaceSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return count, mean force, standard error and mean law of each cell."""
@@ -164,14 +164,14 @@ def _averages(
     return number, mean_of(points.force_per_mass), noise / np.sqrt(divisor), mean_of(points.fitted)
 
 
-def _section(
+def _cut_section(
     points: ForcePoints, law: Law, axis: int, edges: FloatArray, noise: float, settings: SurfaceSettings
 ) -> ForceSection:
     along, across = (points.travel, points.velocity)[:: 1 if axis == 0 else -1]
     n = edges.size - 1
     index = np.digitize(along, edges) - 1
     near = (np.abs(across) < settings.section_rms * across.std()) & (index >= 0) & (index < n)
-    _, mean, error, fitted = _averages(points, np.where(near, index, -1), n, noise, settings)
+    _, mean, error, fitted = _average_cells(points, np.where(near, index, -1), n, noise, settings)
     position = 0.5 * (edges[1:] + edges[:-1])
     zero = np.zeros(n)
     of_law = law.force(position, zero) if axis == 0 else law.force(zero, position)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
@@ -18,12 +18,11 @@ import numpy as np
 
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.weight import depends_on_travel
+from opid.progress import Say
 from opid.suspensions.law_search.dictionary import LawDictionary, may_stand_together
 from opid.suspensions.settings import SearchSettings
 
 logger = logging.getLogger(__name__)
-
-Say = Callable[[str], None]
 
 
 class LawFit(Protocol):
@@ -143,12 +142,12 @@ def search_laws(
     say = progress or (lambda step: None)
     kinds = library() if kinds is None else tuple(kinds)
     ladder, current = [LawStep(start, True, method)], start
-    tried = {_names(start)}
+    tried = {_list_names(start)}
     for _ in range(problem.settings.n_rounds):
         fits = _fit_moves(problem, current, kinds, tried, rejected, say)
         best = current
         for fit in fits:
-            best = fit if _replaces(problem, fit, best) else best
+            best = fit if _is_better(problem, fit, best) else best
         ladder += [LawStep(fit, fit is best, "pursuit") for fit in fits]
         if best is current:
             break
@@ -175,7 +174,7 @@ def find_far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> s
     most = (1 + settings.far_fraction) * chosen(ladder).fit.error_rms
     least: dict[tuple[str, ...], float] = {}
     for step in ladder:
-        least[_names(step.fit)] = min(step.fit.error_rms, least.get(_names(step.fit), math.inf))
+        least[_list_names(step.fit)] = min(step.fit.error_rms, least.get(_list_names(step.fit), math.inf))
     return {names for names, error_rms in least.items() if error_rms > most}
 
 
@@ -189,7 +188,7 @@ def find_surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -
     most = chosen(ladder).fit.bic + settings.surely_behind_bic
     least: dict[tuple[str, ...], float] = {}
     for step in ladder:
-        least[_names(step.fit)] = min(step.fit.bic, least.get(_names(step.fit), math.inf))
+        least[_list_names(step.fit)] = min(step.fit.bic, least.get(_list_names(step.fit), math.inf))
     return {names for names, bic in least.items() if bic > most}
 
 
@@ -205,20 +204,20 @@ def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
     if more < 0:
         return not is_better(than, fit, settings)
     if more == 0:
-        return fit.bic + settings.inner_margin * (_n_inner(fit) - _n_inner(than)) < than.bic
+        return fit.bic + settings.inner_margin * (_count_inner(fit) - _count_inner(than)) < than.bic
     margin = settings.error_margin / len(fit.laws)
     return fit.bic < than.bic - settings.bic_margin and fit.error_rms < (1 - margin) * than.error_rms
 
 
-def _n_inner(fit: LawFit) -> int:
+def _count_inner(fit: LawFit) -> int:
     """Return the number of inner parameters of all laws."""
     return sum(law.vector.size - len(law.terms) for law in fit.laws.values())
 
 
-def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
+def _is_better(problem: LawProblem[F], fit: F, than: F) -> bool:
     """Whether a fit is better by its criterion and by data left out; a smaller one also if the larger is not better."""
     if n_terms(fit) < n_terms(than):
-        return not _replaces(problem, than, fit)
+        return not _is_better(problem, than, fit)
     return is_better(fit, than, problem.settings) and problem.confirms(fit, than)
 
 
@@ -280,10 +279,10 @@ def add_neighbours(
         known: names of the laws of all groups that are reported anyway; they count among the closest.
     """
     best = chosen(ladder).fit
-    tried = {_names(step.fit) for step in ladder}
+    tried = {_list_names(step.fit) for step in ladder}
     linear = dict.fromkeys(best.laws, LINEAR)
     wanted = [] if ("linear",) * len(linear) in {*tried, *known} else [linear]
-    moves = [move for move in _moves(problem, best, library() if kinds is None else kinds) if len(move.laws) == 1]
+    moves = [move for move in _list_moves(problem, best, library() if kinds is None else kinds) if len(move.laws) == 1]
     nearest = [move for move in moves if move.name(best) not in tried][: problem.settings.n_neighbours]
     wanted += [move.laws for move in nearest if move.name(best) not in known]
     fits = [problem.refit(best, laws) for laws in wanted]
@@ -317,7 +316,7 @@ def alternatives(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tupl
             continue
         new = [term for term in theirs.terms if term.name not in names[0]]
         motions = " and ".join(sorted({_describe_motion(term) for term in (*gone, *new)}))
-        what, lost = " and ".join(map(_words, new)), " and ".join(term.name for term in gone)
+        what, lost = " and ".join(map(_describe_term, new)), " and ".join(term.name for term in gone)
         where = f"at {group!r}: " if group else ""
         found[step.law_name] = where + (
             f"{what} in place of {lost} explains the runs as well (BIC {behind:+.0f}): the visited {motions} do not "
@@ -329,11 +328,11 @@ def alternatives(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tupl
     return tuple(found.values())
 
 
-def _names(fit: LawFit) -> tuple[str, ...]:
+def _list_names(fit: LawFit) -> tuple[str, ...]:
     return tuple(law.name for law in fit.laws.values())
 
 
-def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
+def _list_moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
     """Return laws near the fitted ones: changes of one group, and the best changes of all groups together."""
     dictionaries = problem.dictionaries(fit, kinds)
     every = {group: dictionary.proposals() for group, dictionary in dictionaries.items()}
@@ -351,7 +350,7 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             total = sum(each.bic for each in joint.values())
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
     for group, law in fit.laws.items():
-        moves += [_Move({group: other}, 0.0, 0) for other in _limits(law, kinds)]
+        moves += [_Move({group: other}, 0.0, 0) for other in _list_limits(law, kinds)]
         # No column shows the expected improvement of these laws.
         moves += [_Move({group: other}, 0.0, 0, always=True) for other in relatives(law, kinds)]
         dictionary = dictionaries.get(group)
@@ -360,7 +359,7 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
     return sorted(possible, key=lambda move: move.bic)
 
 
-def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+def _list_limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
     """Yield laws in which the limits of a term replace it: it is so similar to them that no derivative shows this."""
     for term in law.terms:
         others = tuple(each for each in law.terms if each is not term)
@@ -407,7 +406,7 @@ def _fit_moves(
 ) -> list[F]:
     """Fit the laws one step away that may be better, or no worse by a margin; larger ones if no other will do."""
     known, fits = problem.settings, list[F]()
-    found = _moves(problem, current, kinds)
+    found = _list_moves(problem, current, kinds)
     # This is the reduction that the error margin requires of a larger law; a smaller law may be worse by as much.
     in_error = -2 * current.n_data * float(np.log1p(-known.error_margin / len(current.laws)))
     doubt = -2 * current.n_data * float(np.log1p(-known.first_order_error))
@@ -431,7 +430,7 @@ def _fit_moves(
             logger.debug("law %s: %s", "; ".join(name), "no fit" if fit is None else f"BIC {fit.bic:.1f}")
             fits += [fit] if fit is not None else []
             n_fitted += not move.always
-        if any(_replaces(problem, fit, current) for fit in fits):
+        if any(_is_better(problem, fit, current) for fit in fits):
             break
     return fits
 
@@ -445,6 +444,6 @@ def _describe_motion(term: Term) -> str:
     return "velocities" if np.any(by_velocity) else "travels"
 
 
-def _words(term: Term) -> str:
+def _describe_term(term: Term) -> str:
     inner = [f"{value:.3g} {p.unit}" for p, value in zip(term.kind.parameters[1:], term.inner, strict=True)]
     return f"{term.name} ({', '.join(inner)})" if inner else term.name

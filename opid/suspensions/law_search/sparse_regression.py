@@ -9,13 +9,14 @@ turn. The best proposed laws are then fitted by the driven model, as those of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law
 from opid.mechanics.memory import Motion
+from opid.progress import Say
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.fitting.least_squares import fit_separable, start_laws
@@ -32,7 +33,7 @@ def search_by_regression(
     kinds: Sequence[str],
     method: str = "equation",
     settings: RegressionSettings | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> tuple[LawStep[Fit], ...]:
     """Return the ladder of laws that sparse regression proposes, fitted by the model; the last kept is the choice."""
     say, known = progress or (lambda step: None), settings or RegressionSettings()
@@ -82,7 +83,7 @@ def _propose_laws(points: ForcePoints, names: Sequence[str], known: RegressionSe
         shapes = [_choose_scale(name, held, z, v, straight, residual) for name in names]
         columns = _remove_straight_part(straight, np.stack([shape.force(z, v) for shape in shapes], axis=1))
         target = _remove_straight_part(straight, y[:, np.newaxis])
-        for support in _supports(columns, target, known):
+        for support in _propose_supports(columns, target, known):
             law = Law(tuple(shapes[k].terms[0] for k in support))
             if law.name not in found:
                 start = [law] if len(support) > 1 else None
@@ -93,7 +94,7 @@ def _propose_laws(points: ForcePoints, names: Sequence[str], known: RegressionSe
             break
         held = best
         basis = np.concatenate([straight, held.parameter_gradient(z, v)], axis=1)
-        residual = _residual(basis, y)
+        residual = _compute_residual(basis, y)
     return tuple(law for _, law in sorted(found.values(), key=lambda entry: (entry[1] is not best, entry[0])))
 
 
@@ -123,7 +124,7 @@ def _remove_straight_part(straight: FloatArray, columns: FloatArray) -> FloatArr
     return left / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-300)
 
 
-def _residual(basis: FloatArray, y: FloatArray) -> FloatArray:
+def _compute_residual(basis: FloatArray, y: FloatArray) -> FloatArray:
     scaled = basis / np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
     return y - scaled @ np.linalg.lstsq(scaled, y, rcond=1e-10)[0]
 
@@ -144,7 +145,7 @@ def _measure_left_out(
     return float(np.sqrt(square / y.size))
 
 
-def _supports(columns: FloatArray, target: FloatArray, known: RegressionSettings) -> Iterator[tuple[int, ...]]:
+def _propose_supports(columns: FloatArray, target: FloatArray, known: RegressionSettings) -> Iterator[tuple[int, ...]]:
     """Yield sets of columns that the optimisers choose."""
     # The import takes two seconds, so it is made only here.
     from pysindy.optimizers import FROLS, SR3, SSR, STLSQ

@@ -223,12 +223,12 @@ def rigid_body(
         rows=np.vstack([rows, np.zeros((n_more, 3))]),
         readings=seen,
         inside=inside,
-        coordinates=_coordinates(names, tolerance_m) if tolerance_m else (),
+        coordinates=_list_coordinates(names, tolerance_m) if tolerance_m else (),
         product=product,
     )
 
 
-def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
+def _list_coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
     """Return the coordinates of the interfaces, then of their sensors."""
     return tuple(
         Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", attachment, of_sensor, derivative, tolerance_m)
@@ -269,7 +269,7 @@ def own_body(
         for name in names:
             if list(names).count(name) > 1:
                 raise InputError(f"{what} names {name!r} {list(names).count(name)} times: give it once")
-    springs = [*_joints(structure, unknown), *_matrices(structure)]
+    springs = [*_list_joints(structure, unknown), *_resolve_matrices(structure)]
     rows = [*(eye[structure.index(name)] for name in interfaces), *(row for _, row in springs)]
     inside = [spring for spring, _ in springs]
     seen = np.array([eye[structure.index(name)] for name in sensors])
@@ -294,7 +294,7 @@ def own_body(
     )
 
 
-def _joints(structure: Structure, unknown: Sequence[str]) -> Iterator[tuple[Inside, FloatArray]]:
+def _list_joints(structure: Structure, unknown: Sequence[str]) -> Iterator[tuple[Inside, FloatArray]]:
     """Yield the joints, each with its row."""
     names = [joint.name for joint in structure.joints]
     for name in unknown:
@@ -308,7 +308,7 @@ def _joints(structure: Structure, unknown: Sequence[str]) -> Iterator[tuple[Insi
         yield Inside(joint.name, *known), np.asarray(joint.direction)
 
 
-def _matrices(structure: Structure) -> Iterator[tuple[Inside, FloatArray]]:
+def _resolve_matrices(structure: Structure) -> Iterator[tuple[Inside, FloatArray]]:
     """Yield the stiffness and damping matrices as springs and dampers along their eigenvectors."""
     for what, matrix in (("stiffness", structure.stiffness), ("damping", structure.damping)):
         values, vectors = np.linalg.eigh(matrix)

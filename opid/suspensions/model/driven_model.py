@@ -19,7 +19,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.driven import Noise, Prediction, predict
+from opid.mechanics.driven import Interface, Noise, Prediction, predict
 from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.memory import force_along
 from opid.signals.recording import FloatArray
@@ -176,14 +176,22 @@ class Model(Unknowns):
         return weighed
 
     def _predict(
-        self, theta: FloatArray, index: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
+        self,
+        theta: FloatArray,
+        index: int,
+        sensitivity: bool,
+        suspensions: tuple[list[Interface], list[FloatArray]],
+        candidates: Mapping[int, Sequence[Term]],
     ) -> tuple[Prediction, ComplexArray, ComplexArray]:
-        """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
+        """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines).
+
+        The suspensions are those of the reference run, as `interfaces` returns them.
+        """
         run, body, n_attachments = self.runs[index], self.body, self.body.n_attachments
-        of_reference, slopes = self.interfaces(theta, candidates)
-        rest = self._rest(theta, index, of_reference)
+        of_reference, slopes = suspensions
+        rest = self._build_rest(theta, index, of_reference)
         resting = put_at_rest(of_reference, rest)
-        suspensions = self.apply_departures(resting, theta, index)
+        moving = self.apply_departures(resting, theta, index)
         moved = self.mobility(theta, index)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
@@ -191,7 +199,7 @@ class Model(Unknowns):
         n_sensors = above.value.shape[1]
         start, covariance = state_at_start(self, theta, index)
         prediction = predict(
-            suspensions,
+            moving,
             moved.accelerance,
             _widen(below.value, n_attachments),
             _widen(above.value, n_attachments),
@@ -216,12 +224,12 @@ class Model(Unknowns):
                 change = change.copy()
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
-            lines = run.transform(self._fade_errors(index, change)).transpose(1, 0, 2) / self._levels(index)
+            lines = run.transform(self._fade_errors(index, change)).transpose(1, 0, 2) / self._compute_levels(index)
             if self.n_departures:
                 add_departures(self, lines, resting, theta, index, by)
             if rest is not None:
                 add_rest(self, lines, rest, of_reference, theta, index, by)
-            further = sort_out(self, lines, suspensions, slopes, (*below.by, *above.by), index, by, candidates or {})
+            further = sort_out(self, lines, moving, slopes, (*below.by, *above.by), index, by, candidates)
         # The sensitivity is no longer needed, and a hundred times larger than everything else.
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
 
@@ -238,7 +246,7 @@ class Model(Unknowns):
         """Number of directions of the initial state in the predictor."""
         return (4 if self.ground else 2) * self.body.n_attachments
 
-    def _noise_of_readings(self, theta: FloatArray, run: DrivenRun) -> tuple[FloatArray, FloatArray]:
+    def _compute_noise_of_readings(self, theta: FloatArray, run: DrivenRun) -> tuple[FloatArray, FloatArray]:
         """Return the noise of the corrected readings at the rate of the run.
 
         The noise is that of the readings: a large gain must not make the errors look small. White noise that is sampled
@@ -250,7 +258,7 @@ class Model(Unknowns):
 
     def noise_in(self, theta: FloatArray, run: DrivenRun) -> Noise:
         """Return the noise of all attachments in a run; an AC coupling that was undone integrates its noise."""
-        levels = self._noise_of_readings(theta, run)
+        levels = self._compute_noise_of_readings(theta, run)
         values, rows = self.fault_values(theta), []
         for side, level, n_all, absent in (
             ("unsprung", levels[0], self.body.n_attachments, 0.0),
@@ -288,7 +296,7 @@ class Model(Unknowns):
         """
         return self.free.evaluate(theta, sensitivity=False).predictions
 
-    def _levels(self, index: int) -> FloatArray:
+    def _compute_levels(self, index: int) -> FloatArray:
         """Return the relative size of the errors of a run, (n_sensors, n_lines) or one number for all."""
         level = self.runs[index].error_level
         return level * self.process.levels[index] if self.process.levels else np.full((1, 1), level)
@@ -304,7 +312,7 @@ class Model(Unknowns):
         """Add the effect of a gain on the innovations through their spread: all gains together change nothing."""
         kinds = {fault.name: fault for fault in self.faults}
         n_sensors, gains = len(self.sensors.sprung), self.gains(theta)
-        own = (self._noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
+        own = (self._compute_noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
         for row, (name, channel, _) in enumerate(by_fault):
             fault = kinds[name]
             if fault.kind != "gain":
@@ -334,14 +342,15 @@ class Model(Unknowns):
         lines, predictions = [], []
         blocks: list[FloatArray] = []
         further: list[FloatArray] = []
+        suspensions = self.interfaces(theta, candidates)
         for index, run in enumerate(self.runs):
-            prediction, by, more = self._predict(theta, index, sensitivity, candidates)
+            prediction, by, more = self._predict(theta, index, sensitivity, suspensions, candidates or {})
             innovation = prediction.innovation[: len(self.sensors.sprung)]
-            lines.append((run.transform(self._fade_errors(index, innovation)) / self._levels(index)).ravel())
+            lines.append((run.transform(self._fade_errors(index, innovation)) / self._compute_levels(index)).ravel())
             predictions.append(prediction)
             if sensitivity:
-                blocks += _real_rows(by)
-                further += _real_rows(more)
+                blocks += _stack_real_rows(by)
+                further += _stack_real_rows(more)
         departure, by_prior = compare_with_prior(self, theta, is_held=self.is_held)
         stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
         jacobian = np.concatenate([*blocks, by_prior if sensitivity else by_prior[:0]])
@@ -358,7 +367,7 @@ class Model(Unknowns):
         cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
         spread = 0.0
         for index, (run, prediction) in enumerate(zip(self.runs, errors.predictions, strict=True)):
-            below, above = self._noise_of_readings(theta, run)
+            below, above = self._compute_noise_of_readings(theta, run)
             straight = straighten(self, theta, index, prediction)
             ratio = transmissibility(self, straight)
             density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
@@ -367,7 +376,9 @@ class Model(Unknowns):
             # The density is that of the readings before they were divided by their gains.
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
             spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1])))
-            spread += 2 * float(np.sum(np.log(np.broadcast_to(self._levels(index), (above.size, run.omega.size)))))
+            spread += 2 * float(
+                np.sum(np.log(np.broadcast_to(self._compute_levels(index), (above.size, run.omega.size))))
+            )
         return -0.5 * n_data * float(np.log(cost / n_data)) - spread
 
 
@@ -383,7 +394,7 @@ def _widen(samples: FloatArray, n_attachments: int) -> FloatArray:
     return np.concatenate([samples, np.zeros((len(samples), n_attachments - samples.shape[1]))], axis=1)
 
 
-def _real_rows(by: ComplexArray) -> list[FloatArray]:
+def _stack_real_rows(by: ComplexArray) -> list[FloatArray]:
     rows = by.reshape(len(by), by.shape[1] * by.shape[2]).T
     return [rows.real, rows.imag]
 

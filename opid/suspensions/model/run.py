@@ -184,7 +184,7 @@ class DrivenRun:
     def shared_fraction(self) -> float:
         """Fraction of the power of the body's first sensor, in the band, that is coherent with the first one below."""
         block = int(min(4 * np.pi * self.recorded_fs / self.omega[0], len(self.sprung) / 4))
-        return self._coherent(self.sprung[:, :1], self.unsprung[:, :1], self.recorded_fs, block)
+        return self._measure_coherence(self.sprung[:, :1], self.unsprung[:, :1], self.recorded_fs, block)
 
     def coherent_fraction(self, samples: FloatArray) -> float:
         """Return the fraction of the power of samples of the model, in the band, that is coherent with the drive.
@@ -195,9 +195,11 @@ class DrivenRun:
             samples: (n_samples, n_channels).
         """
         drive = self.unsprung[:: self.stride][: self.n_samples]
-        return self._coherent(samples, drive, self.fs, min(round(self.settings.coherence_s * self.fs), self.n_samples))
+        return self._measure_coherence(
+            samples, drive, self.fs, min(round(self.settings.coherence_s * self.fs), self.n_samples)
+        )
 
-    def _coherent(self, samples: FloatArray, others: FloatArray, fs: float, block: int) -> float:
+    def _measure_coherence(self, samples: FloatArray, others: FloatArray, fs: float, block: int) -> float:
         band_hz = (float(self.omega[0]) / (2 * np.pi), float(self.omega[-1]) / (2 * np.pi))
         return coherent_fraction(samples, others, fs=fs, band_hz=band_hz, nperseg=block)
 
@@ -311,18 +313,18 @@ class DrivenRun:
                 mine.setdefault(fault.channel, {})[what] = (fault.name, fault.leak)
         facts = sensors.facts(side)
         touched = sorted({*mine, *(k for k, each in enumerate(facts) if each.corner_hz)})
-        whole = self._whole(side)
+        whole = self._sample_side(side)
         if not touched:
             return Corrected(whole, ())
         value, by = whole.copy(), []
         for channel in touched:
             own = mine.get(channel, {})
-            column, slopes = self._channel(side, channel, facts[channel].corner_hz, own, faults)
+            column, slopes = self._correct_channel(side, channel, facts[channel].corner_hz, own, faults)
             value[:, channel] = column
             by += [(own[what][0], channel, slope) for what, slope in slopes.items()]
         return Corrected(value, tuple(by))
 
-    def _channel(
+    def _correct_channel(
         self,
         side: Side,
         channel: int,
@@ -336,8 +338,8 @@ class DrivenRun:
         omega_c = 2 * np.pi * (faults[own["corner"][0]] if "corner" in own else corner_hz)
 
         def undo_coupling(source: tuple[str, int], order: int = 0) -> FloatArray:
-            part = self._part(side, source, 0, lag_s, order)
-            return part + omega_c * self._part(side, source, 1, lag_s, order) if omega_c else part
+            part = self._sample_part(side, source, 0, lag_s, order)
+            return part + omega_c * self._sample_part(side, source, 1, lag_s, order) if omega_c else part
 
         signal_of = (side, channel)
         leaking = {what: ("leaks", index) for what, (_, index) in own.items() if what.startswith("leak")}
@@ -353,36 +355,36 @@ class DrivenRun:
         if "gain" in own:
             by["gain"] = -value / gain
         if "corner" in own:
-            integral = self._part(side, signal_of, 1, lag_s, 0)
+            integral = self._sample_part(side, signal_of, 1, lag_s, 0)
             for what, leak in leaking.items():
-                integral = integral - leaked[what] * self._part(side, leak, 1, lag_s, 0)
+                integral = integral - leaked[what] * self._sample_part(side, leak, 1, lag_s, 0)
             by["corner"] = 2 * np.pi * integral / gain
         if "lag" in own:
             by["lag"] = total(order=1)
         return value, by
 
-    def _part(self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, order: int) -> FloatArray:
+    def _sample_part(self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, order: int) -> FloatArray:
         """Return a recorded column or its integral at the samples of a side, delayed or differentiated in time."""
         if lag_s == 0.0 and order == 0:
             key = (side, source, integrals)
             if key not in self._parts:
-                self._parts[key] = self._resample(side, self._column(source, integrals))
+                self._parts[key] = self._resample(side, self._take_column(source, integrals))
             return self._parts[key]
         if (source, integrals) not in self._splines:
-            column = self._column(source, integrals)
+            column = self._take_column(source, integrals)
             self._splines[source, integrals] = ndimage.spline_filter1d(column, 5, mode="mirror")
         samples = _shift_spline(self._splines[source, integrals], lag_s * self.recorded_fs, order)
         return self._resample(side, samples * self.recorded_fs**order)
 
-    def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
+    def _take_column(self, source: tuple[str, int], integrals: int) -> FloatArray:
         name, index = source
         column = {"unsprung": self.unsprung, "sprung": self.sprung, "leaks": self.leaks}[name][:, index]
         if not integrals:
             return column
         integral = integrate.cumulative_trapezoid(column, dx=1 / self.recorded_fs, initial=0.0)
-        return np.asarray(integral - self._drift(integral))
+        return np.asarray(integral - self._fit_drift(integral))
 
-    def _drift(self, acceleration: FloatArray) -> FloatArray:
+    def _fit_drift(self, acceleration: FloatArray) -> FloatArray:
         """Return the straight line in an acceleration without which its double integral is nearest to a straight line.
 
         When an AC coupling is undone, the mean that was removed from the reading, and the unknown initial state of the
@@ -396,7 +398,7 @@ class DrivenRun:
         _, _, offset, slope = np.linalg.lstsq(basis, path, rcond=None)[0]
         return np.asarray(offset + slope * time)
 
-    def _whole(self, side: Side) -> FloatArray:
+    def _sample_side(self, side: Side) -> FloatArray:
         """Return all columns of a side as they were recorded, at the samples of the model."""
         if side not in self._sides:
             self._sides[side] = self._resample(side, self.unsprung if side == "unsprung" else self.sprung)
@@ -443,8 +445,8 @@ def driven_run(
         InputError: arrays of different lengths, an invalid band, or one with fewer than 20 lines.
     """
     settings = settings or RunSettings()
-    lower, upper = (_columns(samples) for samples in (unsprung, sprung))
-    across = np.empty((len(lower), 0)) if leaks is None else _columns(leaks)
+    lower, upper = (_stack_columns(samples) for samples in (unsprung, sprung))
+    across = np.empty((len(lower), 0)) if leaks is None else _stack_columns(leaks)
     if not len(lower) == len(upper) == len(across):
         raise InputError(
             f"unsprung has shape {lower.shape}, sprung {upper.shape} and leaks {across.shape}: give runs of one length"
@@ -481,6 +483,6 @@ def _shift_spline(coefficients: FloatArray, steps: float, order: int) -> FloatAr
     return samples
 
 
-def _columns(samples: ArrayLike) -> FloatArray:
+def _stack_columns(samples: ArrayLike) -> FloatArray:
     array = np.asarray(samples, dtype=np.float64)
     return array[:, np.newaxis] if array.ndim == 1 else array

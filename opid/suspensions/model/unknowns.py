@@ -272,7 +272,7 @@ class Unknowns:
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.members)] ** 2, axis=0))
-            rests_apart_m = self._rests_apart(travel_rms, velocity_rms)
+            rests_apart_m = self._estimate_distance_of_rests(travel_rms, velocity_rms)
             travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
             indices = self.law_indices(number)
             lower[indices], upper[indices] = free_bounds(
@@ -298,7 +298,7 @@ class Unknowns:
             lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
         return lower, upper
 
-    def _rests_apart(self, travel_rms: float, velocity_rms: float) -> float:
+    def _estimate_distance_of_rests(self, travel_rms: float, velocity_rms: float) -> float:
         """Return the approximate distance between the rest positions of runs of other loadings, m.
 
         These runs visit the law there, too.
@@ -319,9 +319,9 @@ class Unknowns:
 
     def laws(self, theta: FloatArray) -> tuple[Law, ...]:
         """Return the law of each group at a vector, per unit of the reference mass."""
-        return tuple(law for law, _ in self._laws(theta))
+        return tuple(law for law, _ in self._build_laws(theta))
 
-    def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
+    def _build_laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
         """Yield the law of each group, and the derivatives of its vector by the entries (see `from_free`)."""
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
             rest_m = float(theta[first + group.n_head - 1]) if group.has_origin else 0.0
@@ -337,7 +337,7 @@ class Unknowns:
         """Return all suspensions at a vector, and the derivatives of their laws by the entries (see `from_free`)."""
         suspensions: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_attachments
         slopes: list[FloatArray] = []
-        for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
+        for number, ((law, slope), first) in enumerate(zip(self._build_laws(theta), self.first_of_group, strict=True)):
             group, force = self.groups[number], law
             slopes.append(slope)
             if candidates and number in candidates:
@@ -363,9 +363,9 @@ class Unknowns:
         Raises:
             UnboundedResponseError: springs that cannot carry the weight of the run's loading.
         """
-        return self._rest(theta, index, self.interfaces(theta)[0], straight=straight)
+        return self._build_rest(theta, index, self.interfaces(theta)[0], straight=straight)
 
-    def _rest(
+    def _build_rest(
         self, theta: FloatArray, index: int, suspensions: Sequence[Interface], *, straight: bool = False
     ) -> Rest | None:
         fall, loading = self.body.fall, self.runs[index].loading
@@ -392,7 +392,9 @@ class Unknowns:
     def resting_interfaces(self, theta: FloatArray, index: int) -> list[Interface]:
         """Return all suspensions at their rest position in a run, with the departures of that run."""
         suspensions, _ = self.interfaces(theta)
-        return self.apply_departures(put_at_rest(suspensions, self._rest(theta, index, suspensions)), theta, index)
+        return self.apply_departures(
+            put_at_rest(suspensions, self._build_rest(theta, index, suspensions)), theta, index
+        )
 
     def apply_departures(self, suspensions: list[Interface], theta: FloatArray, index: int) -> list[Interface]:
         """Return suspensions with the departures of a run."""
@@ -461,7 +463,7 @@ def _compare_laws_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: 
         first, is_loose, gas = unknowns.first_of_group[number], not is_held, unknowns.settings.gas
         std = gas.carried if unknowns.body.piston_area_m2 else gas.carried_unstated
         std *= unknowns.settings.fit.held_fraction if is_held else 1.0
-        weight, by_mass = _carried(unknowns, theta)
+        weight, by_mass = _compute_carried_force(unknowns, theta)
         length, exponent = np.exp(theta[index + 1 : index + 3]).tolist()
         slopes = {index: 1.0 / weight}
         if unknowns.mass_free:
@@ -481,7 +483,7 @@ def _compare_laws_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: 
     return np.array(left), np.array(rows).reshape(-1, theta.size)
 
 
-def _carried(unknowns: Unknowns, theta: FloatArray) -> tuple[float, float]:
+def _compute_carried_force(unknowns: Unknowns, theta: FloatArray) -> tuple[float, float]:
     """Return the force of gas that carries all of the weight, and its derivative by one over the mass.
 
     It includes the force of the air outside on the piston. Per unit of the reference mass, m/s^2; the derivative in N.

@@ -169,17 +169,19 @@ def absolute_parameters(
     mu, mu_std = fit.inverse_mass, fit.std_of("inverse_mass")
     if not mu > settings.mass_seen_above * mu_std:
         opposite = mu < -settings.mass_seen_above * mu_std
-        raise NotDeterminedError(_why_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit)
+        raise NotDeterminedError(
+            _explain_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit
+        )
     if 1 + mu * min(mass_changes_kg) < settings.least_remainder:
         raise NotDeterminedError(
             f"the fit gives a sprung mass of {1 / mu:.0f} kg, but a run is stated to be {-min(mass_changes_kg):g} kg "
             "lighter, which would leave almost no mass: check mass_change_kg (kg, of the mass on this gear)",
             fit,
         )
-    return _absolute(fit)
+    return _scale_by_mass(fit)
 
 
-def _absolute(fit: JointFit) -> AddedMass:
+def _scale_by_mass(fit: JointFit) -> AddedMass:
     """Scale the ratios by the mass, with the covariance by the delta method."""
     mu, last = fit.inverse_mass, fit.names.index("inverse_mass")
     of_law = tuple(f"law[{i}]" for i in range(fit.law.vector.size))
@@ -221,7 +223,7 @@ def _judge(reference: Peak, changed: Peak, mass_change_kg: float, largest_fracti
     return True, f"{moves}, as {100 * fraction:.0f} % of the sprung mass would move it"
 
 
-def _why_unseen(mu: float, mu_std: float, largest: float, opposite: bool) -> str:
+def _explain_unseen(mu: float, mu_std: float, largest: float, opposite: bool) -> str:
     upper = mu + 1.96 * mu_std
     bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the effect even has the opposite sign"
     if opposite:

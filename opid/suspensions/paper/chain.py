@@ -8,13 +8,15 @@ find their own; the matched peaks are theirs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from opid.mechanics.laws.law import Law
+from opid.progress import Say
 from opid.signals.health.inspection import Finding, check_channels, remove_spikes
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
@@ -85,7 +87,6 @@ class RunEvidence(PreparedRun):
         motion: relative motion, integrated with a high-pass filter.
         binned: the restoring-force points, averaged over cells.
         slices: stiffness curve and damping curve.
-        slice_fits: an arctangent on each.
         surface_fit: stiffness and damping arctangents on all points.
         T: transmissibility as measured.
         T_without_force: transmissibility of the linear suspension without the law (conditioned).
@@ -94,12 +95,12 @@ class RunEvidence(PreparedRun):
         complex_fit: complex least squares on `T_without_force`.
         spectral_fit: errors in variables on the run's transform.
         printed: the printed steps.
+        settings: of the chain.
     """
 
     motion: Motion
     binned: BinnedSurface
     slices: tuple[SliceCurve, ...]
-    slice_fits: tuple[LawFit, ...]
     surface_fit: LawFit
     T: Transmissibility
     T_without_force: Transmissibility
@@ -108,6 +109,12 @@ class RunEvidence(PreparedRun):
     complex_fit: DirectParameters
     spectral_fit: DirectParameters
     printed: PrintedRun
+    settings: PaperSettings
+
+    @cached_property
+    def slice_fits(self) -> tuple[LawFit, ...]:
+        """An arctangent on each slice; only figures show them, so they are fitted when one is drawn."""
+        return tuple(fit_slice(curve, settings=self.settings) for curve in self.slices)
 
 
 @dataclass(frozen=True)
@@ -181,7 +188,8 @@ def compute_chain(
     ground: bool = True,
     band_hz: tuple[float, float] = PaperSettings.band_hz,
     settings: PaperSettings = DEFAULTS,
-    progress: Callable[[str], None] | None = None,
+    is_checked: bool = False,
+    progress: Say | None = None,
 ) -> PaperChain:
     """Run the steps of the paper on every run of a study, with the law of any fit.
 
@@ -192,6 +200,7 @@ def compute_chain(
         ground: whether the ground spring is free (else it is 0).
         band_hz: lines that are used, Hz; cut at `highest_fraction_of_rate` of the sampling rate.
         settings: all other settings.
+        is_checked: whether the runs hold what a check of their channels found, as those of `opid.identify` do.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -199,22 +208,25 @@ def compute_chain(
     """
     settings = replace(settings, ground=ground, band_hz=band_hz).stated_by(study.transmissibility)
     say = progress or (lambda step: None)
-    runs = prepare_runs(study, settings, say)
+    runs = prepare_runs(study if is_checked else check_runs(study), settings, say)
     return chain_of(runs, law_per_mass, inverse_mass, settings, say)
 
 
-def prepare_runs(study: Study, settings: PaperSettings, say: Callable[[str], None]) -> tuple[PreparedRun, ...]:
-    """Check, mend and integrate the runs of a study."""
-    pair = (study.unsprung, study.sprung)
-    findings = [check_channels(run.recording, [pair], pair, run=run.name) for run in study.runs]
+def prepare_runs(study: Study, settings: PaperSettings, say: Say) -> tuple[PreparedRun, ...]:
+    """Mend and integrate the runs of a study whose channels are checked."""
     say("restoring force")
-    return tuple(
-        _prepare_run(study, run, (*run.findings, *found), settings)
-        for run, found in zip(study.runs, findings, strict=True)
-    )
+    return tuple(_prepare_run(study, run, settings) for run in study.runs)
 
 
-def _prepare_run(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
+def check_runs(study: Study) -> Study:
+    """Return the study with what the health check of the pair finds in each run."""
+    pair = (study.unsprung, study.sprung)
+    found = [tuple(check_channels(run.recording, [pair], pair, run=run.name)) for run in study.runs]
+    runs = [replace(run, findings=(*run.findings, *each)) for run, each in zip(study.runs, found, strict=True)]
+    return replace(study, runs=tuple(runs))
+
+
+def _prepare_run(study: Study, run: Run, settings: PaperSettings) -> PreparedRun:
     fs, high_pass_hz = study.fs, settings.high_pass_hz
     pair = [remove_spikes(samples, fs=fs)[0] for samples in study.accelerations(run)]
     band_hz, change_kg = settings.band_at(fs), run.mass_change_kg
@@ -225,7 +237,7 @@ def _prepare_run(study: Study, run: Run, findings: tuple[Finding, ...], settings
         time_s=run.recording.time_s,
         unsprung=pair[0],
         sprung=pair[1],
-        findings=findings,
+        findings=run.findings,
         noise_floor=(noise_floor(pair[0], fs=fs), noise_floor(pair[1], fs=fs)),
         surface=restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz),
         lines=equation_lines(*pair, fs=fs, band_hz=band_hz, high_pass_hz=high_pass_hz, mass_change_kg=change_kg),
@@ -237,7 +249,7 @@ def chain_of(
     law_per_mass: Law,
     inverse_mass: float,
     settings: PaperSettings,
-    say: Callable[[str], None],
+    say: Say,
 ) -> PaperChain:
     """Run the steps of the paper on prepared runs, see `compute_chain`."""
     say("runs")
@@ -251,7 +263,7 @@ def chain_of(
     noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
         runs=found,
-        pairs=_peak_pairs(found, reference, static, settings.largest_mass_fraction),
+        pairs=_pair_peaks(found, reference, static, settings.largest_mass_fraction),
         static_transmissibility=static,
         noise_floor_m_per_s2=float(np.sqrt(np.mean(np.square(noise)))),
         high_pass_hz=settings.high_pass_hz,
@@ -263,7 +275,7 @@ def chain_of(
 def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvidence:
     fs = run.fs
     motion = relative_motion(run.unsprung, run.sprung, fs=fs, high_pass_hz=settings.high_pass_hz)
-    measured, conditioned, subtracted = _transmissibilities(run, motion, law, settings.transmissibility)
+    measured, conditioned, subtracted = _estimate_transmissibilities(run, motion, law, settings.transmissibility)
     low, high = run.lines.band_hz
     # A block does not resolve lines below two of its own.
     lowest = max(low, 2 / (settings.transmissibility.block_s or np.inf))
@@ -275,7 +287,6 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
         motion=motion,
         binned=binned_surface(run.surface, n_travel=n, n_velocity=n, min_count=least),
         slices=slices,
-        slice_fits=tuple(fit_slice(curve, settings=settings) for curve in slices),
         surface_fit=fit_surface(run.surface.thinned(settings.start_points), settings=settings),
         T=measured,
         T_without_force=conditioned,
@@ -291,10 +302,11 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
             run.lines, law, start=complex_fit, ground=settings.ground, cluster_hz=settings.cluster_hz
         ),
         printed=run_as_printed(run.unsprung, run.sprung, fs=fs, settings=settings),
+        settings=settings,
     )
 
 
-def _transmissibilities(
+def _estimate_transmissibilities(
     run: PreparedRun, motion: Motion, law: Law, settings: TransmissibilitySettings
 ) -> tuple[Transmissibility, Transmissibility, Transmissibility]:
     """Return the transmissibility as measured, conditioned on the force of the law, and with it subtracted."""
@@ -311,7 +323,7 @@ def _transmissibilities(
     )
 
 
-def _peak_pairs(
+def _pair_peaks(
     runs: Sequence[RunEvidence], reference: RunEvidence, static: float, largest_mass_fraction: float
 ) -> tuple[PeakPair, ...]:
     pairs = []

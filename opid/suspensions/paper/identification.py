@@ -7,7 +7,7 @@ all runs at once, from the start values of the columns and from the time-domain 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +15,13 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, Term, default_law
+from opid.progress import Say
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.force_surface import VisitedForce, visited_force
 from opid.suspensions.law_search.pursuit import LawStep, chosen, search_laws
 from opid.suspensions.model.law_parameters import faint_terms, has_slope
 from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
-from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, prepare_runs
+from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, check_runs, prepare_runs
 from opid.suspensions.paper.restoring_force import RestoringForce, fit_surface
 from opid.suspensions.paper.result import (
     METHODS,
@@ -51,7 +52,7 @@ def identify_by_paper(
     high_pass_hz: float = PaperSettings.high_pass_hz,
     ground: bool = True,
     settings: PaperSettings = DEFAULTS,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> PaperIdentification:
     """Identify mass, springs, damping and law of a suspension by the chain of Iwaniec & Uhl (2007).
 
@@ -82,13 +83,13 @@ def identify_by_paper(
     say = progress or (lambda step: None)
     settings = replace(settings, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground)
     settings = settings.stated_by(study.transmissibility)
-    runs = prepare_runs(study, settings, say)
+    runs = prepare_runs(check_runs(study), settings, say)
     say("law")
     ladder = _try_laws(runs, settings)
     joint = chosen(ladder).fit
     chain = chain_of(runs, joint.law, joint.inverse_mass, settings, say)
     say("added mass")
-    result = _without_numbers(study, method, chain, ladder, settings)
+    result = _build_without_numbers(study, method, chain, ladder, settings)
     if method == "paper":
         return _weigh(_conclude_as_printed(result))
     return _weigh(_refuse(result) if result.residual_over_noise > settings.verdicts.refused else _conclude(result))
@@ -118,7 +119,7 @@ def _try_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[Law
     )
 
 
-def _without_numbers(
+def _build_without_numbers(
     study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LawStep[JointFit], ...], settings: PaperSettings
 ) -> PaperIdentification:
     """Return the result without parameters, which follow from the evidence that it holds."""
@@ -173,7 +174,7 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
         stiffness, damping = added.slopes
     laws = law_estimates_of(law, law_std)
     result = replace(result, parameters=parameters, ratios=ratios, law=law, law_estimates=laws)
-    force = _force_of(result, stiffness, damping, per_mass=added is None)
+    force = _build_force(result, stiffness, damping, per_mass=added is None)
     return _withhold_intervals(replace(result, restoring_force=force, warnings=tuple(warnings_of(result))))
 
 
@@ -237,7 +238,7 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         reason = "the runs have no peak of |T| in common, and the printed formula needs one pair"
         result = replace(result, not_determined=result.not_determined if has_one_mass else reason)
         result = replace(result, law=law, law_estimates=law_estimates_of(law), warnings=tuple(warnings))
-        return replace(result, restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
+        return replace(result, restoring_force=_build_force(result, 0.0, 0.0, per_mass=True))
     found, least_change = pair.as_printed, min(run.mass_change_kg for run in chain.runs)
     per_mass = found.sprung_mass_kg + min(least_change, 0.0) <= 0
     mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
@@ -251,11 +252,11 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
     if not pair.match.credible:
         warnings.append(pair.match.reason)
     result = replace(result, law=law, law_estimates=law_estimates_of(law))
-    force = _force_of(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
+    force = _build_force(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
     return replace(result, ratios=ratios, restoring_force=force, warnings=tuple(warnings))
 
 
-def _force_of(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
+def _build_force(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
     return visited_force(
         np.concatenate([run.surface.travel for run in result.chain.runs]),
         np.concatenate([run.surface.velocity for run in result.chain.runs]),
@@ -297,7 +298,9 @@ class EquationLaws:
 
     def dictionaries(self, fit: JointFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit."""
-        offered = [term for kind in kinds if kind not in fit.law.parameters for term in self._faint(kind, fit)]
+        offered = [
+            term for kind in kinds if kind not in fit.law.parameters for term in self._list_faint_terms(kind, fit)
+        ]
         # Scales that are changed by a thousandth give the derivative by their logarithm.
         moved = [Term(term.name, (term.amplitude, *(1.001 * scale for scale in term.inner))) for term in offered]
         residual, by_law, by_others, by_terms = differentiate(self.runs, fit, [*offered, *moved])
@@ -325,7 +328,7 @@ class EquationLaws:
         """Return True: nothing is left out."""
         return True
 
-    def _faint(self, kind: str, fit: JointFit) -> list[Term]:
+    def _list_faint_terms(self, kind: str, fit: JointFit) -> list[Term]:
         """Return terms of a kind that are too weak to change the motion."""
         travel, velocity = (
             np.concatenate([getattr(run, name) for run in self.runs]) for name in ("travel", "velocity")

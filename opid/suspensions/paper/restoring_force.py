@@ -363,7 +363,7 @@ def _fit(
         law=fit.law,
         law_std=std[n_straight : std.size - fit.start_weights.size],
         residual=fit.residual,
-        verdicts=_verdicts(np.concatenate([columns, starts], axis=1), fit, motion, y, settings),
+        verdicts=_judge_terms(np.concatenate([columns, starts], axis=1), fit, motion, y, settings),
     )
 
 
@@ -391,7 +391,7 @@ def _fit_scale(
     return SeparableFit(weights, np.empty(0), law, leave(found.x), (False, is_at_bound))
 
 
-def _verdicts(
+def _judge_terms(
     columns: FloatArray, fit: SeparableFit, motion: Motion, y: FloatArray, settings: PaperSettings
 ) -> tuple[TermVerdict, ...]:
     """Return how much worse the fit is without each term, and how straight the term is."""

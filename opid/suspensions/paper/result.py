@@ -85,7 +85,7 @@ class PaperIdentification(ResultOfStudy):
 
         return result_json(self)
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         return f"{self.title or 'without a title'} (method {self.method}, law {self.law.name})"
 
     @property
@@ -214,10 +214,10 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
             f"Hz, because the filters of loggers begin at {settings.highest_fraction_of_rate:g} of the rate: record "
             "faster, or give a band that ends below"
         )
-    yield from _residual(result)
-    yield from _averages(result)
-    yield from _ground(result)
-    yield from _mass_change(result)
+    yield from _warn_of_residual(result)
+    yield from _warn_of_averages(result)
+    yield from _warn_of_ground(result)
+    yield from _warn_of_mass_change(result)
     yield from _weight(result)
     yield from (term.warning for term in straight_terms(result))
 
@@ -228,7 +228,7 @@ def warnings_of_logs(result: PaperIdentification) -> Iterator[str]:
         yield from findings_in_words(run.name, run.findings)
 
 
-def _residual(result: PaperIdentification) -> Iterator[str]:
+def _warn_of_residual(result: PaperIdentification) -> Iterator[str]:
     unexplained, verdicts = result.residual_over_noise, result.settings.verdicts
     if unexplained > verdicts.doubtful:
         yield (
@@ -243,7 +243,7 @@ def _residual(result: PaperIdentification) -> Iterator[str]:
         )
 
 
-def _averages(result: PaperIdentification) -> Iterator[str]:
+def _warn_of_averages(result: PaperIdentification) -> Iterator[str]:
     averages = min(run.T.spectra.n_averages for run in result.chain.runs)
     if averages < result.settings.few_averages:
         yield (
@@ -252,7 +252,7 @@ def _averages(result: PaperIdentification) -> Iterator[str]:
         )
 
 
-def _ground(result: PaperIdentification) -> Iterator[str]:
+def _warn_of_ground(result: PaperIdentification) -> Iterator[str]:
     ground = result.parameters.ground_stiffness_n_per_m
     stiffness = result.parameters.suspension_stiffness_n_per_m
     fraction = gain_like_fraction(result.joint, result.settings)
@@ -276,7 +276,7 @@ def _ground(result: PaperIdentification) -> Iterator[str]:
         )
 
 
-def _mass_change(result: PaperIdentification) -> Iterator[str]:
+def _warn_of_mass_change(result: PaperIdentification) -> Iterator[str]:
     mass = result.parameters.sprung_mass_kg
     if mass.value is None or mass.std is None:
         return

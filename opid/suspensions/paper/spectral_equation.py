@@ -64,7 +64,7 @@ class FittedValues:
         """Return the standard deviation of the value called `name`, which was fitted."""
         return float(self.std[self.names.index(name)])
 
-    def _value(self, name: str) -> float:
+    def _read_value(self, name: str) -> float:
         return float(self.value[self.names.index(name)]) if name in self.names else 0.0
 
 
@@ -74,7 +74,7 @@ class FittedRatios(FittedValues):
     @property
     def ratios(self) -> tuple[float, float, float]:
         """The values of `RATIOS`; 0 for one that was not fitted."""
-        stiffness, damping, ground = map(self._value, RATIOS)
+        stiffness, damping, ground = map(self._read_value, RATIOS)
         return stiffness, damping, ground
 
 
@@ -104,7 +104,7 @@ class JointFit(FittedRatios, FitOfOneLaw):
     @property
     def inverse_mass(self) -> float:
         """1/M2, 1/kg; 0 if it was not fitted."""
-        return self._value("inverse_mass")
+        return self._read_value("inverse_mass")
 
     @property
     def bic(self) -> float:
@@ -183,7 +183,7 @@ def equation_lines(
     if not 0 < low < high <= fs / 2:
         raise InputError(f"band_hz is ({low:g}, {high:g}): give 0 < low < high <= fs/2 = {fs / 2:g} Hz")
     motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
-    inside = _fast_length(motion.interior)
+    inside = _choose_fast_length(motion.interior)
     frequency_hz = fft.rfftfreq(max(inside.stop - inside.start, 1), 1 / fs)
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high))
     if keep.size < 20:
@@ -255,7 +255,9 @@ def fit_equation(
     n_data = sum(2 * r.size - _N_END_TERMS for r in residual)
     variance = 2 * solution.cost / max(n_data - solution.x.size, 1)
     value, slope = model.decode(solution.x)
-    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs, cluster_hz)) * np.outer(slope, slope)
+    covariance = clustered_covariance(solution.jac, solution.fun, _index_cells(runs, cluster_hz)) * np.outer(
+        slope, slope
+    )
     return JointFit(
         names=model.names,
         value=value,
@@ -364,14 +366,14 @@ class _Model:
                 tangent = mass_ratio * (by_travel + 1j * run.omega * by_velocity)
                 numerator, denominator = numerator + tangent, denominator + tangent
             weight = 1.0 / np.sqrt(np.abs(numerator) ** 2 + np.abs(denominator) ** 2)
-            result.append(_without_end_terms(residual * weight, run.omega, weight))
+            result.append(_project_out_end_terms(residual * weight, run.omega, weight))
         return result
 
     def stacked(self, theta: FloatArray) -> FloatArray:
         return np.concatenate([part for r in self.residuals(theta) for part in (r.real, r.imag)])
 
 
-def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatArray) -> ComplexArray:
+def _project_out_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatArray) -> ComplexArray:
     """Project a polynomial in j omega with real coefficients out of a residual."""
     columns = weight[:, np.newaxis] * (1j * omega[:, np.newaxis] / omega[-1]) ** np.arange(_N_END_TERMS)
     basis, _ = np.linalg.qr(np.concatenate([columns.real, columns.imag]))
@@ -380,7 +382,7 @@ def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatA
     return flat[: residual.size] + 1j * flat[residual.size :]
 
 
-def _cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
+def _index_cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
     """Return the cell of neighbouring lines of one run to which each real number of the residual belongs."""
     cells = []
     for index, run in enumerate(runs):
@@ -389,6 +391,6 @@ def _cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
     return np.concatenate(cells)
 
 
-def _fast_length(inside: slice) -> slice:
+def _choose_fast_length(inside: slice) -> slice:
     """Drop a few samples so that the transform is fast: lengths with large prime factors are slow."""
     return slice(inside.start, inside.start + fft.prev_fast_len(max(inside.stop - inside.start, 1), real=True))

@@ -305,13 +305,13 @@ def complex_least_squares(
     residual = right - left / scale @ solution
     variance = float(residual @ residual) / max(right.size - solution.size, 1)
     # A window smears neighbouring lines: the number of independent lines is smaller by its equivalent noise bandwidth.
-    variance *= _noise_bandwidth(T)
+    variance *= _compute_noise_bandwidth(T)
     covariance = variance * np.linalg.pinv((left / scale).T @ (left / scale)) / np.outer(scale, scale)
     pad = (0, 3 - solution.size)
     return DirectParameters(RATIOS, np.pad(solution / scale, pad), np.pad(covariance, pad))
 
 
-def _noise_bandwidth(T: Transmissibility) -> float:
+def _compute_noise_bandwidth(T: Transmissibility) -> float:
     """Equivalent noise bandwidth of the window, lines: n sum(w^2)/sum(w)^2."""
     from scipy import signal
 

@@ -230,7 +230,7 @@ class PlanResult(Result):
         del own["read_files"]
         return plain({"schema": SCHEMA} | own)
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         what = ", ".join(each.words for each in self.targets)
         return f"{self.title}: {what} " + (
             "is reached by no plan" if self.cheapest is None else f"for {self.cheapest.cost:.4g} {self.costs.unit}"

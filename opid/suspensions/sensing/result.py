@@ -191,5 +191,5 @@ class Sensing(Result):
             }
         )
 
-    def _headline(self) -> str:
+    def _write_headline(self) -> str:
         return f"{len(self.sensors)} virtual sensors along {self.run!r}, {len(self.sensors[0].value) / self.fs:.4g} s"

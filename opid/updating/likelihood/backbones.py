@@ -59,7 +59,7 @@ class ModeData:
 
 @dataclass(frozen=True, eq=False)
 class BackboneData:
-    """All measured backbones, ready for `log_likelihood`.
+    """All measured backbones, ready for `likelihood_function`.
 
     Args:
         system: the linear structure with its joints.
@@ -261,14 +261,6 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
         return np.where(impossible, -np.inf, total), failed
 
     return likelihood
-
-
-def log_likelihood(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> FloatArray:
-    """Return the logarithm of p(D | theta), (n,), of theta (n, n_parameters).
-
-    `data` and `model_class` are those of `likelihood_function`, which is faster for many calls.
-    """
-    return likelihood_function(data, model_class)(theta)[0]
 
 
 def _weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, require_positive
 from opid.signals.recording import FloatArray
 from opid.updating.checks import sensor_faults
 from opid.updating.measured import MeasuredBackbone, by_mode
@@ -93,7 +93,7 @@ def linear_data(
     if not (np.isfinite(common_error) and common_error >= 0):
         raise InputError(f"common_error is {common_error}: give 0 or more")
     for what, number in (("weight", weight), ("shape_factor", shape_factor)):
-        _ = None if number is None else _require_positive(what, number)
+        _ = None if number is None else require_positive(what, number)
     found = []
     for mode, curves in curves_of.items():
         sensors, one_shape = curves[0].sensors, _pick_mode(shape_std, mode, "paper")
@@ -120,7 +120,7 @@ def linear_data(
                 lowest / np.linalg.norm(lowest, axis=1, keepdims=True),
                 rows=np.array([structure.sensors.index(sensor) for sensor in sensors]),
                 eigenvalue_std=weight * spread * eigenvalue,
-                shape_std=weight * (guess if isinstance(one_shape, str) else _require_positive("shape_std", one_shape)),
+                shape_std=weight * (guess if isinstance(one_shape, str) else require_positive("shape_std", one_shape)),
                 infer_eigenvalue_std=one_cov == "inferred",
                 infer_shape_std=one_shape == "inferred",
                 common_std=2 * common_error * float(eigenvalue.mean()),
@@ -224,7 +224,7 @@ def _weigh_normal_errors(
 
 def _find_variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
     if not isinstance(cov, str):
-        return _require_positive(f"cov of mode {mode}", cov)
+        return require_positive(f"cov of mode {mode}", cov)
     if eigenvalue.size < 2:
         raise InputError(f"mode {mode} has one backbone, which has no scatter: give cov of its eigenvalue")
     spread = float(eigenvalue.std(ddof=1) / eigenvalue.mean())
@@ -237,9 +237,3 @@ def _pick_mode(
     given: OneCov | OneShapeStd | Mapping[int, OneCov] | Mapping[int, OneShapeStd], mode: int, usual: str
 ) -> Any:
     return given.get(mode, usual) if isinstance(given, Mapping) else given
-
-
-def _require_positive(what: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{what} is {value}: give a positive number")
-    return float(value)

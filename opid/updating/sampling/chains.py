@@ -229,9 +229,10 @@ def effective_samples(samples: ArrayLike, *, ranked: bool = True) -> FloatArray:
     """Return the number of independent samples, (n_parameters,), that chains (n_chains, n, n_parameters) are worth.
 
     Each chain is cut in halves. The autocorrelation over all halves is summed as far as pairs of lags are positive, and
-    made monotone (Geyer 1992), as in Stan and ArviZ (Vehtari et al. 2021). With `ranked` it is that of the normal
-    scores of ranks ("bulk"), which is right for heavy tails, too; otherwise that of the samples. The walkers of an
-    ensemble count as chains although they depend on each other. Chains that never move are worth a single sample.
+    made monotone (Geyer 1992), as in Stan and ArviZ (Vehtari et al. 2021); a plain installation has no ArviZ. With
+    `ranked` it is that of the normal scores of ranks ("bulk"), which is right for heavy tails, too; otherwise that of
+    the samples. The walkers of an ensemble count as chains although they depend on each other. Chains that never move
+    are worth a single sample.
     """
     halves = _find_normal_scores(_cut_in_halves(samples)) if ranked else _cut_in_halves(samples)
     n_chains, n, _ = halves.shape

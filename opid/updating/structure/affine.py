@@ -115,16 +115,16 @@ def name_faults(dofs: Sequence[str], sensors: Sequence[str], joints: Mapping[str
 
 def structure_faults(structure: AffineStructure) -> Iterator[str]:
     """Yield whether the mass or the nominal stiffness is not positive."""
-    if (worst := _least_eigenvalue(structure.mass)) <= 0:
+    if (worst := _compute_least_eigenvalue(structure.mass)) <= 0:
         yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
     # A free structure has eigenvalues of 0, which rounding may make negative.
     stiffness = structure.stiffness_at({})
     largest = float(np.abs(stiffness.diagonal()).max(initial=0.0))
-    if (worst := _least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
+    if (worst := _compute_least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
         yield f"the stiffness matrix is not positive (eigenvalue {worst:.3g} N/m): look for a wrong sign"
 
 
-def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
+def _compute_least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
     """Return the least eigenvalue if it is negative, else 0 or a positive number: pivots show its sign (Sylvester)."""
     from scipy.sparse.linalg import eigsh
 

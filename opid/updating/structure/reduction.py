@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, require_positive
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.mechanics.structure import modal_assurance
 from opid.signals.recording import FloatArray
 from opid.updating.structure.affine import AffineStructure
 
@@ -139,8 +140,7 @@ def craig_bampton(
     if method not in ("fixed", "free"):
         raise InputError(f"there is no reduction {method!r}: give 'fixed' or 'free'")
     for name, value in factors.items():
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"the factor {name!r} is {value}: give a positive number")
+        require_positive(f"the factor {name!r}", value)
     stiffness = structure.stiffness_at(factors)
     boundary = list(dict.fromkeys([*structure.sensors, *(end for ends in structure.joints.values() for end in ends)]))
     kept = np.array([structure.dofs.index(name) for name in boundary])
@@ -216,7 +216,7 @@ def reduction_errors(
     for mode in range(n):
         alike = np.flatnonzero(np.abs(full_hz - full_hz[mode]) <= 1e-4 * full_hz[mode])
         nearest_shapes = shapes[:, alike] @ np.linalg.lstsq(shapes[:, alike], other, rcond=None)[0]
-        mac[:, mode] = [modal_assurance(one, found) for one, found in zip(nearest_shapes.T, other.T, strict=True)]
+        mac[:, mode] = [modal_assurance(*pair).item() for pair in zip(nearest_shapes.T, other.T, strict=True)]
     own = mac.diagonal()
     nearest = np.where(own >= ALIKE, np.arange(n), np.argmax(mac, axis=1)).astype(np.int64)
     nearest_mac = mac[np.arange(n), nearest]
@@ -226,16 +226,6 @@ def reduction_errors(
         full_hz, reduced_hz, relative, own.copy(), np.where(nearest_mac >= ALIKE, nearest + 1, 0), nearest_mac,
         reduced.method, reduced.n_dof, reduced.n_cut,
     )  # fmt: skip
-
-
-def modal_assurance(one: FloatArray, other: FloatArray) -> float:
-    """Return the modal assurance criterion (a . b)^2 / (a . a)(b . b) of two shapes, (n,); 0 where one is zero.
-
-    >>> modal_assurance(np.array([1.0, 2.0]), np.array([-2.0, -4.0]))
-    1.0
-    """
-    norm = float((one @ one) * (other @ other))
-    return float((one @ other) ** 2) / norm if norm > 0 else 0.0
 
 
 def _solve_constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> FloatArray:

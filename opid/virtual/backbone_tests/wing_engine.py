@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from opid.errors import InputError, require
+from opid.errors import InputError, require, require_positive
 from opid.mechanics.laws.law import FloatArray
 from opid.signals.files import write_whole
 from opid.updating.structure.affine import AffineStructure
@@ -97,8 +97,8 @@ class WingEngine:
     def __post_init__(self) -> None:
         signed = ("leaf_asymmetry", "aluminium_poisson", "n_along", "n_across")
         for name, value in vars(self).items():
-            if name not in signed and not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}: give a positive number")
+            if name not in signed:
+                require_positive(name, value)
         if self.n_along < 6 or self.n_across < 2 or self.n_across % 2:
             raise InputError(
                 f"n_along is {self.n_along} and n_across {self.n_across}: give at least 6 and an even number from 2"

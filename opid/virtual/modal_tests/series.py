@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +28,7 @@ from opid.modal.linear.modes import LinearModes, force_projection, modal_filter,
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import DAMPING_KINDS, STIFFNESS_KINDS, power_law
 from opid.modal.study import ModalStudy, StudyTest, Use
+from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.signals.units import STANDARD_GRAVITY
 from opid.virtual.modal_tests.bolted_structures import (
@@ -37,7 +39,6 @@ from opid.virtual.modal_tests.bolted_structures import (
     level_dependence,
 )
 
-Say = Callable[[str], None]
 Truth = Literal["sweep", "beat"]
 Rule = Literal["neighbours", "drive point"]
 
@@ -158,15 +159,20 @@ def virtual_study(
         rng: source of the noise.
         noise_fraction: standard deviation of the noise over the rms of each channel.
         given: linear modes that the study states; the true ones where left out.
-        progress: a function that is called with the name of each test before it runs.
+        progress: a function that is called with a `Step`, the name of each test before it runs.
 
     Raises:
         InputError: modes that cannot be excited at the drive point.
     """
-    say = progress or (lambda step: None)
+    n_steps = len(IMPACTS) + len(series.case.nonlinear_modes) * (1 + len(series.levels)) + (series.truth == "sweep")
+    numbers = count()
     modes = series.case.modes if given is None else given
     tests: list[StudyTest] = []
     reached: dict[int, float] = {}
+
+    def say(name: str) -> None:
+        if progress is not None:
+            progress(Step(name, next(numbers) / n_steps))
 
     def record(name: str, run: RigRun, use: Use, mode: int | None = None) -> None:
         test = modal_test(run.recording, modes, name=name, force=FORCE, drive_point=series.case.drive_point)

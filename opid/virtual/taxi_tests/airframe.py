@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.mechanics.laws.law import LINEAR, FloatArray, Law, law
 from opid.mechanics.structure import Joint, Sliders, Structure
+from opid.suspensions.study import PointMass
 
 BODY_MOTIONS = ("heave", "roll", "pitch", "bending")
 """The degrees of freedom of an airframe, in m, rad, rad, and m for a unit of the bending shape."""
@@ -251,28 +252,6 @@ class Airframe:
         return place_directions(self, [(gear.x_m, gear.y_m) for gear in self.gears])
 
 
-@dataclass(frozen=True)
-class Loading:
-    """A point mass put on an airframe, or taken off it.
-
-    Args:
-        mass_kg: mass, negative if it is taken off.
-        x_m: position of the mass, forward.
-        y_m: position of the mass, to the left.
-
-    Raises:
-        InputError: a value that is not finite.
-    """
-
-    mass_kg: float
-    x_m: float
-    y_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not np.isfinite([self.mass_kg, self.x_m, self.y_m]).all():
-            raise InputError(f"a loading of {self.mass_kg} kg is at ({self.x_m}, {self.y_m}) m: give finite numbers")
-
-
 def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
     """Return the upward motion of positions for a unit of each motion of the airframe, (1, y, -x) and bending shape.
 
@@ -324,7 +303,7 @@ def airframe_mass(airframe: Airframe) -> FloatArray:
     return mass
 
 
-def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
+def loaded(airframe: Airframe, loadings: Iterable[PointMass]) -> Airframe:
     """Return the airframe with point masses put on it: mass, centre of gravity, inertias and bending mode change.
 
     Stiffness and damping of the bending mode do not change.
@@ -334,16 +313,20 @@ def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
         loadings: the masses.
 
     Raises:
-        InputError: more mass or inertia taken off than there is.
+        InputError: a loading that is not finite, or more mass or inertia taken off than there is.
 
     >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
-    >>> heavy = loaded(default_aircraft(), [Loading(600.0, -0.6, 0.0)])
+    >>> heavy = loaded(default_aircraft(), [PointMass(600.0, -0.6)])
     >>> heavy.mass_kg, round(heavy.x_cg_m, 3)
     (6000.0, 0.48)
     """
     given = tuple(loadings)
     mass = airframe_mass(airframe)
     for loading in given:
+        if not np.isfinite([loading.mass_kg, loading.x_m, loading.y_m]).all():
+            raise InputError(
+                f"a loading of {loading.mass_kg} kg is at ({loading.x_m}, {loading.y_m}) m: give finite numbers"
+            )
         (direction,) = place_directions(airframe, [(loading.x_m, loading.y_m)])
         mass += loading.mass_kg * np.outer(direction, direction)
     if not _is_positive(mass):

@@ -1,9 +1,10 @@
-"""An aircraft on one gear or several taxiing over a rough runway: a field test with known truth."""
+"""An aircraft taxiing over a rough runway on one gear or several: a field test, its truth and its owner's study."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from datetime import date
 from functools import partial
 from typing import Any
 
@@ -15,12 +16,13 @@ from opid.mechanics.driven import Interface
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.repeatability import Departure
 from opid.mechanics.response import Response, time_response
+from opid.mechanics.truth import BodyNumbers, BodyTruth, GearNumbers, GearTruth, SuspensionTruth, TaxiTruth
 from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
 from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
 from opid.virtual.taxi_tests.airframe import (
     Airframe,
     LandingGear,
-    Loading,
     airframe_mass,
     airframe_structure,
     loaded,
@@ -74,7 +76,7 @@ class TaxiTest:
     """
 
     runs: tuple[TaxiRun, ...]
-    loadings: tuple[tuple[Loading, ...], ...]
+    loadings: tuple[tuple[PointMass, ...], ...]
 
     @property
     def heavy(self) -> TaxiRun:
@@ -233,7 +235,7 @@ def taxi_test(
     *,
     rng: np.random.Generator,
     mass_removed_kg: float = 220.0,
-    loadings: Iterable[Iterable[Loading]] | None = None,
+    loadings: Iterable[Iterable[PointMass]] | None = None,
     departures: Sequence[Departure] | None = None,
     **settings: Any,
 ) -> TaxiTest:
@@ -257,7 +259,7 @@ def taxi_test(
     >>> test.mass_change_kg
     -220.0
     >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
-    >>> test = taxi_test(default_aircraft(), loadings=[[Loading(400.0, 2.0)]], duration_s=1.0,
+    >>> test = taxi_test(default_aircraft(), loadings=[[PointMass(400.0, 2.0)]], duration_s=1.0,
     ...                  rng=np.random.default_rng(1))
     >>> [run.airframe.mass_kg for run in test.runs]
     [5400.0, 5800.0]
@@ -269,7 +271,7 @@ def taxi_test(
                 f"mass_removed_kg is {mass_removed_kg}, the sprung mass {airframe.mass_kg} kg: "
                 "give zero or more, and less than the sprung mass"
             )
-        loadings = [[Loading(-mass_removed_kg, airframe.x_cg_m, airframe.y_cg_m)]]
+        loadings = [[PointMass(-mass_removed_kg, airframe.x_cg_m, airframe.y_cg_m)]]
     every = ((), *(tuple(one) for one in loadings))
     departures = (Departure(),) * len(every) if departures is None else departures
     resting = [_put_to_rest(airframe, *each) for each in zip(every, departures, strict=True)]
@@ -277,7 +279,91 @@ def taxi_test(
     return TaxiTest(tuple(runs), every)
 
 
-def _put_to_rest(airframe: Airframe, loadings: Sequence[Loading], departure: Departure) -> Airframe:
+def taxi_truth(test: TaxiTest, *, settings: Mapping[str, Any] | None = None) -> TaxiTruth:
+    """Return the truth of a simulated taxi test: a `GearTruth` for a gear, a `BodyTruth` for an aircraft.
+
+    Args:
+        test: the field test; its first run is the reference.
+        settings: the settings of the simulation, which are kept as they are.
+    """
+    airframe, given = test.runs[0].airframe, dict(settings or {})
+    if airframe.is_one_gear:
+        gear = test.heavy.gear
+        numbers = GearNumbers(*(getattr(gear, each.name) for each in fields(GearNumbers)))
+        return GearTruth(numbers, gear.law, test.mass_change_kg, given)
+    assert airframe.ixx_kg_m2 is not None  # only a gear alone may lack it
+    assert airframe.iyy_kg_m2 is not None
+    return BodyTruth(
+        BodyNumbers(airframe.mass_kg, airframe.ixx_kg_m2, airframe.iyy_kg_m2, airframe.x_cg_m, airframe.y_cg_m),
+        {
+            gear.name: SuspensionTruth(
+                gear.x_m, gear.y_m, gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m, gear.law
+            )
+            for gear in airframe.gears
+        },
+        {
+            name: tuple((each.mass_kg, each.x_m, each.y_m) for each in loading)
+            for name, loading in zip(name_runs(test), test.loadings, strict=True)
+        },
+        given,
+    )
+
+
+def taxi_study(
+    test: TaxiTest,
+    *,
+    title: str,
+    shared: Sequence[Sequence[str]] = (),
+    position_tolerance_m: float = 0.0,
+    noise_m_per_s2: float | None = None,
+    day: date | None = None,
+) -> Study:
+    """Return the study of a simulated taxi test, as the owner of the aircraft would write it.
+
+    Args:
+        test: the field test; its first run is the reference.
+        title: the title of the study.
+        shared: names of gears that have the same stiffness, damping and law.
+        position_tolerance_m: tolerance that is stated for the coordinates of an aircraft.
+        noise_m_per_s2: rms noise that is stated for the sensors of an aircraft; None if it is not known.
+        day: day of the runs.
+    """
+    first = test.runs[0]
+    is_one_gear = first.airframe.is_one_gear
+    positions, n_gears = first.places_m, len(first.airframe.gears)
+    channels, interfaces = [*positions], []
+    for gear, unsprung, sprung in zip(
+        first.airframe.gears, channels[:n_gears], channels[n_gears : 2 * n_gears], strict=True
+    ):
+        beside = () if positions[sprung] == (gear.x_m, gear.y_m) else positions[sprung]
+        interfaces.append(MeasuredInterface(gear.name or "gear", sprung, unsprung, gear.x_m, gear.y_m, *beside))
+    structure = StructureSettings(
+        shared=tuple(tuple(group) for group in shared),
+        position_tolerance_m=position_tolerance_m,
+        noise_m_per_s2=noise_m_per_s2,
+    )
+    return Study(
+        title=title,
+        interfaces=tuple(interfaces),
+        runs=tuple(
+            Run(name, run.recording, loading)
+            for name, run, loading in zip(name_runs(test), test.runs, test.loadings, strict=True)
+        ),
+        structure=StructureSettings() if is_one_gear else structure,
+        sensors=tuple(BodySensor(name, *positions[name]) for name in channels[2 * n_gears :]),
+        date=day,
+    )
+
+
+def name_runs(test: TaxiTest) -> list[str]:
+    """Return the names of the runs: the reference, and those with loadings."""
+    first, further = ("heavy", "light") if test.runs[0].airframe.is_one_gear else ("reference", "loaded")
+    if len(test.runs) == 2:
+        return [first, further]
+    return [first, *(f"{further}_{number}" for number in range(1, len(test.runs)))]
+
+
+def _put_to_rest(airframe: Airframe, loadings: Sequence[PointMass], departure: Departure) -> Airframe:
     """Return the airframe of one run, at rest under its weight; its bending by that weight is neglected."""
     struts = [
         departure.of(

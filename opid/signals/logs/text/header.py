@@ -55,12 +55,14 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
     if not numbered:
         raise InputError(f"{path} has no header and no samples: begin with {EXAMPLE}")
     delimiter, decimal = _find_layout(path, [line for _, line in numbered][-_ROWS_TO_TELL:], settings)
-    rows = [(at, cells_or_text(line, delimiter)) for at, line in numbered if is_row(line, delimiter)]
+    rows = [(at, line) for at, line in numbered if is_row(line, delimiter)]
     remarks = [(at, line) for at, line in numbered if line.lstrip().startswith(COMMENTS)]
-    kinds = _find_kinds([cells for _, cells in rows[-_ROWS_TO_TELL:]], decimal)[0]
+    kinds = _find_kinds([cells_or_text(line, delimiter) for _, line in rows[-_ROWS_TO_TELL:]], decimal)[0]
     if kinds is None:
         return _read_header_alone(path, numbered, delimiter, decimal, settings)
-    begin = 0 if settings.names and settings.skip_lines is not None else _find_first_row(rows, kinds, decimal)
+    begin = (
+        0 if settings.names and settings.skip_lines is not None else _find_first_row(rows, kinds, delimiter, decimal)
+    )
     first = rows[begin][0]
     above = [(at, line) for at, line in numbered if at < first and is_row(line, delimiter)]
     if settings.names:
@@ -75,7 +77,7 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
         line, cells, units = _find_header(
             path, above, [each for each in remarks if each[0] < first], first, kinds, delimiter
         )
-    if len(cells) > 1 and not cells[0] and _is_counting([own[0] for _, own in rows[begin:]]):
+    if len(cells) > 1 and not cells[0] and _is_counting([cells_or_text(row, delimiter)[0] for _, row in rows[begin:]]):
         cells, kinds = ["column 1", *cells[1:]], (INDEX, *kinds[1:])
     columns = columns_of(f"{path} line {line}" if line else str(path), cells, units, kinds)
     return TextHeader(columns, delimiter, decimal, line, first)
@@ -205,10 +207,15 @@ def _is_match(kinds: Sequence[str], usual: Sequence[str]) -> bool:
     )
 
 
-def _find_first_row(rows: Sequence[tuple[int, list[str]]], kinds: Sequence[str], decimal: str) -> int:
+def _find_first_row(rows: Sequence[tuple[int, str]], kinds: Sequence[str], delimiter: str, decimal: str) -> int:
     """Return the index of the first row of numbers; a faulty row counts if it begins like the others."""
-    found = [tuple(_classify(cell, decimal) for cell in cells) for _, cells in rows]
-    begin = next(at for at, own in enumerate(found) if _is_match(own, kinds) and {NUMBER, STAMP} & set(own))
+    found: list[tuple[str, ...]] = []
+    for _, line in rows:
+        own = tuple(_classify(cell, decimal) for cell in cells_or_text(line, delimiter))
+        found.append(own)
+        if _is_match(own, kinds) and {NUMBER, STAMP} & set(own):
+            break
+    begin = len(found) - 1
     while begin and len(found[begin - 1]) == len(kinds) and found[begin - 1][0] == kinds[0] in (NUMBER, STAMP):
         begin -= 1
     return begin
