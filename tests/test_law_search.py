@@ -16,7 +16,7 @@ from opid.suspensions.law_search.driven import DrivenLaws, is_impossible
 from opid.suspensions.law_search.pursuit import (
     LawStep,
     _list_limits,
-    _moves,
+    _list_moves,
     add_neighbours,
     alternatives,
     chosen,
@@ -147,7 +147,7 @@ def test_no_move_leads_to_a_friction_beside_one_that_remembers():
         def dictionaries(self, fit, kinds):
             return {}
 
-    moves = _moves(NoColumns(), SeenLaws(both, 0.0), library())
+    moves = _list_moves(NoColumns(), SeenLaws(both, 0.0), library())
     found = {law.name for move in moves for law in move.laws.values()}
     assert "arctan_displacement+bouc_wen" in found
     assert "arctan_velocity" in found
