@@ -138,6 +138,19 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     return _make_segment(course, chosen, _give_reason(course, chosen, left_out, cut, len(runs)), left_out)
 
 
+def find_standstill(health: Health, channels: Sequence[str]) -> np.ndarray:
+    """Return whether a vehicle stands still in each stretch of the rms history of the channels' clock, (n,).
+
+    Args:
+        health: the result of `opid.inspect`.
+        channels: names of channels, of one clock.
+
+    Raises:
+        InputError: a channel that was not inspected.
+    """
+    return _find_standstill(_make_course(health, channels))
+
+
 def _make_course(health: Health, channels: Sequence[str]) -> _Course:
     """Return the rms histories of all clocks on the stretches of the coarsest one."""
     names = [name for clock in health.clocks for name in clock.channels]

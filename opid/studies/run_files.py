@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, TypeVar
 
@@ -20,7 +20,8 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
-from opid.studies.schema import NO_KEY, recast
+from opid.studies.schema import NO_KEY, prefix_errors, recast
+from opid.studies.triaxial import TriaxialSensor, describe_mounting
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import SAME_RATE, Run
 
@@ -52,6 +53,7 @@ class RunFiles:
         mass_change_kg: sprung mass less that of the reference, kg.
         start_s: first time, s; None to find the stretch (if `stop_s` is None, too).
         stop_s: end, s.
+        sensors: three-axis sensors, by the name that the channel of their vertical motion will have.
     """
 
     name: str
@@ -59,6 +61,7 @@ class RunFiles:
     mass_change_kg: float
     start_s: float | None = None
     stop_s: float | None = None
+    sensors: Mapping[str, TriaxialSensor] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +119,15 @@ def read_run(
     if len(parts) > 1 and not is_bench:
         alone = inspect(recording, thorough=False).findings
         more += [found for found in inspect(recording).findings if found.severity != "note" and found not in alone]
-    return Run(files.name, recording, files.mass_change_kg, (*findings, *more))
+    orientations = {}
+    for name, sensor in files.sensors.items():
+        health = next((each.health for each in recorders if set(sensor.axes) <= set(each.channels)), None)
+        if health is None:
+            raise InputError(f"the axes of {name!r} are in several files: give three channels of one recorder")
+        with prefix_errors(f"{name!r}: "):
+            orientations[name] = sensor.find(health)
+        more += describe_mounting(name, sensor, orientations[name], health)
+    return Run(files.name, recording, files.mass_change_kg, (*findings, *more), orientations)
 
 
 def _find_serious(recorder: _Recorder) -> list[Finding]:

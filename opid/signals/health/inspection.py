@@ -408,6 +408,7 @@ class _TrackCheck:
             start_s=self._clock.seconds(np.arange(bins.n.shape[0]) * bins.rows),
             length_s=bins.rows / fs,
             rms=np.where(is_complete, bins.rms, np.nan),
+            mean=bins.mean,
             sound=np.stack([each.is_sound for each in channels], axis=1) & has_no_jump,
             complete=is_complete & has_no_jump,
         )

@@ -29,6 +29,8 @@ Code = Literal[
     "same_signal", "lag", "quiet_channel", "swapped_channels", "too_large", "all_gravity_in_g",
     # of how a log was read, and of what a run was made of
     "remark", "channels_chosen", "left_out", "several_recorders", "unknown_start", "same_log",
+    # of how a three-axis sensor is mounted
+    "orientation", "no_orientation", "sensor_moved", "false_vertical",
 ]  # fmt: skip
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
 Sentences = Iterator[tuple[Severity, Code, str]]
@@ -224,6 +226,7 @@ class RmsHistory:
         length_s: length of each stretch, s.
         rms: (n, n_channels) rms about the mean of each stretch, in the unit of the channel; NaN where values are
             missing.
+        mean: (n, n_channels) mean of each stretch; NaN where there is no value.
         sound: (n, n_channels) whether nothing is wrong with the channel in the stretch.
         complete: (n, n_channels) whether no value is missing and the clock does not jump.
     """
@@ -231,6 +234,7 @@ class RmsHistory:
     start_s: FloatArray
     length_s: float
     rms: FloatArray
+    mean: FloatArray
     sound: np.ndarray
     complete: np.ndarray
 
