@@ -27,6 +27,7 @@ from opid.signals.health.result import (
     SpectralLine,
     count_findings,
 )
+from opid.signals.orientation import say_alignment, say_orientation
 
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
 MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
@@ -70,6 +71,7 @@ def _build_log_document(health: Health, name: str) -> Document:
     """The report of a log: clocks, channels and pairs, then the findings, the most serious first."""
     blocks: list[Block] = [*_list_clock_blocks(health.clocks), *_tabulate_channels(health.channels)]
     blocks += [*_list_spectrum_blocks(_choose_telling(health.channels)), *_list_pair_blocks(health.pairs)]
+    blocks += _list_mountings(health)
     if health.looks_unsprung:
         blocks.append(Paragraph(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz)."))
     blocks += _list_findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
@@ -325,6 +327,17 @@ def _format_pair(pair: PairHealth) -> tuple[str, ...]:
         lag = (f"{1e3 * pair.lag_s:.{decimals}f}", f"{1e3 * pair.lag_std_s:.{decimals}f}")
     band = pair.coherent_band_hz
     return *lag, "none" if band is None else f"{band[0]:.3g} to {band[1]:.3g} Hz"
+
+
+def _list_mountings(health: Health) -> Iterator[Remarks]:
+    """How each three-axis accelerometer is mounted, and how two of them are turned against each other."""
+    sentences = [f"{_make_printable(name)}: {say_orientation(found)}" for name, found in health.orientations.items()]
+    sentences += [
+        f"{_make_printable(other)} against {_make_printable(one)}: {say_alignment(found)}"
+        for one, other, found in health.alignments
+    ]
+    if sentences:
+        yield Remarks("Orientation", tuple(sentences))
 
 
 def _list_findings(findings: Sequence[Finding]) -> Iterator[Remarks]:

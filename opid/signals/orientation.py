@@ -9,7 +9,7 @@ the standard deviation of the angle in rad is that of a cross-axis leak.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
-from opid.signals.health.result import Health
 from opid.signals.recording import FloatArray
-from opid.signals.segments import find_standstill
-from opid.signals.spectra import cross_spectra
+from opid.signals.spectra import ComplexArray, cross_spectra
 from opid.signals.units import STANDARD_GRAVITY
 
 Axes = tuple[str, str, str]
@@ -51,6 +49,7 @@ class OrientationSettings:
         tilt_rad: standard deviation of a stated vertical: 2 degrees, as a sensor is mounted by eye, rad.
         shared_hz: the band in which a body moves with what carries it, Hz.
         coherence: least coherence of the motion that two sensors share.
+        most_rad: largest standard deviation of a rotation that is told, rad.
     """
 
     zero_m_per_s2: float = 0.05
@@ -66,6 +65,7 @@ class OrientationSettings:
     tilt_rad: float = math.radians(2.0)
     shared_hz: tuple[float, float] = (0.4, 2.1)
     coherence: float = 0.5
+    most_rad: float = 0.3
 
 
 ORIENTATION = OrientationSettings()
@@ -138,71 +138,6 @@ class Orientation:
         return np.asarray(levelled)
 
 
-def find_orientation(
-    health: Health, axes: Sequence[str], *, settings: OrientationSettings = ORIENTATION
-) -> Orientation:
-    """Return how a three-axis accelerometer is mounted, from its mean reading at rest.
-
-    If the log has no standstill, the mean of the whole log is taken. The standard deviation allows for the zeros of the
-    axes and for the slope of the ground (`OrientationSettings`), for the departure of the reading from gravity, which
-    zeros or gains cause, for half of what the sensor moved between two stretches of rest, and without rest for the mean
-    acceleration of the vehicle.
-
-    Args:
-        health: the result of `opid.inspect`, which holds the means of the channels second by second.
-        axes: names of three channels, a right-handed system.
-        settings: how far gravity is trusted.
-
-    Raises:
-        InputError: other than three channels of one clock, one that was not inspected, is no acceleration or is mute,
-            or a mean reading that is not gravity, as of an AC-coupled sensor or of a false offset.
-    """
-    names = _require_axes(health, axes)
-    clock = next((k for k, each in enumerate(health.clocks) if set(names) <= set(each.channels)), None)
-    if clock is None:
-        raise InputError(f"the axes {_join(names)} have different clocks: give three channels of one recorder")
-    history, columns = health.rms_history[clock], [health.clocks[clock].channels.index(name) for name in names]
-    complete = history.complete[:, columns].all(axis=1)
-    mean, rms = history.mean[:, columns], history.rms[:, columns]
-    quiet = find_standstill(health, names) | (np.nan_to_num(rms, nan=np.inf).max(axis=1) < settings.quiet_m_per_s2)
-    stretches = _find_stretches(quiet & complete, settings.rest_s / history.length_s)
-    if not complete.any():
-        raise InputError(f"the axes {_join(names)} have no second without a gap: the vertical is not known")
-    at_rest = np.concatenate(stretches) if stretches else np.flatnonzero(complete)
-    reading = mean[at_rest].mean(axis=0)
-    gravity = float(np.linalg.norm(reading))
-    if not settings.least_gravities < gravity / STANDARD_GRAVITY < settings.most_gravities:
-        why = "the sensor is AC-coupled" if gravity < STANDARD_GRAVITY else "an axis has a false offset or another unit"
-        raise InputError(
-            f"the axes {_join(names)} read {gravity:.3g} m/s^2 {'at rest' if stretches else 'on average'} where "
-            f"gravity is {STANDARD_GRAVITY:.2f}: {why}; state its upward direction in its axes, as vertical = [0, 0, 1] in "
-            "[channels.NAME] of a study"
-        )
-    if len(stretches) > 1:
-        moved = _angle(mean[stretches[0]].mean(axis=0), mean[stretches[-1]].mean(axis=0))
-    else:
-        halves = np.array_split(np.flatnonzero(complete & ~quiet if (complete & ~quiet).any() else complete), 2)
-        moved = _angle(*(mean[half].mean(axis=0) if half.size else reading for half in halves))
-    off_m_per_s2 = math.hypot(settings.zero_m_per_s2, abs(gravity - STANDARD_GRAVITY))
-    unknown = [off_m_per_s2 / STANDARD_GRAVITY, settings.slope_rad]
-    unknown.append(moved / 2 if len(stretches) > 1 else 0.0)
-    unknown.append(0.0 if stretches else settings.acceleration_m_per_s2 / STANDARD_GRAVITY)
-    explained = settings.slip_rad if len(stretches) > 1 else 2 * settings.acceleration_m_per_s2 / STANDARD_GRAVITY
-    ends = [
-        (float(history.start_s[each[0]]), float(history.start_s[each[-1]] + history.length_s)) for each in stretches
-    ]
-    return Orientation(
-        names,
-        _make_unit(reading),
-        math.hypot(*unknown),
-        "rest" if stretches else "mean",
-        gravity,
-        tuple(ends),
-        moved,
-        moved > explained,
-    )
-
-
 def state_orientation(axes: Sequence[str], vertical: Sequence[float], *, std_rad: float | None = None) -> Orientation:
     """Return an orientation that the user states.
 
@@ -218,7 +153,7 @@ def state_orientation(axes: Sequence[str], vertical: Sequence[float], *, std_rad
     (0.0, 0.0, -1.0)
     """
     if len(axes) != 3 or len(vertical) != 3:
-        raise InputError(f"the axes are {_join(axes)} and the vertical {list(vertical)}: give three of each")
+        raise InputError(f"the axes are {', '.join(axes)} and the vertical {list(vertical)}: give three of each")
     length = float(np.linalg.norm(vertical))
     if not (math.isfinite(length) and length > 0):
         raise InputError(f"vertical is {list(vertical)}: give the upward direction in the axes of the sensor")
@@ -227,7 +162,7 @@ def state_orientation(axes: Sequence[str], vertical: Sequence[float], *, std_rad
         raise InputError(
             f"the standard deviation of the vertical is {std_rad:g} rad: give a positive angle below 1 rad"
         )
-    return Orientation((axes[0], axes[1], axes[2]), _make_unit(np.array(vertical, dtype=float)), std_rad, "stated")
+    return Orientation((axes[0], axes[1], axes[2]), make_unit(np.array(vertical, dtype=float)), std_rad, "stated")
 
 
 def mean_orientation(orientations: Sequence[Orientation]) -> Orientation:
@@ -241,7 +176,7 @@ def mean_orientation(orientations: Sequence[Orientation]) -> Orientation:
     gravities = [each.gravity_m_per_s2 for each in orientations if each.gravity_m_per_s2]
     return replace(
         widest,
-        vertical=_make_unit(np.mean([each.vertical for each in orientations], axis=0)),
+        vertical=make_unit(np.mean([each.vertical for each in orientations], axis=0)),
         gravity_m_per_s2=float(np.mean(gravities)) if gravities else None,
     )
 
@@ -257,7 +192,7 @@ def angle_between(one: Orientation, other: Orientation) -> float:
     >>> round(angle_between(up, forward), 4)
     1.5708
     """
-    return _angle(np.array(one.vertical), np.array(other.vertical))
+    return measure_angle(np.array(one.vertical), np.array(other.vertical))
 
 
 def follow_attitude(rates: ArrayLike, *, fs: float, vertical: Sequence[float]) -> FloatArray:
@@ -377,40 +312,59 @@ def align_sensors(
         raise InputError(
             f"the sensors have shapes {one.shape} and {other.shape}: give two arrays (n, 3) of at least 10 s"
         )
-    if verticals is not None:
-        # Only what is across the verticals tells the heading.
-        one, other = (
-            each - np.outer(each @ up, up) for each, up in zip((one, other), map(np.array, verticals), strict=True)
-        )
     spectra = cross_spectra(np.hstack([one, other]), fs=fs, nperseg=block)
+    return align_spectra(spectra.frequency_hz, spectra.density, spectra.n_averages, verticals, settings=settings)
+
+
+def align_spectra(
+    frequency_hz: FloatArray,
+    density: ComplexArray,
+    n_averages: float,
+    verticals: tuple[Sequence[float], Sequence[float]] | None = None,
+    *,
+    settings: OrientationSettings = ORIENTATION,
+) -> Alignment:
+    """Return how two sensors are turned against each other, from their cross-spectra, as `align_sensors` does.
+
+    Args:
+        frequency_hz: (n_lines,) frequencies, Hz.
+        density: (n_lines, 6, 6) cross-spectra E[conj(X_i) X_j] of the axes of the first and of the second sensor.
+        n_averages: number of independent averages.
+        verticals: unit vectors that point up in the axes of the first and of the second sensor; None if unknown.
+        settings: the band, and the least coherence.
+
+    Raises:
+        NotDeterminedError: the sensors do not share a motion, or only one along a single line.
+    """
     low_hz, high_hz = settings.shared_hz
-    lines = (spectra.frequency_hz >= low_hz) & (spectra.frequency_hz <= high_hz)
-    density = spectra.density[lines]
-    of_one, of_other, cross = density[:, :3, :3], density[:, 3:, 3:], density[:, :3, 3:]
-    power = np.linalg.norm(of_one, axis=(1, 2)) * np.linalg.norm(of_other, axis=(1, 2)) + np.finfo(float).tiny
-    shared = np.linalg.norm(cross, axis=(1, 2)) ** 2 / power
-    weight = (np.clip(shared, 0, 0.999) / (1.001 - np.clip(shared, 0, 1)) / np.sqrt(power))[:, np.newaxis, np.newaxis]
-    summed = (weight * cross.real).sum(axis=0)
-    scale = math.sqrt(
-        float((weight * of_one).real.sum(axis=0).trace()) * float((weight * of_other).real.sum(axis=0).trace())
-    )
-    held = summed / max(scale, np.finfo(float).tiny)
+    lines, least = (frequency_hz >= low_hz) & (frequency_hz <= high_hz), np.finfo(float).tiny
     if verticals is not None:
-        held = held + 1e3 * np.outer(*verticals)
-    left, sizes, right = np.linalg.svd(held)
-    turned = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    coherence = float(np.clip((turned * summed).sum() / max(scale, np.finfo(float).tiny), 0.0, 1.0))
+        # Only the motion across the verticals tells the heading.
+        across = np.zeros((6, 6))
+        across[:3, :3], across[3:, 3:] = (np.eye(3) - np.outer(up, up) for up in verticals)
+        density = across @ density @ across
+    of_one, of_other, cross = density[lines, :3, :3], density[lines, 3:, 3:], density[lines, :3, 3:]
+    power = np.linalg.norm(of_one, axis=(1, 2)) * np.linalg.norm(of_other, axis=(1, 2)) + least
+    shared = np.clip(np.linalg.norm(cross, axis=(1, 2)) ** 2 / power, 0.0, 0.999)
+    weight = (shared / (1 - shared) / np.sqrt(power))[:, np.newaxis, np.newaxis]
+    sizes_of_each = [float((weight * each).real.sum(axis=0).trace()) for each in (of_one, of_other)]
+    summed = (weight * cross.real).sum(axis=0) / (math.sqrt(sizes_of_each[0] * sizes_of_each[1]) + least)
+    # The verticals outweigh the motion a thousand times, so that they are kept.
+    left, sizes, right = np.linalg.svd(summed if verticals is None else summed + 1e3 * np.outer(*verticals))
+    sign = np.sign(np.linalg.det(left @ right))
+    turned = left @ np.diag([1.0, 1.0, sign]) @ right
+    coherence = float(np.clip((turned * summed).sum(), 0.0, 1.0))
     band = f"from {low_hz:g} to {high_hz:g} Hz"
     if coherence < settings.coherence:
+        where = "a motion" if verticals is None else "a motion across the vertical"
         raise NotDeterminedError(
-            f"the two sensors do not share a motion: their coherence is {coherence:.2f} {band}, and "
+            f"the two sensors do not share {where}: their coherence is {coherence:.2f} {band}, and "
             f"{settings.coherence:g} is needed; take sensors on one body, or a run with more slow motion"
         )
-    # A motion along one line does not tell the rotation about it.
-    second_size = float(sizes[1])
-    n = spectra.n_averages * int(lines.sum())
-    std_rad = math.sqrt((1 - coherence**2) / (2 * coherence**2 * n)) / math.sqrt(min(1.0, max(second_size, 1e-12)))
-    if std_rad > 0.5:
+    # The smaller two sizes are those of the motion across the strongest one, which tells the rotation about it.
+    told = max(float(sizes[1] + sign * sizes[2]), least)
+    std_rad = math.sqrt((1 - coherence**2) / (2 * coherence**2 * n_averages * int(lines.sum())) / told)
+    if std_rad > settings.most_rad:
         raise NotDeterminedError(
             f"the motion that the two sensors share {band} is along one line, which does not tell their rotation about "
             "it: give the verticals of both"
@@ -419,64 +373,32 @@ def align_sensors(
     return Alignment((rows[0], rows[1], rows[2]), std_rad, coherence)
 
 
-# ---- names -----------------------------------------------------------------------------------------
-
-
-def group_axes(units: Mapping[str, str]) -> dict[str, Axes]:
-    """Return the channels that look like the three axes of one accelerometer, by the name that they share.
-
-    They are accelerations whose names differ by one letter, x, y and z.
+def say_alignment(found: Alignment) -> str:
+    """Return a sentence on how a sensor is turned against another one.
 
     Args:
-        units: SI unit of each channel, by its name.
-
-    >>> group_axes({"imu_ax": "m/s^2", "imu_ay": "m/s^2", "imu_az": "m/s^2", "lower_z": "m/s^2"})
-    {'imu_a': ('imu_ax', 'imu_ay', 'imu_az')}
+        found: the rotation from its axes to those of the other.
     """
-    found: dict[str, Axes] = {}
-    accelerations = {name for name, unit in units.items() if unit == "m/s^2"}
-    for name in units:
-        for at in (k for k, letter in enumerate(name) if letter in "xX"):
-            letters = "xyz" if name[at] == "x" else "XYZ"
-            first, second, third = (f"{name[:at]}{letter}{name[at + 1 :]}" for letter in letters)
-            if {first, second, third} <= accelerations:
-                stem = f"{name[:at]}{name[at + 1 :]}".strip(" _-./") or "accelerometer"
-                found.setdefault(stem, (first, second, third))
-    return found
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(found.rotation).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    about = ", ".join(f"{each:.2f}" for each in turn / angle) if angle else "0, 0, 0"
+    return (
+        f"turned by {math.degrees(angle):.1f} degrees about ({about}), +- {math.degrees(found.std_rad):.1f} degrees, "
+        f"by the motion that both share (coherence {found.coherence:.2f})"
+    )
 
 
 # ---- helpers ---------------------------------------------------------------------------------------
 
 
-def _require_axes(health: Health, axes: Sequence[str]) -> Axes:
-    if len(set(axes)) != 3 or len(axes) != 3:
-        raise InputError(f"the axes of a sensor are {_join(axes)}: give three different channels")
-    known = {channel.name: channel for channel in health.channels}
-    for name in axes:
-        if name not in known:
-            raise InputError(f"the axis {name!r} was not inspected: give one of {_join(known)}")
-        if known[name].unit != "m/s^2":
-            raise InputError(f"the axis {name!r} is in {known[name].unit}: give three accelerations")
-        if known[name].mute:
-            raise InputError(f"the axis {name!r} is mute, so it is no axis: check the wiring and the export")
-    return axes[0], axes[1], axes[2]
-
-
-def _find_stretches(flags: np.ndarray, least: float) -> list[np.ndarray]:
-    """Return the indices of each run of flags that is long enough."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    runs = [np.arange(first, stop) for first, stop in zip(edges[0::2], edges[1::2], strict=True)]
-    return [run for run in runs if run.size >= least - 1e-9]
-
-
-def _angle(one: FloatArray, other: FloatArray) -> float:
+def measure_angle(one: FloatArray, other: FloatArray) -> float:
+    """Return the angle between two vectors of three numbers, rad."""
     return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
-def _make_unit(vector: FloatArray) -> Vector:
+def make_unit(vector: FloatArray) -> Vector:
+    """Return the unit vector along a vector of three numbers."""
     x, y, z = (float(each) for each in vector / np.linalg.norm(vector))
     return x, y, z
-
-
-def _join(names: Iterable[str]) -> str:
-    return ", ".join(map(repr, names))

@@ -127,7 +127,7 @@ def read_run(
         with prefix_errors(f"{name!r}: "):
             orientations[name] = sensor.find(health)
         more += describe_mounting(name, sensor, orientations[name], health)
-    return Run(files.name, recording, files.mass_change_kg, (*findings, *more), orientations)
+    return Run(files.name, recording, files.mass_change_kg, tuple(dict.fromkeys([*findings, *more])), orientations)
 
 
 def _find_serious(recorder: _Recorder) -> list[Finding]:

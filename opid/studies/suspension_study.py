@@ -406,9 +406,9 @@ def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
         for name, table in triaxial.items()
     }
     for name, table in channels.items():
-        stated = sorted({"gyroscope", "vertical", "tilt_tolerance_deg"} & select_stated(table).keys())
-        if stated and not table.axes:
-            raise InputError(f"[channels.{name}] has {stated[0]!r} and no axes: name its three axes, or leave it out")
+        alone = sorted({"gyroscope", "vertical", "tilt_tolerance_deg"} & select_stated(table).keys())
+        if alone and not table.axes:
+            raise InputError(f"[channels.{name}] has {alone[0]!r} and no axes: name its three axes, or leave it out")
     read = {
         name: each
         for own, table in channels.items()
@@ -423,7 +423,7 @@ def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
 
 def _find_axes(sensor: TriaxialSensor, table: _Channel, channels: Mapping[str, _Channel]) -> dict[str, _Channel]:
     """Return the channels of a three-axis sensor: as their own entries say, or as that of the sensor says."""
-    place = {"file": table.file, "shift_s": table.shift_s, "log": table.log}
+    place: dict[str, Any] = {"file": table.file, "shift_s": table.shift_s, "log": table.log}
     shared = {"axes": place | {"unit": table.unit, "scale": table.scale}, "gyroscope": place}
     found = {}
     for kind, names in (("axes", sensor.axes), ("gyroscope", sensor.rates)):

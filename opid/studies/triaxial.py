@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.errors import InputError
+from opid.signals.health.gravity import find_orientation
 from opid.signals.health.result import Finding, Health
 from opid.signals.orientation import (
     ORIENTATION,
     Axes,
     Orientation,
     angle_between,
-    find_orientation,
     follow_attitude,
     mean_orientation,
     say_movement,

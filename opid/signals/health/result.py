@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.health.settings import HEALTH
 from opid.signals.health.spikes import SPIKES
+from opid.signals.orientation import Alignment, Orientation
 from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.health/1"
@@ -254,6 +255,8 @@ class Health(Result):
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.
         rms_history: rms history of each clock, in the order of `clocks`.
+        orientations: how each three-axis accelerometer is mounted, by the part of the names that its axes share.
+        alignments: how two of them are turned against each other, by their names.
         log: name of the log; empty for a recording.
         files: files that it was read from.
     """
@@ -267,6 +270,8 @@ class Health(Result):
     clocks: tuple[ClockHealth, ...] = ()
     pairs: tuple[PairHealth, ...] = ()
     rms_history: tuple[RmsHistory, ...] = ()
+    orientations: Mapping[str, Orientation] = field(default_factory=dict)
+    alignments: tuple[tuple[str, str, Alignment], ...] = ()
     log: str = ""
     files: tuple[ReadFile, ...] = ()
 
