@@ -101,10 +101,20 @@ class Job(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What came of it: angle between the vertical and what was found, degrees, and the mass in %."""
+    """What came of it: angles between the vertical and what was found, degrees, and the mass in %.
+
+    Args:
+        job: the seed.
+        angles_deg: by gravity, of each sensor and run.
+        fitted_deg: with what the fit says leaks in, of each sensor; empty where each run has leaks of its own.
+        within: whether those by gravity are within their intervals.
+        mass: the mass beside its truth.
+        words: a refusal, or the number of warnings.
+    """
 
     job: Job
     angles_deg: tuple[float, ...]
+    fitted_deg: tuple[float, ...]
     within: tuple[bool, ...]
     mass: Answer
     words: str
@@ -175,12 +185,27 @@ def run(job: Job) -> Outcome:
         try:
             result = opid.identify(study, law=None if job.search else case.gear.law.name)
         except (opid.NotDeterminedError, opid.InputError) as error:
-            return Outcome(job, tuple(angles), tuple(within), compare(None, 1.0), f"refused: {error}")
+            return Outcome(job, tuple(angles), (), tuple(within), compare(None, 1.0), f"refused: {error}")
     words = (
         f"{result.verdict if hasattr(result, 'verdict') else ''}, {len(result.warnings)} warnings, {moved} of a slip"
     )
     mass = compare(result.parameters.sprung_mass_kg, case.gear.sprung_mass_kg)
-    return Outcome(job, tuple(angles), tuple(within), mass, words)
+    return Outcome(job, tuple(angles), find_fitted_angles(result, mountings), tuple(within), mass, words)
+
+
+def find_fitted_angles(result: opid.suspensions.Identification, mountings: Mountings) -> tuple[float, ...]:
+    """Return the angle of each sensor between the vertical and the found one, corrected by the leaks of the fit."""
+    study, fit = result.study, result.evidence[0].fit
+    if len(study.leaks()) != 2 * len(SIDES):
+        return ()
+    found = []
+    for number, (side, stem) in enumerate(SIDES.items()):
+        up, *across = study.runs[0].orientations[side].directions
+        for k, one in enumerate(across):
+            up = up - fit.value(f"leak[{2 * number + k}]") * one
+        cosine = up @ mountings[f"{stem}_z"].vertical / np.linalg.norm(up)
+        found.append(float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))))
+    return tuple(found)
 
 
 def describe(outcome: Outcome) -> str:
@@ -221,6 +246,7 @@ def main() -> None:
                 name,
                 quantiles([angle for each in own for angle in each.angles_deg], 0.5, 1.0),
                 share([flag for each in own for flag in each.within]),
+                quantiles([angle for each in own for angle in each.fitted_deg], 0.5, 1.0),
                 quantiles([each.mass.error for each in own], 0.5, 1.0),
                 share([each.mass.holds for each in own]),
                 f"{sum(np.isfinite(each.mass.error) for each in own)} of {len(own)}",

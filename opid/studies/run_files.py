@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, TypeVar
@@ -103,7 +103,8 @@ def read_run(
         begin, end, reasons = files.start_s, files.stop_s, ""
         findings += [each for recorder in recorders for each in _find_serious(recorder) if not each.channel]
     else:
-        begin, end, reasons, more = _find_stretch(recorders)
+        rates = {rate for sensor in files.sensors.values() for rate in sensor.rates}
+        begin, end, reasons, more = _find_stretch(recorders, rates)
         findings += more
     parts = [_read_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
@@ -134,13 +135,18 @@ def _find_serious(recorder: _Recorder) -> list[Finding]:
     return [finding for finding in recorder.health.findings if finding.severity != "note"]
 
 
-def _find_stretch(recorders: Sequence[_Recorder]) -> tuple[float | None, float | None, str, list[Finding]]:
-    """Return begin and end of the stretch that is sound in all files, why parts are left out, and the findings."""
+def _find_stretch(
+    recorders: Sequence[_Recorder], rates: Collection[str]
+) -> tuple[float | None, float | None, str, list[Finding]]:
+    """Return begin and end of the stretch that is sound in all files, why parts are left out, and the findings.
+
+    The `rates` of gyroscopes do not show whether the vehicle moves: on a wheel they hold noise alone.
+    """
     begins: list[float] = []
     ends: list[float] = []
     reasons, findings = "", list[Finding]()
     for recorder in recorders:
-        segment = taxi_segment(recorder.health, tuple(recorder.channels))
+        segment = taxi_segment(recorder.health, [name for name in recorder.channels if name not in rates])
         begins += [] if segment.start_s is None else [segment.start_s + recorder.shift_s]
         ends += [] if segment.stop_s is None else [segment.stop_s + recorder.shift_s]
         is_faulty = any(left.why == "faulty" for left in segment.left_out)
