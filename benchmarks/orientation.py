@@ -30,7 +30,7 @@ from opid.signals.logs import write_log
 from opid.virtual.taxi_tests.sensors import Mounting
 from opid.virtual.taxi_tests.taxiing import TaxiTest, taxi_test
 
-ZERO_M_PER_S2, FORE_AFT, REST_S, PITCH_RAD_S2_PER_M = 0.02, 0.3, 6.0, 0.017
+ZERO_M_PER_S2, REST_S, PITCH_RAD_S2_PER_M = 0.02, 6.0, 0.017
 SIDES = {"unsprung": "lower", "sprung": "upper"}
 Mountings = Mapping[str, Mounting]
 
@@ -46,6 +46,7 @@ class World:
         pitch_rad_s2_per_m: pitch of the airframe per deceleration.
         keys: lines of the table of a channel, by its side.
         corner_hz: corner of an AC coupling, Hz.
+        fore_aft: rms of the motion in each direction across, over the vertical one.
     """
 
     standstill_s: float = REST_S
@@ -54,6 +55,7 @@ class World:
     pitch_rad_s2_per_m: float = 0.0
     keys: Callable[[Mounting, np.random.Generator], str] = lambda mounting, rng: ""
     corner_hz: float = 0.0
+    fore_aft: float = 0.3
 
 
 def change_all(**fields: object) -> Callable[[Mountings], Mountings]:
@@ -78,6 +80,7 @@ def state_coupling(mounting: Mounting, rng: np.random.Generator) -> str:
 GYROSCOPE_RAD_PER_S = 0.002
 WORLDS = {
     "any angle": World(),
+    "upright, no motion across": World(first=change_all(turn_rad=(0.0, 0.0, 0.0)), fore_aft=0.0),
     "no rest": World(standstill_s=0.0),
     "bent by 1 degree between the runs": World(later=bend),
     "AC-coupled, vertical seen by eye": World(corner_hz=0.33, keys=state_coupling),
@@ -140,7 +143,7 @@ def simulate(case: Case, job: Job, mountings: Mountings, world: World) -> TaxiTe
         road_class=case.run["road_class"],
         duration_s=job.duration_s,
         fs=job.fs,
-        fore_aft_ratio=FORE_AFT,
+        fore_aft_ratio=world.fore_aft,
         mountings=mountings,
         standstill_s=world.standstill_s,
         pitch_rad_s2_per_m=world.pitch_rad_s2_per_m,

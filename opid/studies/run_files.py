@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, TypeVar
@@ -17,6 +17,7 @@ from opid.signals.health.inspection import inspect, remove_spikes
 from opid.signals.health.result import Finding, Health
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log
+from opid.signals.orientation import Axes
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
@@ -103,8 +104,7 @@ def read_run(
         begin, end, reasons = files.start_s, files.stop_s, ""
         findings += [each for recorder in recorders for each in _find_serious(recorder) if not each.channel]
     else:
-        rates = {rate for sensor in files.sensors.values() for rate in sensor.rates}
-        begin, end, reasons, more = _find_stretch(recorders, rates)
+        begin, end, reasons, more = _find_stretch(recorders, [*files.sensors.values()])
         findings += more
     parts = [_read_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
@@ -136,17 +136,18 @@ def _find_serious(recorder: _Recorder) -> list[Finding]:
 
 
 def _find_stretch(
-    recorders: Sequence[_Recorder], rates: Collection[str]
+    recorders: Sequence[_Recorder], sensors: Sequence[TriaxialSensor]
 ) -> tuple[float | None, float | None, str, list[Finding]]:
     """Return begin and end of the stretch that is sound in all files, why parts are left out, and the findings.
 
-    The `rates` of gyroscopes do not show whether the vehicle moves: on a wheel they hold noise alone.
+    The axes of a sensor show together whether the vehicle moves. The rates of its gyroscope do not: on a wheel they
+    hold noise alone.
     """
     begins: list[float] = []
     ends: list[float] = []
     reasons, findings = "", list[Finding]()
     for recorder in recorders:
-        segment = taxi_segment(recorder.health, [name for name in recorder.channels if name not in rates])
+        segment = taxi_segment(recorder.health, _name_movers(recorder, sensors))
         begins += [] if segment.start_s is None else [segment.start_s + recorder.shift_s]
         ends += [] if segment.stop_s is None else [segment.stop_s + recorder.shift_s]
         is_faulty = any(left.why == "faulty" for left in segment.left_out)
@@ -162,6 +163,13 @@ def _find_stretch(
             f"{end:g} s{reasons}; check shift_s, or give start_s and stop_s"
         )
     return begin, end, reasons, findings
+
+
+def _name_movers(recorder: _Recorder, sensors: Sequence[TriaxialSensor]) -> list[str | Axes]:
+    """Return the channels of a recorder that show whether the vehicle moves; the axes of one sensor are a tuple."""
+    own = [sensor for sensor in sensors if {*sensor.axes} <= {*recorder.channels}]
+    within = {name for sensor in own for name in (*sensor.axes, *sensor.rates)}
+    return [*(name for name in recorder.channels if name not in within), *(sensor.axes for sensor in own)]
 
 
 def add_files(recording: Recording, *files: Path) -> Recording:

@@ -47,7 +47,7 @@ def find_orientation(
     history, columns = health.rms_history[clock], [health.clocks[clock].channels.index(name) for name in names]
     complete = history.complete[:, columns].all(axis=1)
     mean, rms = history.mean[:, columns], history.rms[:, columns]
-    quiet = find_standstill(health, names) | (np.nan_to_num(rms, nan=np.inf).max(axis=1) < settings.quiet_m_per_s2)
+    quiet = find_standstill(health, [names]) | (np.nan_to_num(rms, nan=np.inf).max(axis=1) < settings.quiet_m_per_s2)
     stretches = _find_stretches(quiet & complete, settings.rest_s / history.length_s)
     if not complete.any():
         raise InputError(f"the axes {_join(names)} have no second without a gap: the vertical is not known")
