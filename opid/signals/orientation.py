@@ -39,6 +39,8 @@ class OrientationSettings:
         quiet_m_per_s2: a sensor whose axes have a smaller rms stands still, however weak its other motion is: the noise
             of a telephone's sensor is a half of it, m/s^2.
         rest_s: the shortest stretch that counts as rest, s.
+        rolling_ratio: a stretch that vibrates more than this many times the quietest one is no rest: a vehicle that
+            rolls out is quiet, but it brakes.
         least_gravities: a mean reading below this fraction of gravity is none: the sensor is AC-coupled.
         most_gravities: a mean reading beyond this is not gravity: a false offset, or a wrong unit.
         slip_rad: if the vertical at two stretches of rest differs by more, the sensor has moved: 1 degree, which is
@@ -48,8 +50,8 @@ class OrientationSettings:
         gain_error: relative departure of the reading at rest from gravity below which the gain is not suspected.
         tilt_rad: standard deviation of a stated vertical: 2 degrees, as a sensor is mounted by eye, rad.
         shared_hz: the band in which a body moves with what carries it, Hz.
-        coherence: least coherence of the motion that two sensors share.
-        most_rad: largest standard deviation of a rotation that is told, rad.
+        coherence: least coherence of the motion that two sensors share. The two ends of an axle in shimmy reach 0.8,
+            and are turned against each other by as much as they move apart.
     """
 
     zero_m_per_s2: float = 0.05
@@ -57,6 +59,7 @@ class OrientationSettings:
     acceleration_m_per_s2: float = 0.5
     quiet_m_per_s2: float = 0.05
     rest_s: float = 2.0
+    rolling_ratio: float = 2.0
     least_gravities: float = 0.5
     most_gravities: float = 1.5
     slip_rad: float = math.radians(1.0)
@@ -64,8 +67,7 @@ class OrientationSettings:
     gain_error: float = 0.005
     tilt_rad: float = math.radians(2.0)
     shared_hz: tuple[float, float] = (0.4, 2.1)
-    coherence: float = 0.5
-    most_rad: float = 0.3
+    coherence: float = 0.9
 
 
 ORIENTATION = OrientationSettings()
@@ -242,7 +244,7 @@ def say_orientation(found: Orientation) -> str:
     }
     reads = f"; gravity reads {found.gravity_m_per_s2:.2f} m/s^2" if found.gravity_m_per_s2 else ""
     return (
-        f"the vertical is ({vertical}) in its axes, +- {math.degrees(found.std_rad):.2f} degrees, "
+        f"the vertical is ({vertical}) in its axes, standard deviation {math.degrees(found.std_rad):.2f} degrees, "
         f"{how[found.method]}{reads}"
     )
 
@@ -256,7 +258,8 @@ def say_movement(found: Orientation) -> str:
     between = "the first and the last rest" if len(found.rest_s) > 1 else "the two halves of the log"
     return (
         f"its vertical differs by {math.degrees(found.moved_rad):.1f} degrees between {between}: the sensor has moved, "
-        "or the vehicle stood on another slope; fasten it, or give start_s and stop_s of the stretch before it moved"
+        "or the vehicle stood on another slope or rolled out; fasten it, or give start_s and stop_s of the stretch "
+        "before it moved"
     )
 
 
@@ -347,8 +350,9 @@ def align_spectra(
     power = np.linalg.norm(of_one, axis=(1, 2)) * np.linalg.norm(of_other, axis=(1, 2)) + least
     shared = np.clip(np.linalg.norm(cross, axis=(1, 2)) ** 2 / power, 0.0, 0.999)
     weight = (shared / (1 - shared) / np.sqrt(power))[:, np.newaxis, np.newaxis]
-    sizes_of_each = [float((weight * each).real.sum(axis=0).trace()) for each in (of_one, of_other)]
-    summed = (weight * cross.real).sum(axis=0) / (math.sqrt(sizes_of_each[0] * sizes_of_each[1]) + least)
+    of_each = [(weight * each).real.sum(axis=0) for each in (of_one, of_other)]
+    scale = math.sqrt(float(of_each[0].trace() * of_each[1].trace())) + least
+    of_each, summed = [each / scale for each in of_each], (weight * cross.real).sum(axis=0) / scale
     # The verticals outweigh the motion a thousand times, so that they are kept.
     left, sizes, right = np.linalg.svd(summed if verticals is None else summed + 1e3 * np.outer(*verticals))
     sign = np.sign(np.linalg.det(left @ right))
@@ -361,14 +365,16 @@ def align_spectra(
             f"the two sensors do not share {where}: their coherence is {coherence:.2f} {band}, and "
             f"{settings.coherence:g} is needed; take sensors on one body, or a run with more slow motion"
         )
-    # The smaller two sizes are those of the motion across the strongest one, which tells the rotation about it.
-    told = max(float(sizes[1] + sign * sizes[2]), least)
-    std_rad = math.sqrt((1 - coherence**2) / (2 * coherence**2 * n_averages * int(lines.sum())) / told)
-    if std_rad > settings.most_rad:
+    # The rotation about the strongest motion, or about the vertical, follows from the motion across it.
+    weaker = [np.eye(3) - np.outer(strong, strong) for strong in (left[:, 0], right[0])]
+    powers = [float((across * each).sum()) for across, each in zip(weaker, of_each, strict=True)]
+    told = float((sizes[1] + sign * sizes[2]) / (math.sqrt(powers[0] * powers[1]) + least))
+    if told < settings.coherence:
         raise NotDeterminedError(
-            f"the motion that the two sensors share {band} is along one line, which does not tell their rotation about "
-            "it: give the verticals of both"
+            f"the motion that the two sensors share {band} is along one line (across it their coherence is "
+            f"{told:.2f}), which does not tell their rotation about it: give the verticals of both"
         )
+    std_rad = math.sqrt((1 - told**2) / (2 * told**2 * n_averages * int(lines.sum()))) if told < 1 else 0.0
     rows = [(float(row[0]), float(row[1]), float(row[2])) for row in turned]
     return Alignment((rows[0], rows[1], rows[2]), std_rad, coherence)
 
@@ -385,8 +391,8 @@ def say_alignment(found: Alignment) -> str:
     angle = float(np.linalg.norm(turn))
     about = ", ".join(f"{each:.2f}" for each in turn / angle) if angle else "0, 0, 0"
     return (
-        f"turned by {math.degrees(angle):.1f} degrees about ({about}), +- {math.degrees(found.std_rad):.1f} degrees, "
-        f"by the motion that both share (coherence {found.coherence:.2f})"
+        f"turned by {math.degrees(angle):.1f} degrees about ({about}), standard deviation "
+        f"{math.degrees(found.std_rad):.1f} degrees, by the motion that both share (coherence {found.coherence:.2f})"
     )
 
 

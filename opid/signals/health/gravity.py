@@ -49,17 +49,23 @@ def find_orientation(
     mean, rms = history.mean[:, columns], history.rms[:, columns]
     quiet = find_standstill(health, [names]) | (np.nan_to_num(rms, nan=np.inf).max(axis=1) < settings.quiet_m_per_s2)
     stretches = _find_stretches(quiet & complete, settings.rest_s / history.length_s)
+    vibration = [float(np.median(np.linalg.norm(rms[each], axis=1))) for each in stretches]
+    stretches = [
+        each for each, own in zip(stretches, vibration, strict=True) if own <= settings.rolling_ratio * min(vibration)
+    ]
     if not complete.any():
         raise InputError(f"the axes {_join(names)} have no second without a gap: the vertical is not known")
     at_rest = np.concatenate(stretches) if stretches else np.flatnonzero(complete)
     reading = mean[at_rest].mean(axis=0)
     gravity = float(np.linalg.norm(reading))
     if not settings.least_gravities < gravity / STANDARD_GRAVITY < settings.most_gravities:
-        why = "the sensor is AC-coupled" if gravity < STANDARD_GRAVITY else "an axis has a false offset or another unit"
+        where = "at rest" if stretches else "on average"
+        words = f"the axes {_join(names)} read {gravity:.3g} m/s^2 {where} where gravity is {STANDARD_GRAVITY:.2f}"
+        if gravity > STANDARD_GRAVITY:
+            raise InputError(f"{words}: an axis has a false offset or another unit; correct its `offset` or `unit`")
         raise InputError(
-            f"the axes {_join(names)} read {gravity:.3g} m/s^2 {'at rest' if stretches else 'on average'} where "
-            f"gravity is {STANDARD_GRAVITY:.2f}: {why}; state its upward direction in its axes, as "
-            "vertical = [0, 0, 1], in [channels.NAME] of a study"
+            f"{words}: the sensor is AC-coupled; state its upward direction in its axes, as vertical = [0, 0, 1], in "
+            "[channels.NAME] of a study"
         )
     if len(stretches) > 1:
         moved = measure_angle(mean[stretches[0]].mean(axis=0), mean[stretches[-1]].mean(axis=0))
