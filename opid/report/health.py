@@ -333,8 +333,8 @@ def _list_mountings(health: Health) -> Iterator[Remarks]:
     """How each three-axis accelerometer is mounted, and how two of them are turned against each other."""
     sentences = [f"{_make_printable(name)}: {say_orientation(found)}" for name, found in health.orientations.items()]
     sentences += [
-        f"{_make_printable(other)} against {_make_printable(one)}: {say_alignment(found)}"
-        for one, other, found in health.alignments
+        f"{_make_printable(each.second)} against {_make_printable(each.first)}: {say_alignment(each)}"
+        for each in health.alignments
     ]
     if sentences:
         yield Remarks("Orientation", tuple(sentences))

@@ -275,11 +275,15 @@ class Alignment:
             first.
         std_rad: standard deviation of its angle, rad.
         coherence: coherence of the motion that both share in the band, between 0 and 1.
+        first: name of the first sensor, where it is known.
+        second: name of the second.
     """
 
     rotation: tuple[Vector, Vector, Vector]
     std_rad: float
     coherence: float
+    first: str = ""
+    second: str = ""
 
 
 def align_sensors(

@@ -203,12 +203,12 @@ def _find_mountings(health: Health, results: Sequence[_TrackFigures]) -> Health:
     orientations, findings = {}, []
     for name, axes in groups.items():
         try:
-            orientations[name] = found = find_orientation(health, axes)
+            orientations[name] = mounted = find_orientation(health, axes)
         except InputError as error:
             findings.append(Finding("note", "no_orientation", name, str(error)))
             continue
-        if found.has_slipped:
-            findings.append(Finding("warning", "sensor_moved", name, say_movement(found)))
+        if mounted.has_slipped:
+            findings.append(Finding("warning", "sensor_moved", name, say_movement(mounted)))
     alignments = []
     for one, other in combinations(groups, 2):
         crossed = next((each.crossed for each in results if {*groups[one], *groups[other]} <= {*each.crossed[0]}), None)
@@ -223,7 +223,8 @@ def _find_mountings(health: Health, results: Sequence[_TrackFigures]) -> Health:
         known = one in orientations and other in orientations
         verticals = (orientations[one].vertical, orientations[other].vertical) if known else None
         try:
-            alignments.append((one, other, align_spectra(frequency_hz, whole, averages, verticals)))
+            found = align_spectra(frequency_hz, whole, averages, verticals)
+            alignments.append(replace(found, first=one, second=other))
         except NotDeterminedError as error:
             findings.append(Finding("note", "no_orientation", other, f"beside {one!r}: {error}"))
     every = sorted([*health.findings, *findings], key=lambda finding: _SEVERITIES.index(finding.severity))

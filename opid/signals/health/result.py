@@ -256,7 +256,7 @@ class Health(Result):
         pairs: accelerations of one clock beside each other.
         rms_history: rms history of each clock, in the order of `clocks`.
         orientations: how each three-axis accelerometer is mounted, by the part of the names that its axes share.
-        alignments: how two of them are turned against each other, by their names.
+        alignments: how each two of them that share a motion are turned against each other.
         log: name of the log; empty for a recording.
         files: files that it was read from.
     """
@@ -271,7 +271,7 @@ class Health(Result):
     pairs: tuple[PairHealth, ...] = ()
     rms_history: tuple[RmsHistory, ...] = ()
     orientations: Mapping[str, Orientation] = field(default_factory=dict)
-    alignments: tuple[tuple[str, str, Alignment], ...] = ()
+    alignments: tuple[Alignment, ...] = ()
     log: str = ""
     files: tuple[ReadFile, ...] = ()
 
