@@ -189,9 +189,7 @@ def run(job: Job) -> Outcome:
             result = opid.identify(study, law=None if job.search else case.gear.law.name)
         except (opid.NotDeterminedError, opid.InputError) as error:
             return Outcome(job, tuple(angles), (), tuple(within), compare(None, 1.0), f"refused: {error}")
-    words = (
-        f"{result.verdict if hasattr(result, 'verdict') else ''}, {len(result.warnings)} warnings, {moved} of a slip"
-    )
+    words = f"{len(result.warnings)} warnings, {moved} of a slip"
     mass = compare(result.parameters.sprung_mass_kg, case.gear.sprung_mass_kg)
     return Outcome(job, tuple(angles), find_fitted_angles(result, mountings), tuple(within), mass, words)
 

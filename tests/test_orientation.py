@@ -174,6 +174,18 @@ def test_inspect_tells_the_orientation(tmp_path):
     assert (turn.inv() * Rotation.from_matrix(found["rotation"])).magnitude() < math.radians(0.2)
 
 
+def test_the_picture_shows_the_axes_from_the_side():
+    turn = Rotation.from_euler("x", 90, degrees=True)
+    health = inspected(turn.inv().apply(moving(0)))
+    ax = opid.plots.orientation_picture(health).ravel()[0]
+    ends = {text.get_text(): text.xy for text in ax.texts}
+    assert ends["y"] == pytest.approx((0, 1), abs=0.01)  # the axis that gravity acts along points up
+    assert ends["x"] == pytest.approx((1, 0), abs=0.01)
+    assert ends["z"] == pytest.approx((0, 0), abs=0.01)
+    with pytest.raises(InputError, match="no three-axis sensor"):
+        opid.plots.orientation_picture(inspected(moving(0) - UP))
+
+
 # ---- studies ---------------------------------------------------------------------------------------
 
 TURNS = {"lower_z": (2.0, -1.0, 0.5), "upper_z": (0.3, 1.2, -2.0)}

@@ -92,6 +92,16 @@ def _list_details(health: Health, name: str) -> Iterator[Block]:
     if left_out:
         yield Paragraph(end_sentence(left_out))
     yield from _list_figures(health, name)
+    if health.orientations:
+        from opid import plots
+
+        yield Figure(
+            f"{name}_orientation",
+            "Orientation of the three-axis sensors" + f" of {_make_printable(health.log)}" * bool(health.log),
+            "The axes of each sensor seen from the side, with the vertical that gravity shows upward and its 95 % "
+            "interval. An axis that points at the reader is a dot.",
+            lambda: plots.orientation_picture(health),
+        )
 
 
 def _list_figures(health: Health, name: str) -> Iterator[Figure]:
