@@ -117,6 +117,8 @@ def test_a_gyroscope_tells_the_attitude_and_its_zero_does_not_matter():
     assert np.std(level.level(readings, attitude)[:, 0]) < 0.002
     with pytest.raises(InputError, match="give an array"):
         follow_attitude(rates[:, :2], fs=FS, vertical=level.vertical)
+    with pytest.raises(InputError, match="degrees of roll and pitch, and at most 30 are accepted: check their unit"):
+        follow_attitude(np.degrees(rates), fs=FS, vertical=level.vertical)
 
 
 def slow(n_directions, seed=0):

@@ -48,6 +48,7 @@ class OrientationSettings:
         same_rad: if the verticals of two runs differ by less, the sensor was not touched between them: 0.2 degrees,
             which at a fore-aft motion of 0.3 of the vertical is below the noise of the sensors, rad.
         gain_error: relative departure of the reading at rest from gravity below which the gain is not suspected.
+        most_attitude_rad: roll and pitch of more are no motion of a vehicle on its wheels, but a wrong unit, rad.
         tilt_rad: standard deviation of a stated vertical: 2 degrees, as a sensor is mounted by eye, rad.
         shared_hz: the band in which a body moves with what carries it, Hz.
         coherence: least coherence of the motion that two sensors share. The two ends of an axle in shimmy reach 0.8,
@@ -65,6 +66,7 @@ class OrientationSettings:
     slip_rad: float = math.radians(1.0)
     same_rad: float = math.radians(0.2)
     gain_error: float = 0.005
+    most_attitude_rad: float = math.radians(30.0)
     tilt_rad: float = math.radians(2.0)
     shared_hz: tuple[float, float] = (0.4, 2.1)
     coherence: float = 0.9
@@ -210,7 +212,7 @@ def follow_attitude(rates: ArrayLike, *, fs: float, vertical: Sequence[float]) -
         vertical: unit vector that points up, in these axes.
 
     Raises:
-        InputError: another shape, or fewer than two samples.
+        InputError: another shape, fewer than two samples, or rates that make more roll and pitch than a vehicle.
 
     >>> t = np.arange(0.0, 10.0, 0.01)
     >>> pitch = 0.02 * np.sin(2 * np.pi * t)
@@ -225,7 +227,14 @@ def follow_attitude(rates: ArrayLike, *, fs: float, vertical: Sequence[float]) -
         raise InputError(f"rates have shape {turning.shape}: give an array (n, 3), one column for each axis")
     angles = signal.detrend(integrate.cumulative_trapezoid(turning, dx=1 / fs, initial=0.0, axis=0), axis=0)
     up = np.asarray(vertical, dtype=np.float64)
-    return np.asarray(angles - np.outer(angles @ up, up))
+    tilts = np.asarray(angles - np.outer(angles @ up, up))
+    largest = float(np.linalg.norm(tilts, axis=1).max())
+    if largest > ORIENTATION.most_attitude_rad:
+        raise InputError(
+            f"the angular rates make {math.degrees(largest):.3g} degrees of roll and pitch, and at most "
+            f"{math.degrees(ORIENTATION.most_attitude_rad):.3g} are accepted: check their unit, or leave them out"
+        )
+    return tilts
 
 
 def say_orientation(found: Orientation) -> str:
