@@ -17,9 +17,10 @@ from opid.signals.health.inspection import inspect
 from opid.signals.logs import write_log
 from opid.signals.orientation import align_sensors, angle_between, follow_attitude, state_orientation
 from opid.signals.recording import recording_from_arrays
+from opid.virtual.taxi_tests.aircraft import default_aircraft
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Mounting, Sensor
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 
 FS, AXES = 128.0, ("imu_x", "imu_y", "imu_z")
 UP = np.array([0.0, 0.0, 9.80665])
@@ -335,6 +336,51 @@ def test_rates_that_are_no_angular_rates_are_refused(tmp_path):
     unit = '[channels.upper_rate_y]\nunit = "g"\n'
     with pytest.raises(InputError, match=r"rate 'sprung.rate_y' is in m/s.2: give angular rates"):
         opid.read_study(taxied(tmp_path, sprung=key, ends=unit, heavy=with_rates, light=with_rates)[1])
+
+
+def test_two_telephones_call_their_axes_alike(tmp_path):
+    _, path = taxied(tmp_path)
+    for name in ("heavy", "light"):
+        whole = opid.read_log(tmp_path / f"{name}.csv")
+        for stem in ("lower", "upper"):
+            columns = [whole.channel(f"{stem}_{axis}") for axis in "xyz"]
+            phone = recording_from_arrays(columns, ["ax", "ay", "az"], fs=whole.fs)
+            write_log(phone, tmp_path / f"{name}_{stem}.csv")
+    text = path.read_text()
+    for stem in ("lower", "upper"):
+        axes = f'axes = ["{stem}_x", "{stem}_y", "{stem}_z"]'
+        text = text.replace(axes, f'axes = ["ax", "ay", "az"]\nfile = "{{run}}_{stem}.csv"')
+    one = opid.read_study(path)
+    path.write_text(text)
+    two = opid.read_study(path)
+    for side in ("sprung", "unsprung"):
+        assert np.allclose(one.runs[0].recording.channel(side), two.runs[0].recording.channel(side), atol=1e-6)
+
+
+def test_one_sensor_of_an_aircraft_has_three_axes(tmp_path):
+    run = taxi_run(
+        default_aircraft(),
+        rng=np.random.default_rng(1),
+        duration_s=12.0,
+        fs=128.0,
+        standstill_s=6.0,
+        mountings={"left_upper_z": Mounting((3.0, 0.5, 0.1))},
+    )
+    write_log(run.recording, tmp_path / "run.csv")
+    interfaces = "".join(
+        f'[[interfaces]]\nname = "{gear.name}"\nsprung = "{gear.name}_upper_z"\nunsprung = "{gear.name}_lower_z"\n'
+        f"x_m = {gear.x_m}\ny_m = {gear.y_m}\n"
+        for gear in run.airframe.gears
+    )
+    axes = ["left_upper_x", "left_upper_y", "left_upper_z"]
+    channels = f"[channels.left_upper_z]\naxes = {axes}\n"
+    (tmp_path / "study.toml").write_text(f'{interfaces}{channels}[[runs]]\nname = "run"\nlog = "run.csv"\n')
+    study = opid.read_study(tmp_path / "study.toml")
+    recording = study.runs[0].recording
+    true = run.truth.section(recording.start_s, recording.start_s + recording.duration_s).channel("left_upper_z")
+    assert np.std(recording.channel("left_upper_z") - true) < 0.02 * np.std(true)
+    left = next(each for each in study.interfaces if each.name == "left")
+    assert [leak.into for leak in left.facts.leaks] == ["sprung", "sprung"]
 
 
 @pytest.mark.parametrize(
