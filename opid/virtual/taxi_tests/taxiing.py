@@ -220,21 +220,28 @@ def taxi_run(
     n_body = len(airframe.body_motions)
     acceleration = decimate(motion.acceleration, steps)
     body, wheels = acceleration[:, :n_body], acceleration[:, n_body:]
-    acceleration[: lead_in if still else 0] = 0.0
+    moving = np.arange(len(acceleration)) >= (lead_in if still else 0)
+    acceleration[~moving] = 0.0
     true = np.hstack([wheels, body @ reading.T])
-    braking = (speed_m_per_s[1] - speed_m_per_s[0]) / duration_s * (np.arange(len(true)) >= (lead_in if still else 0))
-    along, across = {}, {}
+    braking = moving * (speed_m_per_s[1] - speed_m_per_s[0]) / duration_s
+    along: dict[str, FloatArray] = {}
+    across: dict[str, FloatArray] = {}
     for (name, sensor), up, (z_rng, x_rng, motion_rng) in zip(fitted.items(), true.T, streams, strict=True):
         forward = _draw_band_noise(up, fore_aft_ratio, fs, motion_rng)
-        if name in (mountings or {}):
-            mounting = (mountings or {})[name]
-            forward[: lead_in if still else 0] = 0.0
-            pitch = -pitch_rad_s2_per_m * _pass_slow(forward + braking, fs) * (name in upper)
-            sideways = _draw_band_noise(up, fore_aft_ratio, fs, x_rng) * (up != 0.0)
-            vectors = np.stack([forward + braking, sideways, up], axis=1)
-            axes = measure_axes(vectors, fs=fs, sensor=sensor, mounting=mounting, rng=z_rng, pitch_rad=pitch)
-            stem = name.removesuffix("_z")
-            names = (f"{stem}_{what}{axis}" for what in ("", "rate_") for axis in "xyz")
+        if mountings and name in mountings:
+            sideways = moving * _draw_band_noise(up, fore_aft_ratio, fs, x_rng)
+            forward = moving * forward + braking
+            # The airframe pitches, the wheel does not.
+            pitch = -pitch_rad_s2_per_m * _pass_slow(forward, fs) * (name in upper)
+            axes = measure_axes(
+                np.stack([forward, sideways, up], axis=1),
+                fs=fs,
+                sensor=sensor,
+                mounting=mountings[name],
+                rng=z_rng,
+                pitch_rad=pitch,
+            )
+            names = (f"{name.removesuffix('_z')}_{what}{axis}" for what in ("", "rate_") for axis in "xyz")
             along |= dict(zip(names, axes[record].T, strict=False))
             continue
         along[name] = measure(up, fs=fs, sensor=sensor, rng=z_rng, cross_axis_acceleration=forward)[record]
@@ -242,7 +249,7 @@ def taxi_run(
         across[x_name] = measure(forward, fs=fs, sensor=sensor, rng=x_rng, cross_axis_acceleration=up)[record]
     read = along | (across if fore_aft else {})
 
-    z, rate = (state[::steps][record] for state in (motion.displacement, motion.velocity))
+    z, rate = (moving[record, None] * state[::steps][record] for state in (motion.displacement, motion.velocity))
     travels = [each[:, :n_body] @ airframe.strut_directions.T - each[:, n_body:] for each in (z, rate)]
     channels = (
         *(Channel(name, "m/s^2") for name in fitted),
