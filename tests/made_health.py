@@ -74,7 +74,9 @@ def sound_health(n_channels=2):
     clock = ClockHealth("", names, FS, False, 0.0, 120.0, 60000, jitter=2e-4, resolution_s=1e-6)
     pairs = tuple(PairHealth(names[0], other, 1.2e-4, 3e-5, (0.6, 31.0)) for other in names[1:])
     is_sound = np.ones((120, n_channels), bool)
-    levels = RmsHistory(np.arange(120.0), 1.0, np.ones((120, n_channels)), is_sound, is_sound)
+    levels = RmsHistory(
+        np.arange(120.0), 1.0, np.ones((120, n_channels)), np.zeros((120, n_channels)), is_sound, is_sound
+    )
     unsprung = "lower_z" if n_channels > 1 else None
     return Health(FS, 120.0, 60000, channels, unsprung, (), (clock,), pairs, (levels,))
 

@@ -66,7 +66,7 @@ def inspect(
     readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _choose_readings(log, study, units)]
     names = [log.stem for log, _ in readings]
     stems_of_pictures = dict.fromkeys(names + _number_alike(names))
-    pictures = [f"{stem}{end}.png" for stem in stems_of_pictures for end in ("", "_part1")]
+    pictures = [f"{stem}{end}.png" for stem in stems_of_pictures for end in ("", "_part1", "_orientation")]
     output = output.reserve((*REPORT, *pictures))
     found: list[Health] = []
     stems: list[str] = []

@@ -11,7 +11,7 @@ taxi runs, their identification gives the parameters and the motion below the su
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +20,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.laws.law import LINEAR, Law, law_from_parameters
+from opid.progress import Say
 from opid.provenance import read_file
 from opid.studies.schema import NO_KEY, derive_record, load, prefix_errors, read_tables, recast
 from opid.suspensions.identification import identify
@@ -223,7 +224,7 @@ def plan(
     costs: Costs | None = None,
     settings: PlanSettings | None = None,
     seed: int = 0,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> PlanResult:
     """Return what planned runs will determine, and the cheapest plan that reaches the targets.
 

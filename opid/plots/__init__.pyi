@@ -28,7 +28,10 @@ from .force import (
     slices as slices,
     static_curves as static_curves,
 )
-from .health import health_picture as health_picture
+from .health import (
+    health_picture as health_picture,
+    orientation_picture as orientation_picture,
+)
 from .laws import (
     force_departures as force_departures,
     force_sections as force_sections,

@@ -27,6 +27,7 @@ from opid.plots.style import (
     format_units,
     house_style,
     panels,
+    panels_in_rows,
     write_note,
 )
 from opid.signals.health.result import ChannelHealth, Health, Overview, SpectralLine, Stretch
@@ -109,6 +110,48 @@ def _choose_channels(health: Health, names: Sequence[str] | None) -> list[Channe
     if not chosen:
         raise InputError("there is no channel to draw: give one or more")
     return chosen
+
+
+def orientation_picture(health: Health, axes: Any = None) -> np.ndarray:
+    """Draw the axes of each three-axis sensor as seen from the side, the vertical of gravity upward.
+
+    An axis is as long as its projection: one that points at the reader is a dot. The wedge about the vertical is the
+    95 % interval of its angle in this view.
+
+    Args:
+        health: from `opid.inspect`.
+        axes: an Axes for each sensor, or None for a new figure.
+
+    Returns:
+        (n_rows, n_columns) Axes, those after the last sensor off.
+
+    Raises:
+        InputError: no sensor with a known orientation.
+    """
+    if not health.orientations:
+        raise InputError(
+            "no three-axis sensor has a known orientation: inspect a log with three axes that read gravity"
+        )
+    n = len(health.orientations)
+    columns = min(n, 4)
+    with house_style():
+        rows = -(-n // columns)
+        grid = panels_in_rows(axes, n, columns, height_in=2.6 * rows + 0.3, width_in=2.6 * columns + 0.4)
+        for ax, (name, found) in zip(grid.ravel(), health.orientations.items(), strict=False):
+            up, across, _ = found.directions
+            height, half = np.array([0.0, 1.0]), np.tan(1.96 * found.std_rad)
+            ax.fill_betweenx(height, -half * height, half * height, color=SKY, alpha=0.4, linewidth=0)
+            ax.plot([0, 0], [0, 1], color=GREY, linestyle="--", linewidth=1.0)
+            for letter, right, top, color in zip("xyz", across, up, (VERMILION, GREEN, BLUE), strict=True):
+                ax.plot([0, right], [0, top], color=color, linewidth=2.0)
+                ax.plot([right], [top], "o", color=color, markersize=5)
+                write_note(ax, letter, (right, top), (4, 4), color=color)
+            title = ax.set_title(
+                f"{_shorten_name(name)}, {format_minus(f'{np.degrees(found.std_rad):.2g}')}° std. dev."
+            )
+            title.set_parse_math(False)
+            ax.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal", xlabel="across", ylabel="up")
+    return grid
 
 
 def _list_stretches(health: Health, channel: ChannelHealth) -> dict[str, list[Stretch]]:

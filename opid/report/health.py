@@ -28,6 +28,7 @@ from opid.signals.health.result import (
     SpectralLine,
     count_findings,
 )
+from opid.signals.orientation import say_alignment, say_orientation
 
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
 MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
@@ -71,6 +72,7 @@ def _build_log_document(health: Health, name: str) -> Document:
     """The report of a log: clocks, channels and pairs, then the findings, the most serious first."""
     blocks: list[Block] = [*_list_clock_blocks(health.clocks), *_tabulate_channels(health.channels)]
     blocks += [*_list_spectrum_blocks(_choose_telling(health.channels)), *_list_pair_blocks(health.pairs)]
+    blocks += _list_mountings(health)
     if health.looks_unsprung:
         blocks.append(Paragraph(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz)."))
     blocks += _list_findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
@@ -91,6 +93,16 @@ def _list_details(health: Health, name: str) -> Iterator[Block]:
     if left_out:
         yield Paragraph(end_sentence(left_out))
     yield from _list_figures(health, name)
+    if health.orientations:
+        from opid import plots
+
+        yield Figure(
+            f"{name}_orientation",
+            "Orientation of the three-axis sensors" + f" of {_make_printable(health.log)}" * bool(health.log),
+            "The axes of each sensor seen from the side, with the vertical that gravity shows upward and its 95 % "
+            "interval. An axis that points at the reader is a dot.",
+            lambda: plots.orientation_picture(health),
+        )
 
 
 def _list_figures(health: Health, name: str) -> Iterator[Figure]:
@@ -325,6 +337,17 @@ def _format_pair(pair: PairHealth) -> tuple[str, ...]:
         lag = (f"{1e3 * pair.lag_s:.{decimals}f}", f"{1e3 * pair.lag_std_s:.{decimals}f}")
     band = pair.coherent_band_hz
     return *lag, "none" if band is None else f"{format_number(band[0], 3)} to {format_number(band[1], 3)} Hz"
+
+
+def _list_mountings(health: Health) -> Iterator[Remarks]:
+    """How each three-axis accelerometer is mounted, and how two of them are turned against each other."""
+    sentences = [f"{_make_printable(name)}: {say_orientation(found)}" for name, found in health.orientations.items()]
+    sentences += [
+        f"{_make_printable(each.second)} against {_make_printable(each.first)}: {say_alignment(each)}"
+        for each in health.alignments
+    ]
+    if sentences:
+        yield Remarks("Orientation", tuple(sentences))
 
 
 def _list_findings(findings: Sequence[Finding]) -> Iterator[Remarks]:

@@ -7,6 +7,7 @@ from .exchange import (
     sep005_of as sep005_of,
     xarray_of as xarray_of,
 )
+from .health.gravity import find_orientation as find_orientation
 from .health.result import Health as Health
 from .log import (
     ChannelSettings as ChannelSettings,
@@ -22,6 +23,12 @@ from .motion import (
     differentiate as differentiate,
     integrate as integrate,
     relative_motion as relative_motion,
+)
+from .orientation import (
+    Alignment as Alignment,
+    Orientation as Orientation,
+    align_sensors as align_sensors,
+    follow_attitude as follow_attitude,
 )
 from .recording import (
     Channel as Channel,

@@ -45,6 +45,9 @@ class SegmentSettings:
 
 SEGMENTS = SegmentSettings()
 
+Channels = Sequence[str | tuple[str, ...]]
+"""Names of channels; the axes of one sensor are a tuple, because one of them may hardly move."""
+
 Why = Literal["faulty", "standstill", "short", "not chosen"]
 
 
@@ -80,7 +83,7 @@ class _Course:
 
     start_s: FloatArray
     stop_s: FloatArray
-    relative_rms: FloatArray  # the largest ratio of a channel's rms to its usual motion; NaN where none is known
+    relative_rms: FloatArray  # the largest ratio of a sensor's rms to its usual motion; NaN where none is known
     sound: np.ndarray
     complete: np.ndarray
 
@@ -105,7 +108,7 @@ def sound_segments(
     return tuple(_make_segment(course, run, "nothing is wrong with it") for run in runs)
 
 
-def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
+def taxi_segment(health: Health, channels: Channels) -> Segment:
     """Return the stretch of sustained motion to identify from; the whole log if it is in motion from end to end.
 
     Faulty stretches and standstill are left out. Of the remaining stretches the longest is chosen (of nearly equal ones
@@ -113,7 +116,7 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
 
     Args:
         health: the result of `opid.inspect`.
-        channels: names of the channels to identify from.
+        channels: names of the channels to identify from; the axes of one sensor are a tuple of names.
 
     Raises:
         InputError: a channel that was not inspected.
@@ -138,15 +141,29 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     return _make_segment(course, chosen, _give_reason(course, chosen, left_out, cut, len(runs)), left_out)
 
 
-def _make_course(health: Health, channels: Sequence[str]) -> _Course:
+def find_standstill(health: Health, channels: Channels) -> np.ndarray:
+    """Return whether a vehicle stands still in each stretch of the rms history of the channels' clock, (n,).
+
+    Args:
+        health: the result of `opid.inspect`.
+        channels: names of channels, of one clock; the axes of one sensor are a tuple of names.
+
+    Raises:
+        InputError: a channel that was not inspected.
+    """
+    return _find_standstill(_make_course(health, channels))
+
+
+def _make_course(health: Health, channels: Channels) -> _Course:
     """Return the rms histories of all clocks on the stretches of the coarsest one."""
     names = [name for clock in health.clocks for name in clock.channels]
-    for name in channels:
+    sensors = [(each,) if isinstance(each, str) else each for each in channels]
+    for name in (name for sensor in sensors for name in sensor):
         if name not in names:
             raise InputError(f"the channel {name!r} was not inspected: {nearest(name, names)}")
     own = []
     for clock, history in zip(health.clocks, health.rms_history, strict=True):
-        columns = [clock.channels.index(name) for name in channels if name in clock.channels]
+        columns = [[clock.channels.index(name) for name in each] for each in sensors if {*each} <= {*clock.channels}]
         if columns:
             own.append((history, clock.start_s + clock.duration_s, columns))
     main, end_s, columns = max(own, key=lambda each: each[0].length_s)
@@ -165,13 +182,13 @@ def _make_course(health: Health, channels: Sequence[str]) -> _Course:
     return _Course(main.start_s, stop_s, relative_rms, sound, complete)
 
 
-def _combine_all(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-    return np.asarray(flags[:, columns].all(axis=1))
+def _combine_all(flags: np.ndarray, columns: Sequence[list[int]]) -> np.ndarray:
+    return np.asarray(flags[:, [column for sensor in columns for column in sensor]].all(axis=1))
 
 
-def _divide_by_usual(history: RmsHistory, columns: Sequence[int]) -> FloatArray:
-    """Return the largest ratio of a channel's rms to its usual motion, (n,)."""
-    rms = history.rms[:, columns]
+def _divide_by_usual(history: RmsHistory, columns: Sequence[list[int]]) -> FloatArray:
+    """Return the largest ratio of a sensor's rms to its usual motion, (n,)."""
+    rms = np.stack([np.sqrt((history.rms[:, sensor] ** 2).sum(axis=1)) for sensor in columns], axis=1)
     n = max(1, min(round(SEGMENTS.usual * rms.shape[0]), round(SEGMENTS.usual_s / history.length_s)))
     filled = np.nan_to_num(rms)
     usual = np.array([np.median(np.lib.stride_tricks.sliding_window_view(own, n), axis=1).max() for own in filled.T])

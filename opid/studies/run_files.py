@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, TypeVar
 
@@ -18,10 +18,12 @@ from opid.signals.health.inspection import inspect, remove_spikes
 from opid.signals.health.result import Finding, Health
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log
+from opid.signals.orientation import Axes
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
-from opid.studies.schema import NO_KEY, recast
+from opid.studies.schema import NO_KEY, prefix_errors, recast
+from opid.studies.triaxial import TriaxialSensor, describe_mounting
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import SAME_RATE, Run
 
@@ -53,6 +55,7 @@ class RunFiles:
         mass_change_kg: sprung mass less that of the reference, kg.
         start_s: first time, s; None to find the stretch (if `stop_s` is None, too).
         stop_s: end, s.
+        sensors: three-axis sensors, by the name that the channel of their vertical motion will have.
     """
 
     name: str
@@ -60,6 +63,7 @@ class RunFiles:
     mass_change_kg: float
     start_s: float | None = None
     stop_s: float | None = None
+    sensors: Mapping[str, TriaxialSensor] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +105,7 @@ def read_run(
         begin, end, reasons = files.start_s, files.stop_s, ""
         findings += [each for recorder in recorders for each in _find_serious(recorder) if not each.channel]
     else:
-        begin, end, reasons, more = _find_stretch(recorders)
+        begin, end, reasons, more = _find_stretch(recorders, [*files.sensors.values()])
         findings += more
     parts = [_read_part(recorder, begin, end, reasons) for recorder in recorders]
     fs = fs_hz or min(part.fs for part in parts)
@@ -117,20 +121,34 @@ def read_run(
     if len(parts) > 1 and not is_bench:
         alone = inspect(recording, thorough=False).findings
         more += [found for found in inspect(recording).findings if found.severity != "note" and found not in alone]
-    return Run(files.name, recording, files.mass_change_kg, (*findings, *more))
+    orientations = {}
+    for name, sensor in files.sensors.items():
+        health = next((each.health for each in recorders if set(sensor.axes) <= set(each.channels)), None)
+        if health is None:
+            raise InputError(f"the axes of {name!r} are in several files: give three channels of one recorder")
+        with prefix_errors(f"{name!r}: "):
+            orientations[name] = sensor.find(health)
+        more += describe_mounting(name, sensor, orientations[name], health)
+    return Run(files.name, recording, files.mass_change_kg, tuple(dict.fromkeys([*findings, *more])), orientations)
 
 
 def _find_serious(recorder: _Recorder) -> list[Finding]:
     return [finding for finding in recorder.health.findings if finding.severity != "note"]
 
 
-def _find_stretch(recorders: Sequence[_Recorder]) -> tuple[float | None, float | None, str, list[Finding]]:
-    """Return begin and end of the stretch that is sound in all files, why parts are left out, and the findings."""
+def _find_stretch(
+    recorders: Sequence[_Recorder], sensors: Sequence[TriaxialSensor]
+) -> tuple[float | None, float | None, str, list[Finding]]:
+    """Return begin and end of the stretch that is sound in all files, why parts are left out, and the findings.
+
+    The axes of a sensor show together whether the vehicle moves. The rates of its gyroscope do not: on a wheel they
+    hold noise alone.
+    """
     begins: list[float] = []
     ends: list[float] = []
     reasons, findings = "", list[Finding]()
     for recorder in recorders:
-        segment = taxi_segment(recorder.health, tuple(recorder.channels))
+        segment = taxi_segment(recorder.health, _name_movers(recorder, sensors))
         begins += [] if segment.start_s is None else [segment.start_s + recorder.shift_s]
         ends += [] if segment.stop_s is None else [segment.stop_s + recorder.shift_s]
         is_faulty = any(left.why == "faulty" for left in segment.left_out)
@@ -146,6 +164,13 @@ def _find_stretch(recorders: Sequence[_Recorder]) -> tuple[float | None, float |
             f"{end:g} s{reasons}; check shift_s, or give start_s and stop_s"
         )
     return begin, end, reasons, findings
+
+
+def _name_movers(recorder: _Recorder, sensors: Sequence[TriaxialSensor]) -> list[str | Axes]:
+    """Return the channels of a recorder that show whether the vehicle moves; the axes of one sensor are a tuple."""
+    own = [sensor for sensor in sensors if {*sensor.axes} <= {*recorder.channels}]
+    within = {name for sensor in own for name in (*sensor.axes, *sensor.rates)}
+    return [*(name for name in recorder.channels if name not in within), *(sensor.axes for sensor in own)]
 
 
 def add_files(recording: Recording, *files: Path) -> Recording:

@@ -118,6 +118,8 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
 
     Of one gear: a table `[channels]` (`sprung`, `unsprung`, and further ones by any name: each the name of a channel in
     the logs, or a table with the fields of `ChannelSettings` and `SensorFacts`), and `mass_change_kg` in `[[runs]]`.
+    A three-axis sensor has `axes` (three channels) in its table, and optionally `gyroscope` (three angular rates),
+    `vertical` (the upward direction in these axes, found by gravity where left out) and `tilt_tolerance_deg`.
     What is known of the sensors may also stand in `[sensors.sprung]` and `[sensors.unsprung]`, a further recorded axis
     that leaks in in `[[sensors.leak]]` (`channel`, `into`, `tolerance`; without `into`, both sides).
 

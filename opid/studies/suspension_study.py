@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from datetime import date
 from numbers import Real
@@ -45,6 +45,7 @@ from opid.studies.schema import (
     select_stated,
 )
 from opid.studies.study_file import SUSPENSIONS, kind_of
+from opid.studies.triaxial import Mounting, TriaxialSensor, level_runs
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, LEAK_TOLERANCE, SIDES, Leak, SensorFacts, SensorPair, Side
 from opid.suspensions.study import (
     Axis,
@@ -64,6 +65,8 @@ LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")
 
 WEIGHED = ("weighed_mass_kg", "weighed_tolerance_kg")
 """The keys of a run that say what a scale read."""
+MOST_TILT_DEG = 30.0
+"""The largest standard deviation of a vertical: with more of it nothing is known."""
 
 FACTS = tuple(each.name for each in fields(SensorFacts))
 OF_A_BODY = (
@@ -75,9 +78,30 @@ OF_ONE_GEAR = "which belongs to one gear: give it in each table [[interfaces]]"
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel(SensorFacts, ChannelTable):
+    axes: tuple[str, ...] = ()
+    gyroscope: tuple[str, ...] = ()
+    vertical: Annotated[tuple[float, ...], "a list of three numbers, the upward direction in the axes"] = ()
+    tilt_tolerance_deg: float | None = None
+
     def __post_init__(self) -> None:
         SensorFacts.__post_init__(self)
         ChannelTable.__post_init__(self)
+        for name in ("axes", "gyroscope"):
+            given = getattr(self, name)
+            if given and len(set(given)) != 3:
+                raise InputError(f"{name} is {list(given)}: give three different channels, as in a right-handed system")
+        if self.vertical and (len(self.vertical) != 3 or not 0 < math.hypot(*self.vertical) < math.inf):
+            raise InputError(f"vertical is {list(self.vertical)}: give the upward direction in the axes, as [0, 0, 1]")
+        if self.tilt_tolerance_deg is not None and not 0 < self.tilt_tolerance_deg <= MOST_TILT_DEG:
+            raise InputError(
+                f"tilt_tolerance_deg is {self.tilt_tolerance_deg:g}: give a positive angle up to {MOST_TILT_DEG:g}"
+            )
+        for name in ("channel", "sign", "offset") if self.axes else ():
+            if name in self.given:
+                raise InputError(
+                    f"{name!r} and axes are given: gravity tells which way is up, and an axis with a scale, an offset "
+                    "or a sign of its own has a table [channels.NAME] of its own"
+                )
 
 
 _Channels = Mapping[str, Annotated[str | int | _Channel, CHANNEL]]
@@ -311,12 +335,17 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
             weighed = {name: getattr(each, name) for name in WEIGHED}
             runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside), **weighed))
     refuse(faults, source)
+    with prefix_errors(f"{source}: "):
+        levelled, mountings = level_runs(
+            bring_to_one_rate(_warn_of_one_log(runs, all_files)), [files.sensors for files in all_files]
+        )
+        interfaces, further = _attach_mountings(interfaces, further, mountings)
     return recast(
         Study,
         study,
         title=source.stem if study.title is None else study.title,
         interfaces=interfaces,
-        runs=bring_to_one_rate(_warn_of_one_log(runs, all_files)),
+        runs=levelled,
         sensors=further,
         source=source,
     )
@@ -377,11 +406,42 @@ def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
     channels = {name: tabulate_channel(_Channel, name, study.channels.get(name, name)) for name in named}
     for name, own in run.channels.items():
         if isinstance(own, _Channel) and name in channels:
-            channels[name] = replace(channels[name], **{each: getattr(own, each) for each in own.given})
+            stated = {each: getattr(own, each) for each in own.given}
+            channels[name] = replace(channels[name], **stated, given=channels[name].given | own.given)
         else:
             channels[name] = tabulate_channel(_Channel, name, own)
-    sources = find_sources(channels, run=run.name, log=run.log, settings=study.log, directory=directory)
-    return RunFiles(run.name, sources, 0.0, run.start_s, run.stop_s)
+    triaxial = {name: table for name, table in channels.items() if table.axes}
+    sensors = {
+        name: TriaxialSensor(name, bool(table.gyroscope), table.vertical, table.tilt_tolerance_deg)
+        for name, table in triaxial.items()
+    }
+    for name, table in channels.items():
+        alone = sorted({"gyroscope", "vertical", "tilt_tolerance_deg"} & select_stated(table).keys())
+        if alone and not table.axes:
+            raise InputError(f"[channels.{name}] has {alone[0]!r} and no axes: name its three axes, or leave it out")
+    read = {
+        name: each
+        for own, table in channels.items()
+        for name, each in (_find_axes(sensors[own], table, channels) if own in sensors else {own: table}).items()
+    }
+    used = {axis for table in triaxial.values() for axis in (*table.axes, *table.gyroscope)}
+    # An entry that describes an axis is read as that axis.
+    read = {name: table for name, table in read.items() if name not in used or name in study.sensor_channels}
+    sources = find_sources(read, run=run.name, log=run.log, settings=study.log, directory=directory)
+    return RunFiles(run.name, sources, 0.0, run.start_s, run.stop_s, sensors)
+
+
+def _find_axes(sensor: TriaxialSensor, table: _Channel, channels: Mapping[str, _Channel]) -> dict[str, _Channel]:
+    """Return the channels of a three-axis sensor: as their own entries say, or as that of the sensor says."""
+    place: dict[str, Any] = {"file": table.file, "shift_s": table.shift_s, "log": table.log}
+    shared = {"axes": place | {"unit": table.unit, "scale": table.scale}, "gyroscope": place}
+    found = {}
+    for kind, names in (("axes", sensor.axes), ("gyroscope", sensor.rates)):
+        for name, channel in zip(names, getattr(table, kind), strict=False):
+            own = channels.get(channel, _Channel(channel=channel))
+            others = {key: value for key, value in shared[kind].items() if key not in own.given}
+            found[name] = replace(own, **others)
+    return found
 
 
 def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
@@ -414,6 +474,47 @@ def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Bo
     return tuple(recast(MeasuredInterface, each, facts=pair) for each, pair in interfaces), tuple(
         recast(BodySensor, each, facts=find_facts(each.channel), leaks=find_leaks(sprung=each.channel))
         for each in study.body_sensors
+    )
+
+
+def _attach_mountings(
+    interfaces: Sequence[MeasuredInterface], further: Sequence[BodySensor], mountings: Mapping[str, Mounting]
+) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
+    """Return the sensors with what their mounting leaves unknown: leaks of the motion across, and their gain."""
+
+    def change(facts: SensorFacts, channel: str) -> SensorFacts:
+        tolerance = mountings[channel].gain_tolerance if channel in mountings else 0.0
+        return facts if facts.gain_tolerance else replace(facts, gain_tolerance=tolerance)
+
+    def find_leaks(side: Side, channel: str) -> Iterator[Leak]:
+        for across, tolerance in mountings[channel].leaks if channel in mountings else ():
+            yield Leak(across, side, tolerance)
+
+    for each in interfaces:
+        named = next((channel for channel in (each.sprung, each.unsprung) if channel in mountings), None)
+        if named and each.axis != "up":
+            raise InputError(
+                f"the axis{f' of {each.name!r}' if len(interfaces) > 1 else ''} is {each.axis!r} and {named!r} has "
+                "three axes, whose vertical motion counts up: give the axis 'up'"
+            )
+    changed = (
+        (
+            each,
+            SensorPair(
+                change(each.facts.unsprung, each.unsprung),
+                change(each.facts.sprung, each.sprung),
+                (
+                    *each.facts.leaks,
+                    *find_leaks("unsprung", each.unsprung),
+                    *find_leaks("sprung", each.sprung),
+                ),
+            ),
+        )
+        for each in interfaces
+    )
+    return tuple(replace(each, facts=facts) for each, facts in changed), tuple(
+        replace(each, facts=change(each.facts, each.channel), leaks=(*each.leaks, *find_leaks("sprung", each.channel)))
+        for each in further
     )
 
 
@@ -560,7 +661,7 @@ def read_further_run(
     *,
     like: str | None = None,
     mass_change_kg: float | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> Run:
     """Read a further log of the sensors of a study, as the study file says.
 
@@ -573,8 +674,8 @@ def read_further_run(
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: a study without a file, an unknown run, channels from several files, a mass change of a body on
-            several suspensions, or a log that lacks a channel or cannot be read.
+        InputError: a study without a file, an unknown run, channels from several files, sensors of three axes, a mass
+            change of a body on several suspensions, or a log that lacks a channel or cannot be read.
     """
     if study.source is None:
         raise InputError("the study was not read from a file, so that nothing says how to read the log: give a Run")
@@ -592,6 +693,11 @@ def read_further_run(
         raise InputError(
             f"{study.source} takes the channels of a run from several files: add the log to it as a run, and name the "
             "run"
+        )
+    if files.sensors:
+        raise InputError(
+            f"{study.source} has sensors of three axes, whose vertical is that of all its runs: add the log to it as a "
+            "run, and name the run"
         )
     with prefix_errors(f"{path}: "):
         run = read_run(replace(files, name=path.stem, start_s=None, stop_s=None), fs_hz=tables.fs_hz, progress=progress)

@@ -18,6 +18,7 @@ from opid.provenance import ReadFile
 from opid.result import first_lines
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, LogSettings
+from opid.signals.orientation import Orientation
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
@@ -146,6 +147,7 @@ class Run:
         loading: masses that it carries in addition to the reference, empty for the reference; for one gear a number is
             enough, kg, negative if mass was removed.
         findings: findings about the logs that it was taken from; those about the recording itself are added later.
+        orientations: how each three-axis sensor was mounted, by the name of its channel.
         log: the file that it was read from without a study file; None if it came otherwise.
         log_settings: settings with which that file was read.
         weighed_mass_kg: sprung mass of this run by a scale, kg, loading included: what the gear carries, or the whole
@@ -158,6 +160,7 @@ class Run:
     recording: Recording
     loading: tuple[PointMass, ...] | float = ()
     findings: tuple[Finding, ...] = ()
+    orientations: Mapping[str, Orientation] = field(default_factory=dict)
     log: Path | None = None
     log_settings: LogSettings = AS_WRITTEN
     weighed_mass_kg: float | None = None

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate, chain
+from itertools import accumulate, chain, combinations
 
 import numpy as np
 
-from opid.errors import InputError, list_names
+from opid.errors import InputError, NotDeterminedError, list_names
 from opid.signals.conversion import choose_channels
 from opid.signals.health.across_channels import check_magnitudes, check_pair, compare_pairs
 from opid.signals.health.channel import Bins, MomentCheck, RunCheck, describe_channel
 from opid.signals.health.chunks import Chunk, chunk_rows, make_chunks, regroup
 from opid.signals.health.clock import MOST_SHOWN, USUAL_STAMPS, ClockCheck, describe_clock
+from opid.signals.health.gravity import find_orientation, group_axes
 from opid.signals.health.result import (
     ChannelHealth,
     ClockHealth,
@@ -32,7 +33,9 @@ from opid.signals.health.settings import HEALTH
 from opid.signals.health.spectrum import LEAST_LONG_AVERAGES, LongBlocks, SpectrumCheck, floor_of, lines_of, rms_above
 from opid.signals.health.spikes import SpikeSearch, remove_spikes
 from opid.signals.log import AS_WRITTEN, Block, ChannelSettings, Log, LogSettings, Track, log_of_recording
+from opid.signals.orientation import align_spectra, say_movement
 from opid.signals.recording import FloatArray, Recording
+from opid.signals.spectra import ComplexArray
 
 __all__ = ["Finding", "check_channels", "findings_in_words", "inspect", "remove_spikes"]
 
@@ -82,6 +85,8 @@ def inspect(
             results.append(_inspect_track(log, track, own, settings, thorough, shown, n_done, n_all))
             n_done += track.n_samples or 0
     health = _merge(results, wanted)
+    if thorough:
+        health = _find_mountings(health, results)
     remarks = (Finding("note", "remark", "", each) for each in log.remarks)
     return replace(
         health,
@@ -192,6 +197,40 @@ def _merge(results: Sequence[_TrackFigures], wanted: Mapping[str, _Wanted]) -> H
     )
 
 
+def _find_mountings(health: Health, results: Sequence[_TrackFigures]) -> Health:
+    """Return the health with how its three-axis accelerometers are mounted, and turned against each other."""
+    groups = group_axes({channel.name: channel.unit for channel in health.channels if not channel.mute})
+    orientations, findings = {}, []
+    for name, axes in groups.items():
+        try:
+            orientations[name] = mounted = find_orientation(health, axes)
+        except InputError as error:
+            findings.append(Finding("note", "no_orientation", name, str(error)))
+            continue
+        if mounted.has_slipped:
+            findings.append(Finding("warning", "sensor_moved", name, say_movement(mounted)))
+    alignments = []
+    for one, other in combinations(groups, 2):
+        crossed = next((each.crossed for each in results if {*groups[one], *groups[other]} <= {*each.crossed[0]}), None)
+        if crossed is None:
+            continue
+        names, frequency_hz, density, averages = crossed
+        columns = [names.index(axis) for axis in (*groups[one], *groups[other])]
+        upper = density[np.ix_(columns, columns)]
+        # Only one triangle of the cross-spectra is kept, by the order of the channels.
+        later = np.array(columns)[:, np.newaxis] > np.array(columns)
+        whole = np.where(later[:, :, np.newaxis], upper.conj().transpose(1, 0, 2), upper).transpose(2, 0, 1)
+        known = one in orientations and other in orientations
+        verticals = (orientations[one].vertical, orientations[other].vertical) if known else None
+        try:
+            found = align_spectra(frequency_hz, whole, averages, verticals)
+            alignments.append(replace(found, first=one, second=other))
+        except NotDeterminedError as error:
+            findings.append(Finding("note", "no_orientation", other, f"beside {one!r}: {error}"))
+    every = sorted([*health.findings, *findings], key=lambda finding: _SEVERITIES.index(finding.severity))
+    return replace(health, orientations=orientations, alignments=tuple(alignments), findings=tuple(every))
+
+
 def _find_unsprung(channels: Sequence[ChannelHealth], pairs: Sequence[PairHealth]) -> str | None:
     """Return that one of two coherent accelerations that has more motion at high frequencies."""
     accelerations = [channel for channel in channels if channel.unit == "m/s^2"]
@@ -258,6 +297,10 @@ def findings_in_words(run: str, findings: Sequence[Finding]) -> Iterator[str]:
 # ---- the checks of one track -----------------------------------------------------------------------
 
 
+_Crossed = tuple[tuple[str, ...], FloatArray, ComplexArray, float]
+"""Names of channels, frequencies, Hz, densities (n, n, n_lines) of which one triangle is set, and averages."""
+
+
 @dataclass(frozen=True, eq=False)
 class _TrackFigures:
     clock: ClockHealth  # figures of its clock
@@ -265,6 +308,7 @@ class _TrackFigures:
     pairs: tuple[PairHealth, ...]  # figures of each two accelerations
     findings: tuple[Finding, ...]  # what is wrong with the clock, between channels and with each channel
     rms_history: RmsHistory  # how strong the motion is, second by second
+    crossed: _Crossed  # cross-spectra of some accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,13 +360,15 @@ class _TrackCheck:
             self._make_channel(i, clock.fs, bins, (frequency_hz, psd[i], float(averages[i])), lines[i], overviews[i])
             for i in range(len(self._names))
         ]
-        pairs, between = self._compare_pairs(clock.fs)
+        crossed = self._cross(clock.fs)
+        pairs, between = compare_pairs(*crossed, fs=clock.fs) if len(crossed[0]) > 1 else ((), ())
         findings = [
             Finding(severity, code, "", message) for severity, code, message in describe_clock(self._clock, clock)
         ]
         findings += [*between, *(finding for each in channels for finding in each.findings)]
         healths = tuple(each.health for each in channels)
-        return _TrackFigures(clock, healths, pairs, tuple(findings), self._make_rms_history(clock.fs, bins, channels))
+        history = self._make_rms_history(clock.fs, bins, channels)
+        return _TrackFigures(clock, healths, pairs, tuple(findings), history, crossed)
 
     def _find_lines(self, fs: float) -> list[tuple[SpectralLine, ...]]:
         """Return the spectral lines of each channel, by the long blocks where there are enough of them."""
@@ -408,6 +454,7 @@ class _TrackCheck:
             start_s=self._clock.seconds(np.arange(bins.n.shape[0]) * bins.rows),
             length_s=bins.rows / fs,
             rms=np.where(is_complete, bins.rms, np.nan),
+            mean=bins.mean,
             sound=np.stack([each.is_sound for each in channels], axis=1) & has_no_jump,
             complete=is_complete & has_no_jump,
         )
@@ -438,13 +485,14 @@ class _TrackCheck:
             for i in range(len(self._names))
         ]
 
-    def _compare_pairs(self, fs: float) -> tuple[tuple[PairHealth, ...], tuple[Finding, ...]]:
+    def _cross(self, fs: float) -> _Crossed:
+        """Return the cross-spectra of the accelerations that are not mute."""
         kept = [k for k, i in enumerate(self._spectra.crossed) if not self._runs[i].is_mute]
         if len(kept) < 2:
-            return (), ()
-        names = [self._names[self._spectra.crossed[k]] for k in kept]
+            return (), np.empty(0), np.empty((0, 0, 0), dtype=np.complex128), 0.0
         frequency_hz, density, averages = self._spectra.cross(fs)
-        return compare_pairs(names, frequency_hz, density[np.ix_(kept, kept)], averages, fs=fs)
+        names = tuple(self._names[self._spectra.crossed[k]] for k in kept)
+        return names, frequency_hz, density[np.ix_(kept, kept)], averages
 
 
 def _is_beside_held(spikes: np.ndarray, flat: np.ndarray) -> np.ndarray:

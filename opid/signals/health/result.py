@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.health.settings import HEALTH
 from opid.signals.health.spikes import SPIKES
+from opid.signals.orientation import Alignment, Orientation
 from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.health/1"
@@ -29,6 +30,8 @@ Code = Literal[
     "same_signal", "lag", "quiet_channel", "swapped_channels", "too_large", "all_gravity_in_g",
     # of how a log was read, and of what a run was made of
     "remark", "channels_chosen", "left_out", "several_recorders", "unknown_start", "same_log",
+    # of how a three-axis sensor is mounted
+    "orientation", "no_orientation", "sensor_moved", "false_vertical",
 ]  # fmt: skip
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
 Sentences = Iterator[tuple[Severity, Code, str]]
@@ -224,6 +227,7 @@ class RmsHistory:
         length_s: length of each stretch, s.
         rms: (n, n_channels) rms about the mean of each stretch, in the unit of the channel; NaN where values are
             missing.
+        mean: (n, n_channels) mean of each stretch; NaN where there is no value.
         sound: (n, n_channels) whether nothing is wrong with the channel in the stretch.
         complete: (n, n_channels) whether no value is missing and the clock does not jump.
     """
@@ -231,6 +235,7 @@ class RmsHistory:
     start_s: FloatArray
     length_s: float
     rms: FloatArray
+    mean: FloatArray
     sound: np.ndarray
     complete: np.ndarray
 
@@ -250,6 +255,8 @@ class Health(Result):
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.
         rms_history: rms history of each clock, in the order of `clocks`.
+        orientations: how each three-axis accelerometer is mounted, by the part of the names that its axes share.
+        alignments: how each two of them that share a motion are turned against each other.
         log: name of the log; empty for a recording.
         files: files that it was read from.
     """
@@ -263,6 +270,8 @@ class Health(Result):
     clocks: tuple[ClockHealth, ...] = ()
     pairs: tuple[PairHealth, ...] = ()
     rms_history: tuple[RmsHistory, ...] = ()
+    orientations: Mapping[str, Orientation] = field(default_factory=dict)
+    alignments: tuple[Alignment, ...] = ()
     log: str = ""
     files: tuple[ReadFile, ...] = ()
 

@@ -301,6 +301,7 @@ def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:
     demanded = {demand.name for demand in part.demands}
     what = {"gain": "gain", "corner": "corner of the AC coupling", "lag": "delay", "leak": "cross-axis leak"}
     units = {"corner": " Hz", "lag": " s"}
+    source = dict.fromkeys(what, "the data sheet") | {"leak": "the data sheet and how the sensor is fastened"}
     lower, upper = part.fit.model.bounds()
     for fault in part.fit.model.faults:
         value = part.fit.value(fault.name)
@@ -316,7 +317,7 @@ def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:
         yield (
             f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
             f"{fault.nominal:.3g}{unit} with standard deviation {fault.std:.2g}{unit}, contradicts the runs, "
-            f"which show {value:.3g}{unit}{more} ({off:.1f} standard deviations away): check the data sheet, "
+            f"which show {value:.3g}{unit}{more} ({off:.1f} standard deviations away): check {source[fault.kind]}, "
             "or state a larger standard deviation"
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Literal
@@ -15,6 +15,7 @@ from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import law_rows
+from opid.progress import Say
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import Parameters, std_over_white
@@ -34,7 +35,6 @@ from opid.suspensions.planning.result import (
 )
 from opid.suspensions.result import GearParameters, Identification, estimate_rows, units_of_suspensions
 
-Say = Callable[[str], None]
 _NEAR_ZERO = 1e-6
 _WITHOUT_SCALE = ("natural_frequency_hz", "damping_ratio", "x_cg_m", "y_cg_m")
 """Numbers that need no mass."""

@@ -6,7 +6,7 @@ The vector of the fit is updated by the record, the likeliest motion follows fro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.smoothing import DrivenRecord, Smoothed, SmoothedMotion, smooth
+from opid.progress import Say
 from opid.signals.health.inspection import findings_in_words
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray
@@ -46,7 +47,7 @@ def sense(
     settings: SensingSettings | None = None,
     estimator: Settings | None = None,
     seed: int = 0,
-    progress: Callable[[str], None] | None = None,
+    progress: Say | None = None,
 ) -> Sensing:
     """Return forces, travel and motion of an identified body along a record, each sample with its standard deviation.
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage, signal
+from scipy.spatial.transform import Rotation
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import FloatArray
+from opid.mechanics.weight import GRAVITY_M_PER_S2
 
 ANTI_ALIAS_PASS = 0.8
 ANTI_ALIAS_STOP_DB = 90.0
@@ -52,6 +54,76 @@ class Sensor:
 
 
 DEFAULT_SENSOR = Sensor()
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How a three-axis sensor is fastened, and the errors that its axes do not share.
+
+    Args:
+        turn_rad: rotation vector from the axes of the vehicle (forward, left, up) to those of the sensor, rad.
+        zeros_m_per_s2: zero of each axis, m/s^2.
+        gains: gain of each axis.
+        slip_rad: rotation vector, in the axes of the vehicle, by which it slips in the middle of the record, rad.
+        gyroscope_rad_per_s: rms of the noise of its gyroscope, rad/s; None if it has none.
+    """
+
+    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    zeros_m_per_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    slip_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gyroscope_rad_per_s: float | None = None
+
+    @property
+    def vertical(self) -> FloatArray:
+        """(3,) upward direction in the axes of the sensor."""
+        return np.asarray(Rotation.from_rotvec(self.turn_rad).inv().apply([0.0, 0.0, 1.0]))
+
+
+def measure_axes(
+    acceleration: ArrayLike,
+    *,
+    fs: float,
+    sensor: Sensor,
+    mounting: Mounting,
+    rng: np.random.Generator,
+    pitch_rad: ArrayLike,
+) -> FloatArray:
+    """Return the readings of a three-axis sensor, gravity included, and of its gyroscope if it has one.
+
+    Args:
+        acceleration: (n, 3) true acceleration forward, to the left and up, m/s^2.
+        fs: sampling rate, Hz.
+        sensor: properties of each axis.
+        mounting: how it is fastened.
+        rng: source of the noise of all axes.
+        pitch_rad: (n,) pitch of the body that carries it, nose down, rad.
+
+    Returns:
+        (n, 3) readings, m/s^2; (n, 6) with the angular rates, rad/s.
+
+    >>> on_its_side = Mounting(turn_rad=(np.pi / 2, 0.0, 0.0))
+    >>> still, quiet = np.zeros((4, 3)), Sensor(noise_m_per_s2=0.0)
+    >>> rng = np.random.default_rng(1)
+    >>> read = measure_axes(still, fs=100.0, sensor=quiet, mounting=on_its_side, rng=rng, pitch_rad=np.zeros(4))
+    >>> read[0].round(2).tolist()
+    [0.0, 9.81, 0.0]
+    """
+    pitch = np.asarray(pitch_rad, dtype=np.float64)
+    pushed = np.asarray(acceleration, dtype=np.float64) + GRAVITY_M_PER_S2 * np.array([0.0, 0.0, 1.0])
+    left = np.array([0.0, 1.0, 0.0])
+    in_body = Rotation.from_rotvec(np.outer(pitch, left)).inv().apply(pushed)
+    rates = np.outer(np.gradient(pitch, 1 / fs), left)
+    slipped = (np.arange(pitch.size) >= pitch.size // 2)[:, np.newaxis] * np.asarray(mounting.slip_rad)
+    into = (Rotation.from_rotvec(slipped) * Rotation.from_rotvec(mounting.turn_rad)).inv()
+    true = into.apply(in_body) * mounting.gains + mounting.zeros_m_per_s2
+    columns = [
+        measure(each, fs=fs, sensor=sensor, rng=stream) for each, stream in zip(true.T, rng.spawn(3), strict=True)
+    ]
+    if mounting.gyroscope_rad_per_s is not None:
+        noise = mounting.gyroscope_rad_per_s * rng.standard_normal((pitch.size, 3))
+        columns += [*(into.apply(rates) + noise).T]
+    return np.stack(columns, axis=1)
 
 
 def measure(

@@ -29,13 +29,14 @@ from opid.virtual.taxi_tests.airframe import (
     place_directions,
 )
 from opid.virtual.taxi_tests.road import Road, SpeedProfile, iso8608_tracks
-from opid.virtual.taxi_tests.sensors import DEFAULT_SENSOR, Sensor, decimate, measure
+from opid.virtual.taxi_tests.sensors import DEFAULT_SENSOR, Mounting, Sensor, decimate, measure, measure_axes
 
 Place = tuple[float, float]
 # Before the record begins, the start from rest has decayed to exp(-8) in the bounce of a gear, and to exp(-2.5) in the
 # least damped mode of a random aircraft; the filter needs the tail.
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
 _NOISE_BAND_HZ = (0.5, 40.0)
+_PITCH_HZ = 1.5
 _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
 
 
@@ -139,6 +140,9 @@ def taxi_run(
     fore_aft: bool = False,
     fore_aft_ratio: float = 1.0,
     pushed_fraction: float = 0.0,
+    mountings: Mapping[str, Mounting] | None = None,
+    standstill_s: float = 0.0,
+    pitch_rad_s2_per_m: float = 0.0,
     lowest_step_rate_hz: float = 4096.0,
 ) -> TaxiRun:
     """Return one run over a new runway, braking linearly, as a logger would record it.
@@ -169,6 +173,12 @@ def taxi_run(
         fore_aft_ratio: rms of fore-aft over vertical acceleration.
         pushed_fraction: rms acceleration of the airframe by a random force and moments alone, over that by the road, in
             heave, roll and pitch alike; no sensor measures this force, of 0.5 to 40 Hz.
+        mountings: how sensors with three axes are fastened, by the name of the vertical channel. They read gravity,
+            the braking and a fore-aft motion, and record <gear>_lower_x, ..._y and ..._z in their own axes, then
+            ..._rate_x, ... if they have a gyroscope.
+        standstill_s: time at the beginning of the record at which the vehicle stands still, at most 8 s.
+        pitch_rad_s2_per_m: pitch of the airframe, nose down, per deceleration below 1.5 Hz; sensors with `mountings`
+            turn with it.
         lowest_step_rate_hz: least step rate; the step rate is the lowest multiple of fs that is not below it.
 
     Raises:
@@ -188,18 +198,22 @@ def taxi_run(
         raise InputError(f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more")
     if not 0.0 <= pushed_fraction < np.inf:
         raise InputError(f"pushed_fraction is {pushed_fraction}: give zero or a positive number")
+    if not 0.0 <= standstill_s <= _LEAD_IN_S:
+        raise InputError(f"standstill_s is {standstill_s} s: give zero to {_LEAD_IN_S:g} s")
     lower, upper = _find_places(airframe, sprung_sensors or {}, further_sensors or {})
     fitted = dict.fromkeys(lower, lower_sensor) | dict.fromkeys(upper, upper_sensor)
-    for name in sensors or {}:
-        if name not in fitted:
-            raise InputError(f"sensors has a channel {name!r}: {nearest(name, fitted)}")
+    for what, given in (("sensors", sensors), ("mountings", mountings)):
+        for name in given or {}:
+            if name not in fitted:
+                raise InputError(f"{what} has a channel {name!r}: {nearest(name, fitted)}")
     fitted |= sensors or {}
     reading = place_directions(airframe, [*upper.values()])
 
     runway_rng, streams = _spawn_streams(rng, len(fitted), is_one_gear=airframe.is_one_gear)
     speed = SpeedProfile(*speed_m_per_s, duration_s)
     lead_in = round(_LEAD_IN_S * fs)
-    record = slice(lead_in, lead_in + round(duration_s * fs))
+    still = round(standstill_s * fs)
+    record = slice(lead_in - still, lead_in + round(duration_s * fs))
     track_settings = {"road_class": road_class, "footprint_m": footprint_m, "coherent": coherent_tracks}
     push = (pushed_fraction, rng.spawn(1)[0]) if pushed_fraction else None
     motion = _simulate_roll(airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz, push)
@@ -208,16 +222,36 @@ def taxi_run(
     n_body = len(airframe.body_motions)
     acceleration = decimate(motion.acceleration, steps)
     body, wheels = acceleration[:, :n_body], acceleration[:, n_body:]
+    moving = np.arange(len(acceleration)) >= (lead_in if still else 0)
+    acceleration[~moving] = 0.0
     true = np.hstack([wheels, body @ reading.T])
-    along, across = {}, {}
+    braking = moving * (speed_m_per_s[1] - speed_m_per_s[0]) / duration_s
+    along: dict[str, FloatArray] = {}
+    across: dict[str, FloatArray] = {}
     for (name, sensor), up, (z_rng, x_rng, motion_rng) in zip(fitted.items(), true.T, streams, strict=True):
         forward = _draw_band_noise(up, fore_aft_ratio, fs, motion_rng)
+        if mountings and name in mountings:
+            sideways = moving * _draw_band_noise(up, fore_aft_ratio, fs, x_rng)
+            forward = moving * forward + braking
+            # The airframe pitches, the wheel does not.
+            pitch = -pitch_rad_s2_per_m * _pass_slow(forward, fs) * (name in upper)
+            axes = measure_axes(
+                np.stack([forward, sideways, up], axis=1),
+                fs=fs,
+                sensor=sensor,
+                mounting=mountings[name],
+                rng=z_rng,
+                pitch_rad=pitch,
+            )
+            names = (f"{name.removesuffix('_z')}_{what}{axis}" for what in ("", "rate_") for axis in "xyz")
+            along |= dict(zip(names, axes[record].T, strict=False))
+            continue
         along[name] = measure(up, fs=fs, sensor=sensor, rng=z_rng, cross_axis_acceleration=forward)[record]
         x_name = f"{name.removesuffix('_z')}_x"
         across[x_name] = measure(forward, fs=fs, sensor=sensor, rng=x_rng, cross_axis_acceleration=up)[record]
     read = along | (across if fore_aft else {})
 
-    z, rate = (state[::steps][record] for state in (motion.displacement, motion.velocity))
+    z, rate = (moving[record, None] * state[::steps][record] for state in (motion.displacement, motion.velocity))
     travels = [each[:, :n_body] @ airframe.strut_directions.T - each[:, n_body:] for each in (z, rate)]
     channels = (
         *(Channel(name, "m/s^2") for name in fitted),
@@ -226,7 +260,8 @@ def taxi_run(
         *(Channel(name, _BODY_UNITS[name]) for name in airframe.body_motions),
     )
     truth = Recording(np.hstack([true[record], *travels, body[record]]), fs=fs, channels=channels)
-    recording = recording_from_arrays([*read.values()], [*read], fs=fs)
+    units = ["rad/s" if "_rate_" in name else "m/s^2" for name in read]
+    recording = recording_from_arrays([*read.values()], [*read], fs=fs, unit=units)
     return TaxiRun(airframe, recording, truth, {**lower, **upper}, speed)
 
 
@@ -465,6 +500,11 @@ def _simulate_roll(
     pushed = interpolate.make_interp_spline(motion.time_s[::steps], np.stack(each, axis=1))
     loads = np.hstack([wheels, structure.mass[:, rigid]])
     return respond(lambda time_s: np.hstack([press_tyres(time_s), pushed(time_s)]), loads=loads)
+
+
+def _pass_slow(acceleration: FloatArray, fs: float) -> FloatArray:
+    """Return the part of a motion that a body follows with its pitch."""
+    return np.asarray(signal.sosfilt(signal.butter(2, _PITCH_HZ, fs=fs, output="sos"), acceleration))
 
 
 def _draw_band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
