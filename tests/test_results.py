@@ -37,6 +37,7 @@ from opid.suspensions.flights.fleet_comparison import compare_fleet
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.identification import identify
 from opid.suspensions.own_structure import StructureIdentification
+from opid.suspensions.planning.search import PlanSettings, plan_runs
 from opid.suspensions.result import SpringEstimate
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
@@ -99,6 +100,11 @@ def virtual_sensors(request, folder):
     return sense(found.study, found, unsprung_mass_kg=Estimate.normal(105.0, 2.0), settings=few)
 
 
+def planned(request, folder):
+    found = request.getfixturevalue("identified").result
+    return plan_runs(found, ["sprung_mass=0.05%"], settings=PlanSettings(n_draws=4, n_quick_draws=2))
+
+
 def campaign(request, folder):
     return make_campaign(folder)
 
@@ -127,7 +133,7 @@ def inspection(request, folder):
     return Inspection((health(request, folder), replace(sound_health(), log="light.csv")), ("heavy taxi", "light"))
 
 
-OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, flights, campaign, fleet)
+OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, planned, flights, campaign, fleet)
 MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, modal, updating)
 
 

@@ -18,6 +18,8 @@ from opid.suspensions.flights.departures import FlightSettings
 from opid.suspensions.flights.fleet_model import FleetSettings
 from opid.suspensions.identification import identify
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.planning.search import PlanSettings
+from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.settings import RegressionSettings, RunSettings, Settings, Verdicts
 from opid.suspensions.study import StructureSettings
 
@@ -74,8 +76,9 @@ def parts_of(record):
 
 
 def test_every_record_of_the_wing_can_be_passed_and_is_printed():
-    """It is part of the settings of the estimator, the paper's chain, the bench or flights, which results hold."""
-    reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings(), FlightSettings(), FleetSettings()]
+    """It is part of the settings of the estimator, the paper's chain, the bench, flights, plans or virtual sensors."""
+    own = (Settings, PaperSettings, BenchSettings, FlightSettings, FleetSettings, PlanSettings, SensingSettings)
+    reached, waiting = set(), [record() for record in own]
     while waiting:
         record = waiting.pop()
         reached.add(type(record))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from opid.estimate import rounded, with_std
+from opid.estimate import format_number, rounded, with_std
 from opid.report.document import Row, Table, build_columns
 from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.result import AnyIdentification
@@ -54,9 +54,9 @@ def tabulate_spectra(chain: PaperChain) -> Table:
         return (
             f"{name}, {'as printed' if is_printed else 'mended'}",
             str(spectra.window),
-            f"{100 * spectra.noverlap / spectra.nperseg:.3g}",
+            format_number(100 * spectra.noverlap / spectra.nperseg, 3),
             T.estimator,
-            f"1/{spectra.nperseg / spectra.fs:.3g}",
+            f"1/{format_number(spectra.nperseg / spectra.fs, 3)}",
             f"{spectra.n_averages:.1f}",
         )
 
@@ -89,8 +89,8 @@ def tabulate_peaks(study: Study, chain: PaperChain) -> Table | None:
             f"{one.magnitude:.3f}",
             f"{other.magnitude:.3f}",
             f"{found.sprung_mass_kg:.0f}",
-            f"{found.stiffness_n_per_m:.3g}",
-            f"{found.ground_stiffness_n_per_m:.3g}",
+            format_number(found.stiffness_n_per_m, 3),
+            format_number(found.ground_stiffness_n_per_m, 3),
             _format_percent(error),
             "yes" if pair.match.credible else "no",
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from opid.estimate import rounded
+from opid.estimate import format_number, rounded
 from opid.report.document import (
     Document,
     Figure,
@@ -56,17 +56,17 @@ def _say_runs(runs: Sequence[PlannedRun]) -> str:
     """Say how many runs of each kind there are."""
     parts = []
     for run, count in Counter(runs).items():
-        at = f" at ({run.x_m:g}, {run.y_m:g}) m" if run.x_m or run.y_m else ""
+        at = f" at ({format_number(run.x_m)}, {format_number(run.y_m)}) m" if run.x_m or run.y_m else ""
         mass = f"with {run.mass_change_kg:+g} kg{at}" if run.mass_change_kg else "without a mass change"
-        parts.append(f"{format_count(count, 'run')} of {run.duration_s:g} s {mass}")
+        parts.append(f"{format_count(count, 'run')} of {format_number(run.duration_s)} s {mass}")
     return " and ".join(parts)
 
 
 def _say_cost(result: PlanResult) -> str:
     costs = result.costs
     return (
-        f"{result.best.cost:.4g} {costs.unit} ({costs.per_run:.3g} {costs.unit} for each run, {costs.per_s:.3g} for "
-        f"each second, {costs.per_kg:.3g} for each kilogram)"
+        f"{format_number(result.best.cost, 4)} {costs.unit} ({format_number(costs.per_run, 3)} {costs.unit} for each "
+        f"run, {format_number(costs.per_s, 3)} for each second, {format_number(costs.per_kg, 3)} for each kilogram)"
     )
 
 
@@ -130,11 +130,13 @@ def _say_ranges(result: PlanResult) -> str:
 
 def _say_basis(result: PlanResult) -> str:
     below, above = result.noise_m_per_s2
-    noise = f"{below:.3g} and {above:.3g}" if abs(below / above - 1) > 0.01 else f"{below:.3g}"
+    noise = format_number(below, 3)
+    if abs(below / above - 1) > 0.01:
+        noise += f" and {format_number(above, 3)}"
     differ = (
         "all runs are alike"
         if not result.repeatability
-        else f"springs, damping and friction differ by {100 * result.repeatability:.2g} % from run to run"
+        else f"springs, damping and friction differ by {format_number(100 * result.repeatability, 2)} % from run to run"
     )
     spread = (
         " In brackets stand the values that one identification in ten is below, and that one in ten is above."

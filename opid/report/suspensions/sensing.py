@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from opid.estimate import rounded, with_std
+from opid.estimate import format_number, rounded, with_std
 from opid.report.document import (
     Document,
     Figure,
@@ -69,7 +69,7 @@ def _list_rows(result: Sensing) -> Iterator[Row]:
 def _say_quality(result: Sensing) -> str:
     left = ", ".join(f"{each:.2f}" for each in result.over_noise)
     total = sum(float(each.cycles.sum()) for each in result.rainflow)
-    small = " and ".join(f"{each.least_range_n:.3g}" for each in result.rainflow)
+    small = " and ".join(format_number(each.least_range_n, 3) for each in result.rainflow)
     unit = "m/s^2" if result.per_mass else "N"
     return (
         f"The model leaves {left} times the noise of the sensors in this record. The band of each sample holds that "
