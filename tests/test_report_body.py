@@ -152,7 +152,7 @@ def test_result_json_keeps_the_schema_of_one_suspension():
 def test_result_json_keeps_its_keys():
     found = small_body().to_dict()
     old = "schema method title date parameters ratios law restoring_force structure interfaces candidates runs"
-    assert set(found) == {*old.split(), "equivalents", "diagnostics", "warnings", "not_determined"}
+    assert set(found) == {*old.split(), "fits", "equivalents", "weighed", "diagnostics", "warnings", "not_determined"}
     old = "kind recommended why residual_over_noise noise_m_per_s2 places place_corrections"
     assert set(old.split()) <= set(found["structure"])
     old = "name shared_with x_m y_m stiffness damping law law_name latex per_mass residual_over_noise"
