@@ -158,9 +158,11 @@ def test_a_mass_change_of_the_wrong_sign_is_a_negative_mass(known):
     assert not known.has_negative_mass
 
 
-def test_a_frequency_whose_interval_reaches_zero_is_withheld():
+def test_a_frequency_that_may_as_well_be_zero_is_withheld():
     frequency, zeta = Estimate.normal(2.0, 12.0), Estimate.normal(0.2, 1.6)
     assert withhold_frequency(frequency, zeta) == (Estimate(), Estimate())
+    loose = Estimate.normal(2.0, 1.5)
+    assert withhold_frequency(loose, zeta) == (Estimate(2.0, 1.5, (0.0, 2.0 + 1.96 * 1.5)), zeta), "none is negative"
     known = Estimate.normal(2.0, 0.1)
     assert withhold_frequency(known, zeta) == (known, zeta)
     assert withhold_frequency(Estimate(2.0), zeta) == (Estimate(2.0), zeta), "without an interval the value stands"

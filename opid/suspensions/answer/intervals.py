@@ -410,14 +410,17 @@ class Parameters:
 
 
 def withhold_frequency(frequency: Estimate, damping_ratio: Estimate) -> tuple[Estimate, Estimate]:
-    """Return both; neither if the interval of the frequency reaches zero.
+    """Return both, the interval of the frequency cut at zero; neither if its standard deviation exceeds it.
 
     The runs then do not say whether there is a restoring spring, and near zero neither number is a linear function of
     the parameters, so that no interval of them would hold.
     """
-    if frequency.interval95 is not None and frequency.interval95[0] <= 0.0:
+    if frequency.value is None or frequency.std is None or frequency.interval95 is None:
+        return frequency, damping_ratio
+    if frequency.std >= frequency.value:
         return Estimate(), Estimate()
-    return frequency, damping_ratio
+    low, high = frequency.interval95
+    return replace(frequency, interval95=(max(low, 0.0), high)), damping_ratio
 
 
 def limits(known: Parameters, alike: Repeatability, mass: Estimate, *, is_pushed: bool = False) -> Iterator[str]:
