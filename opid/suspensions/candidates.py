@@ -341,7 +341,7 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> FittedStructure:
     except NotDeterminedError as error:
         return FittedStructure(kind, interfaces, None, noise, task, str(error))  # type: ignore[arg-type]
     leaking = task.sensors.leaks_into(picked)
-    for run, (below, above, across) in zip(study.runs, task.arrays, strict=True):
+    for number, (run, (below, above, across)) in enumerate(zip(study.runs, task.arrays, strict=True)):
         change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
             change = 0.0
@@ -352,6 +352,7 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> FittedStructure:
                 fs=study.fs,
                 loading=change,
                 leaks=across[:, leaking] / len(picked),
+                number=number,
                 settings=task.settings.runs,
             )
         )
@@ -404,6 +405,7 @@ def fit_rigid(task: Task) -> FittedStructure:
             fs=study.fs,
             loading=loading_matrix(study, index),
             leaks=across,
+            number=index,
             settings=task.settings.runs,
         )
         for index, (below, above, across) in enumerate(task.arrays)
