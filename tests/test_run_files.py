@@ -73,7 +73,7 @@ def test_one_study_mixes_recorders(tmp_path):
 def test_a_run_may_differ_and_the_rate_may_be_asked_for(tmp_path):
     both_recorders(tmp_path)
     (tmp_path / "heavy_airframe.csv").rename(tmp_path / "other.csv")
-    text = "fs_hz = 256\n" + MIXED.replace("shift_s = 0.25\n", "") + '[runs.channels.sprung]\nfile = "other.csv"\n'
+    text = "fs_hz = 256\n" + MIXED.replace("shift_s = 0.25\n", "shift_tolerance_s = 0\n") + '[runs.channels.sprung]\nfile = "other.csv"\n'
     (tmp_path / "study.toml").write_text(text)
     taxi = read_study(tmp_path / "study.toml")
     assert taxi.fs == 256.0
@@ -225,7 +225,7 @@ def test_a_study_with_a_standstill_and_a_third_channel_reads_back_whole(tmp_path
 
 def test_settings_of_one_recorder_do_not_rule_another(tmp_path):
     both_recorders(tmp_path, fs=(512.0, 1000.0))
-    text = "[log]\nfs_hz = 512\n" + MIXED.replace("shift_s = 0.25\n", "log = {}\n")
+    text = "[log]\nfs_hz = 512\n" + MIXED.replace("shift_s = 0.25\n", "shift_tolerance_s = 0\nlog = {}\n")
     (tmp_path / "study.toml").write_text(text)
     run = read_study(tmp_path / "study.toml").runs[0].recording
     assert np.abs(run.channel("sprung") - run.channel("lower_z"))[200:-200].max() < 0.02

@@ -29,10 +29,10 @@ class ClockMatchSettings:
         window_s: length of the windows whose lags show the drift: some periods of the slowest motion of the band.
         least_overlap_s: least common time of the two records, s.
         least_peak: a peak of the correlation below this many times its rms is chance: the largest of 10^5 values of
-            noise is 4.5 times, that of two sides of a suspension 20 to 60 times.
-        lobe_s: a peak lies within this time of the best one if it belongs to the same oscillation.
-        ambiguous: another peak of this fraction of the best one is another possible offset; for the two sides of a
-            suspension on a random road it is 0.1 to 0.2.
+            noise is 4.5 times, that of two sides of a suspension 15 to 40 times.
+        lobe_s: peaks within this time of the best one belong to the same oscillation.
+        ambiguous: a motion is periodic if its own whitened correlation comes back to this fraction of its peak.
+        shared: least fraction of the lines of the band that both records share, with a coherence of at least a half.
         coherent: a window whose phases agree less than this with those of all windows shows no lag.
         least_windows: least number of windows that show a lag, and the fraction of all windows that do.
         transfer_s: standard deviation by which the phase of the transfer biases the offset, s: a nonlinear suspension is
@@ -49,9 +49,10 @@ class ClockMatchSettings:
     rate_hz: float = 200.0
     window_s: float = 4.0
     least_overlap_s: float = 10.0
-    least_peak: float = 8.0
+    least_peak: float = 6.5
     lobe_s: float = 0.5
     ambiguous: float = 0.6
+    shared: float = 0.1
     coherent: float = 0.3
     least_windows: tuple[int, float] = (5, 0.6)
     transfer_s: float = 0.002
@@ -152,8 +153,8 @@ def match_clocks(
         settings: how clocks are matched.
 
     Raises:
-        InputError: recordings that share no motion or too little time, an offset that is ambiguous by the periods of the
-            motion, or a clock that jumps.
+        InputError: recordings that share no motion or too little time, a periodic motion, which leaves the offset
+            ambiguous, or a clock that jumps.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> motion = np.convolve(np.random.default_rng(0).standard_normal(8000), np.hanning(9), "same")
@@ -174,20 +175,24 @@ def match_clocks(
             "shift_s, or let both recorders hold an acceleration"
         )
     found = [(_find_offset(pair, offset_std_s, drift_std_ppm, settings), pair) for pair in pairs]
-    (offset_s, drift, peak, second, period_s), pair = max(found, key=lambda each: each[0][2])
-    windows = _Windows(pair, settings)
-    if peak < settings.least_peak:
-        coherence = windows.coherence(offset_s, drift)
-        raise InputError(
-            f"the clocks of {pair.names[0]!r} and {pair.names[1]!r} cannot be matched: at the best of all offsets their "
-            f"coherence is {coherence:.2f}, as by chance (the peak of the correlation is {peak:.1f} times its rms, "
-            f"{settings.least_peak:g} are needed): check that both files are of this run, or state shift_s"
-        )
-    if second > settings.ambiguous * peak:
+    (offset_s, drift, peak), pair = max(found, key=lambda each: each[0][2])
+    period_s = _find_period(pair, settings)
+    if period_s is not None:
         raise InputError(
             f"the offset between the clocks of {pair.names[0]!r} and {pair.names[1]!r} is ambiguous: {offset_s:.3f} s "
-            f"and {period_s:.3f} s more or less fit nearly as well, because the motion is periodic: state shift_s with "
-            f"shift_tolerance_s below {period_s / 6:.2g} s"
+            f"and {period_s:.3f} s more or less fit nearly as well, because the motion is periodic: give start_s and "
+            "stop_s of a part that is not, or state shift_s and shift_tolerance_s = 0"
+        )
+    windows = _Windows(pair, settings)
+    coherence = windows.coherence(offset_s, drift)
+    if peak < settings.least_peak or np.mean(coherence > 0.5) < settings.shared:
+        low_hz, high_hz = settings.band_hz
+        raise InputError(
+            f"the clocks of {pair.names[0]!r} and {pair.names[1]!r} cannot be matched: at the best of all offsets, "
+            f"{offset_s:.3f} s, their median coherence from {low_hz:g} to {high_hz:g} Hz is {np.median(coherence):.2f}, "
+            f"above a half on {np.mean(coherence > 0.5):.0%} of the lines ({settings.shared:.0%} are needed), and the "
+            f"peak of their correlation is {peak:.1f} times its rms ({settings.least_peak:g} are needed): check that "
+            "both files are of this run, or state shift_s and shift_tolerance_s = 0"
         )
     return windows.match(offset_s, drift, other.names)
 
@@ -209,61 +214,67 @@ def _make_pair(one: Recording, other: Recording, names: tuple[str, str], setting
 
 def _find_offset(
     pair: _Pair, offset_std_s: float, drift_std_ppm: float, settings: ClockMatchSettings
-) -> tuple[float, float, float, float, float]:
-    """Return offset, drift, the peak over the rms, the next peak over the rms, and its distance from the first, s.
+) -> tuple[float, float, float]:
+    """Return offset, s, drift, and the peak of the correlation over its rms.
 
     A drift smears the peak, so that the correlation is computed for several.
     """
-    from scipy import fft, interpolate, signal
+    from scipy import fft, interpolate
 
-    fs, n_first = pair.fs, pair.first.size
-    n = fft.next_fast_len(n_first + 2 * pair.second.size, real=True)
-    frequency_hz = fft.rfftfreq(n, 1 / fs)
-    inside = (frequency_hz >= settings.band_hz[0]) & (frequency_hz <= min(settings.band_hz[1], 0.4 * fs))
-
-    def whiten(samples: FloatArray) -> ComplexArray:
-        f, density = signal.welch(samples, fs, nperseg=min(samples.size, round(settings.window_s * fs)))
-        return np.asarray(fft.rfft(samples, n) * inside / np.sqrt(np.interp(frequency_hz, f, density) + 1e-300))
-
-    length_s = pair.second.size / fs
-    lead_s = pair.starts_s[0] - pair.starts_s[1]
-    steps = np.arange(n)
-    lags_s = np.where(steps < n / 2, steps, steps - n) / fs  # by which the second record must be moved later
-    offsets_s = lags_s + lead_s
-    overlap_s = np.minimum(n_first / fs, lags_s + length_s) - np.maximum(0.0, lags_s)
-    allowed = (np.abs(offsets_s) <= 3 * offset_std_s) & (overlap_s >= settings.least_overlap_s)
+    fs, n_first, n_second = pair.fs, pair.first.size, pair.second.size
+    n = fft.next_fast_len(n_first + 2 * n_second, real=True)
+    lead_s, steps = pair.starts_s[0] - pair.starts_s[1], np.arange(n)
+    lags_s = np.where(steps < n / 2, steps, steps - n) / fs  # by which the second record is moved later
+    overlap_s = np.minimum(n_first / fs, lags_s + n_second / fs) - np.maximum(0.0, lags_s)
+    allowed = (np.abs(lags_s + lead_s) <= 3 * offset_std_s) & (overlap_s >= settings.least_overlap_s)
     if not allowed.any():
         raise InputError(
             f"{pair.names[0]!r} and {pair.names[1]!r} have less than {settings.least_overlap_s:g} s in common for any "
             f"offset up to {3 * offset_std_s:g} s: check that both files are of this run, or state shift_s"
         )
-    one = whiten(pair.first)
-    reach = 3e-6 * drift_std_ppm
-    # half a period of the middle of the band at the ends of the record
-    step = 1 / (sum(settings.band_hz) * length_s)
-    best: tuple[float, float, float, float, float] | None = None
+    one, reach = _whiten(pair.first, n, fs, settings), 3e-6 * drift_std_ppm
+    # Between two drifts the ends of the record move by half a period of the middle of the band.
+    step, middle = fs / (sum(settings.band_hz) * n_second), 0.5 * (n_second - 1)
+    spline = interpolate.make_interp_spline(np.arange(n_second), pair.second, k=3)
+    tried = []
     for drift in np.arange(-np.ceil(reach / step), np.ceil(reach / step) + 1) * step:
-        samples = pair.second
-        if drift:
-            middle = 0.5 * (samples.size - 1)
-            at = middle + (np.arange(samples.size) - middle) / (1 + drift)
-            samples = interpolate.make_interp_spline(np.arange(samples.size), samples, k=3)(np.clip(at, 0, 2 * middle))
-        correlation = fft.irfft(one * np.conj(whiten(samples)), n)
-        size = np.where(allowed, np.abs(correlation), 0.0) / np.sqrt(np.mean(correlation**2))
+        samples = spline(np.clip(middle + (np.arange(n_second) - middle) / (1 + drift), 0, 2 * middle))
+        correlation = fft.irfft(one * np.conj(_whiten(samples, n, fs, settings)), n)
+        # The rms is that at full overlap.
+        rms = np.sqrt(np.sum(correlation**2) * min(n_first, n_second) / (float(n_first) * n_second))
+        size = np.where(allowed, np.abs(correlation), 0.0) / max(rms, 1e-300)
         top = int(size.argmax())
-        apart_s = np.abs(lags_s - lags_s[top])
-        others = np.where(apart_s > settings.lobe_s, size, 0.0)
-        if best is None or size[top] > best[2]:
-            following = int(others.argmax())
-            best = (
-                float(offsets_s[top]),
-                float(drift),
-                float(size[top]),
-                float(others[following]),
-                float(apart_s[following]),
-            )
-    assert best is not None  # the drift of zero is always tried
-    return best
+        tried.append((float(lags_s[top] + lead_s), float(drift), float(size[top])))
+    return max(tried, key=lambda each: each[2])
+
+
+def _find_period(pair: _Pair, settings: ClockMatchSettings) -> float | None:
+    """Return the period of the motion of the reference, s; None if it is not periodic."""
+    from scipy import fft, signal
+
+    n_lags = pair.first.size // 2
+    n = fft.next_fast_len(2 * pair.first.size, real=True)
+    own = fft.irfft(np.abs(_whiten(pair.first, n, pair.fs, settings)) ** 2, n)[:n_lags]
+    own *= 1 / (own[0] * (1 - np.arange(n_lags) / pair.first.size))
+    own[: round(settings.lobe_s * pair.fs)] = 0.0
+    if own.max() <= settings.ambiguous:
+        return None
+    return float(signal.find_peaks(own, height=0.9 * own.max())[0][0]) / pair.fs
+
+
+def _whiten(samples: FloatArray, n: int, fs: float, settings: ClockMatchSettings) -> ComplexArray:
+    """Return the transform of n samples, divided by the square root of the density in the band and 0 outside."""
+    from scipy import fft, signal
+
+    size = min(samples.size, round(settings.window_s * fs))
+    # The ends of the records are no motion that both share.
+    faded = samples * signal.windows.tukey(samples.size, min(1.0, size / samples.size))
+    frequency_hz = fft.rfftfreq(n, 1 / fs)
+    inside = (frequency_hz >= settings.band_hz[0]) & (frequency_hz <= min(settings.band_hz[1], 0.4 * fs))
+    f, density = signal.welch(samples, fs, nperseg=size)
+    # Where a tone leaves little else, the remainder is its leakage.
+    known = np.interp(frequency_hz, f, density + 1e-4 * density.max())
+    return np.asarray(fft.rfft(faded, n) * inside / np.sqrt(known + 1e-300))
 
 
 class _Windows:
@@ -298,10 +309,10 @@ class _Windows:
         lines = (frequency_hz >= settings.band_hz[0]) & (frequency_hz <= high_hz)
         return self.times_s[inside[0] + starts] + 0.5 * size / fs, frequency_hz[lines], one[:, lines], other[:, lines]
 
-    def coherence(self, offset_s: float, drift: float) -> float:
-        """Return the median coherence in the band, without what chance adds."""
+    def coherence(self, offset_s: float, drift: float) -> FloatArray:
+        """Return the coherence of the lines of the band, without what chance adds."""
         _, _, one, other = self._transform(offset_s, drift)
-        return float(np.median(_compute_coherence(one, other)))
+        return _compute_coherence(one, other)
 
     def match(self, offset_s: float, drift: float, channels: tuple[str, ...]) -> ClockMatch:
         """Return the match, refined from a first offset and drift."""

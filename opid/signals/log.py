@@ -245,6 +245,12 @@ def _join_name(track: Track, channel: LoggedChannel) -> str:
 
 CLOCKS = ("stamps", "reconstructed")
 
+LONGEST_SHIFT_S = 600.0
+"""The largest standard deviation of a shift: records of a run that began farther apart are no records of one run."""
+
+LARGEST_DRIFT_PPM = 2e4
+"""The largest standard deviation of a drift: the rates of cheap inertial sensors are 1 to 2 % off."""
+
 
 @dataclass(frozen=True)
 class LogSettings:
@@ -317,6 +323,9 @@ class ChannelSettings:
         offset: value added to the scaled values, in `unit`.
         sign: 1, or -1 for a sensor that was mounted upside down.
         shift_s: time added to the times of its file, whose clock began at another moment, s.
+        shift_tolerance_s: standard deviation of `shift_s`, s. The clock of its file is then matched to that of the other
+            files by the motion that both recorded. None for 60 s where no shift is given, and 0 where one is.
+        drift_tolerance_ppm: standard deviation of the rate of that clock against the others, parts per million.
 
     Raises:
         InputError: an impossible value.
@@ -334,6 +343,8 @@ class ChannelSettings:
     offset: float = 0.0
     sign: int = 1
     shift_s: float = 0.0
+    shift_tolerance_s: float | None = None
+    drift_tolerance_ppm: float = 100.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.scale) and self.scale != 0):
@@ -341,6 +352,12 @@ class ChannelSettings:
         for name in ("offset", "shift_s"):
             if not math.isfinite(getattr(self, name)):
                 raise InputError(f"{name} is {getattr(self, name)}: give a finite number")
+        if self.shift_tolerance_s is not None and not 0.0 <= self.shift_tolerance_s <= LONGEST_SHIFT_S:
+            raise InputError(
+                f"shift_tolerance_s is {self.shift_tolerance_s}: give 0 to {LONGEST_SHIFT_S:g} s, or leave it out"
+            )
+        if not 0.0 <= self.drift_tolerance_ppm <= LARGEST_DRIFT_PPM:
+            raise InputError(f"drift_tolerance_ppm is {self.drift_tolerance_ppm}: give 0 to {LARGEST_DRIFT_PPM:g}")
         if self.sign not in (1, -1):
             raise InputError(f"sign is {self.sign}: give 1 or -1")
         if self.unit is not None:

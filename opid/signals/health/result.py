@@ -28,7 +28,8 @@ Code = Literal[
     # of channels beside each other
     "same_signal", "lag", "quiet_channel", "swapped_channels", "too_large", "all_gravity_in_g",
     # of how a log was read, and of what a run was made of
-    "remark", "channels_chosen", "left_out", "several_recorders", "unknown_start", "same_log",
+    "remark", "channels_chosen", "left_out", "several_recorders", "matched_clocks", "unknown_start",
+    "same_log",
 ]  # fmt: skip
 Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
 Sentences = Iterator[tuple[Severity, Code, str]]
