@@ -13,6 +13,7 @@ from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_c
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings, Track
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import on_common_clock, resampled
+from opid.signals.stamps import StampEvidence, at_equal_steps, is_uniform, may_be_irregular
 
 
 def recording_of(
@@ -64,12 +65,13 @@ def _read_track(
     start_s: float | None,
     stop_s: float | None,
 ) -> Recording:
-    samples, clock, first = _read_stretch(log, track, list(columns.values()), settings, start_s, stop_s)
+    samples, clock, first, evidence = _read_stretch(log, track, list(columns.values()), settings, start_s, stop_s)
     history = [
         *log.history,
         f"read {samples.shape[0]} samples from {log.path.name}",
         *log.remarks,
         _describe_rate(track, settings, clock),
+        *([evidence.describe(clock.fs)] if evidence else []),
     ]
     if start_s is not None or stop_s is not None:
         history.append(f"section {_describe_time(start_s, 'start')} to {_describe_time(stop_s, 'end')}")
@@ -116,8 +118,8 @@ def _read_stretch(
     settings: LogSettings,
     start_s: float | None,
     stop_s: float | None,
-) -> tuple[FloatArray, Clock, int]:
-    """Return the samples between two times, their clock, and the index of the first row."""
+) -> tuple[FloatArray, Clock, int, StampEvidence | None]:
+    """Return the samples between two times, their clock, the index of the first row, and how stamps were judged."""
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
     whole = _find_clock(log, track, settings)
     if whole is not None:
@@ -125,7 +127,7 @@ def _read_stretch(
         first = 0 if start_s is None else max(0, int(np.ceil((low - whole.start_s) * whole.fs - 0.5)))
         stop = None if stop_s is None else max(first, int(np.ceil((high - whole.start_s) * whole.fs - 0.5)))
         samples = _join(log, [block.samples for block in track.blocks(columns, first, stop)], low, high)
-        return samples, replace(whole, start_s=whole.start_s + first / whole.fs), first
+        return samples, replace(whole, start_s=whole.start_s + first / whole.fs), first, None
     parts, times, row = [], [], 0
     begun: int | None = None
     for block in track.blocks(columns):
@@ -142,10 +144,29 @@ def _read_stretch(
         row += keep.size
     samples = _join(log, parts, low, high)
     first = begun or 0
+    stamps = np.concatenate(times)
     try:
-        return samples, uniform_clock(np.concatenate(times)), first
+        samples, clock, evidence = _space_equally(samples, stamps, settings)
     except ClockError as error:
         raise InputError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
+    return samples, clock, first, evidence
+
+
+def _space_equally(
+    samples: FloatArray, stamps: FloatArray, settings: LogSettings
+) -> tuple[FloatArray, Clock, StampEvidence | None]:
+    """Return samples at equal steps, their clock, and how irregular stamps were judged; None where they are regular."""
+    if settings.clock == "own_times" and np.isfinite(samples).all():
+        return at_equal_steps(samples, stamps, taken="own times")
+    is_strict = settings.clock == "stamps" or not may_be_irregular(stamps) or not np.isfinite(samples).all()
+    try:
+        clock = uniform_clock(stamps)
+        if is_strict or is_uniform(stamps, clock):
+            return samples, clock, None
+    except ClockError:
+        if is_strict:
+            raise
+    return at_equal_steps(samples, stamps)
 
 
 def _find_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:

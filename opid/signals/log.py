@@ -243,7 +243,7 @@ def _join_name(track: Track, channel: LoggedChannel) -> str:
 
 # ---- settings of the user --------------------------------------------------------------------------
 
-CLOCKS = ("stamps", "reconstructed")
+CLOCKS = ("auto", "stamps", "own_times", "reconstructed")
 
 LONGEST_SHIFT_S = 600.0
 """The largest standard deviation of a shift: records of a run that began farther apart are no records of one run."""
@@ -260,9 +260,10 @@ class LogSettings:
         names: names of all columns of a text, the time among them, in place of its header.
         time: name or number (from 1) of the column with the time stamps; by default it is found by its name.
         time_unit: unit of the stamps, where the file states none or a wrong one.
-        clock: "stamps": the stamps must be those of a uniform clock, apart from their rounding; "reconstructed": rows
-            are assumed to be equally spaced, and stamps that come in bursts (a host empties a buffer) only give the
-            rate.
+        clock: "auto": the samples show whether irregular stamps are their times; "stamps": the stamps must be those of a
+            uniform clock, apart from their rounding; "own_times": samples were taken at their stamps, however irregular;
+            "reconstructed": rows are assumed to be equally spaced, and stamps that come in bursts (a host empties a
+            buffer) only give the rate.
         fs_hz: the rate, Hz; the stamps are then ignored.
         unit: unit of every channel for which the file states none.
         full_scale: the value at a WAV file's full scale, in the unit.
@@ -278,7 +279,7 @@ class LogSettings:
     names: tuple[str, ...] = ()
     time: str | int | None = None
     time_unit: str | None = None
-    clock: Literal["stamps", "reconstructed"] = "stamps"
+    clock: Literal["auto", "stamps", "own_times", "reconstructed"] = "auto"
     fs_hz: float | None = None
     unit: str | None = None
     full_scale: float | None = None

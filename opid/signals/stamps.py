@@ -12,7 +12,16 @@ from typing import Literal
 
 import numpy as np
 
-from opid.signals.clock import GAP, Clock, ClockError, line_without_stalls, longest_usual_step, plain_number, sum_bins
+from opid.signals.clock import (
+    GAP,
+    Clock,
+    ClockError,
+    line_without_stalls,
+    longest_usual_step,
+    plain_number,
+    resolution_of,
+    sum_bins,
+)
 from opid.signals.recording import FloatArray
 from opid.signals.resampling import interpolate_at
 
@@ -24,6 +33,8 @@ class StampSettings:
     """How irregular stamps are judged.
 
     Args:
+        least_rows: fewer rows decide nothing, and their stamps must be uniform.
+        crowded: if fewer of the stamps than this fraction repeat, rows were written twice, and the log is wrong.
         negligible: scatter of the stamps over the period (rms) that is not worth a question: a sample at a tenth of the
             rate is then off by 0.3 % of its amplitude.
         most_bridged: most rows of a gap that are interpolated: a motion below a quarter of the rate is known between
@@ -40,6 +51,8 @@ class StampSettings:
         rounds: number of corrections of the interpolation; each reduces its error by the scatter over the period.
     """
 
+    least_rows: int = 1000
+    crowded: float = 0.01
     negligible: float = 0.005
     most_bridged: int = 2
     bridged_fraction: float = 0.02
@@ -101,13 +114,14 @@ class StampEvidence:
 
 
 def at_equal_steps(
-    samples: FloatArray, stamps: FloatArray, settings: StampSettings = STAMPS
+    samples: FloatArray, stamps: FloatArray, *, taken: Taken | None = None, settings: StampSettings = STAMPS
 ) -> tuple[FloatArray, Clock, StampEvidence]:
     """Return samples with irregular stamps at equal steps, their clock, and why they were treated so.
 
     Args:
         samples: (n, n_channels) samples, in any units.
         stamps: (n,) time stamps, s, which may repeat but not decrease.
+        taken: how the samples were taken, if it is known.
         settings: how the stamps are judged.
 
     Raises:
@@ -143,14 +157,14 @@ def at_equal_steps(
     rms = samples.std(axis=0)
     slope = np.gradient(samples, period, axis=0).std(axis=0)
     error = scatter_s * float(np.max(slope / np.maximum(rms, 1e-300)))
-    if scatter_s < settings.negligible * period:
-        is_own, is_sure = False, True
-    elif has_twins:
-        is_own, is_sure = False, True
+    is_regular = scatter_s < settings.negligible * period
+    far = settings.sure_std * factor_std
+    is_decided = (abs(factor) > far) != (abs(factor - 1) > far)
+    is_sure = taken is not None or is_regular or has_twins or is_decided
+    if taken is not None:
+        is_own = taken == "own times" and not has_twins
     else:
-        far = settings.sure_std * factor_std
-        is_sure = (abs(factor) > far) != (abs(factor - 1) > far)
-        is_own = abs(factor - 1) < abs(factor) if is_sure else True
+        is_own = not (is_regular or has_twins) and (abs(factor - 1) < abs(factor) or not is_decided)
     evidence = StampEvidence(
         "own times" if is_own else "equal steps", is_sure, scatter_s, factor, factor_std, bridged, error
     )
@@ -164,6 +178,31 @@ def at_equal_steps(
     n_new = int(np.floor(positions[-1])) + 1
     clock = Clock(fs, float(time_s[0]), 1 / period, float(np.abs(scatter).max()))
     return interpolate_at(samples, positions, n_new, rounds=settings.rounds), clock, evidence
+
+
+def may_be_irregular(stamps: FloatArray, settings: StampSettings = STAMPS) -> bool:
+    """Return whether irregular stamps are enough for a decision, and not due to rows that were written twice.
+
+    Args:
+        stamps: (n,) time stamps, s.
+        settings: how the stamps are judged.
+    """
+    n_twins = int((np.diff(stamps) == 0).sum())
+    return stamps.size >= settings.least_rows and (n_twins == 0 or n_twins > settings.crowded * stamps.size)
+
+
+def is_uniform(time_s: FloatArray, clock: Clock, settings: StampSettings = STAMPS) -> bool:
+    """Return whether stamps lie as near to a uniform clock as their rounding allows.
+
+    Args:
+        time_s: (n,) time stamps, s.
+        clock: the clock.
+        settings: how the stamps are judged.
+    """
+    off = time_s - clock.start_s - np.arange(time_s.size) / clock.fs_as_written
+    # Rounding to q scatters by q/sqrt(12).
+    usual = np.hypot(settings.negligible / clock.fs, 0.35 * resolution_of(time_s))
+    return float(np.std(off)) <= usual
 
 
 def _count_rows(time_s: FloatArray, settings: StampSettings) -> np.ndarray:
