@@ -77,8 +77,9 @@ class StampEvidence:
         is_sure: whether the samples decide it.
         scatter_s: rms distance of the stamps from equal steps, s.
         factor: fraction of the fast scatter that the samples show: 1 if they were taken at these times, 0 if they were
-            equally spaced; NaN where stamps repeat, because two samples have two times.
+            equally spaced.
         factor_std: its standard deviation.
+        repeats: whether stamps repeat, so that they cannot be the times of the samples.
         bridged: number of rows that were lost and interpolated.
         error: rms error of the samples if the choice is wrong, over their rms.
     """
@@ -88,6 +89,7 @@ class StampEvidence:
     scatter_s: float
     factor: float
     factor_std: float
+    repeats: bool
     bridged: int
     error: float
 
@@ -101,10 +103,10 @@ class StampEvidence:
         if self.scatter_s * fs < STAMPS.negligible:
             return f"the stamps are those of equal steps{bridged}"
         scatter = f"the stamps lie {1e3 * self.scatter_s:.3g} ms (rms, {self.scatter_s * fs:.2g} periods) off equal steps"
-        if np.isnan(self.factor):
-            return f"{scatter}, and some stand twice: the rows are taken as equally spaced{bridged}"
         shown = f"the samples show {self.factor:.2f} of it (standard deviation {self.factor_std:.2g})"
         chosen = "resampled at their own times" if self.taken == "own times" else "taken as equally spaced"
+        if self.repeats:
+            return f"{scatter}, some stand twice, and {shown}: the rows are {chosen}{bridged}"
         if self.is_sure:
             return f"{scatter}, and {shown}, so they were {chosen}{bridged}"
         return (
@@ -153,7 +155,7 @@ def at_equal_steps(
     period, first_s = _fit_line(rows, time_s)
     scatter = time_s - first_s - period * rows
     scatter_s = float(np.std(scatter))
-    factor, factor_std = (np.nan, np.nan) if has_twins else _weigh(samples, scatter, 1 / period, settings)
+    factor, factor_std = _weigh(samples, scatter, 1 / period, settings)
     rms = samples.std(axis=0)
     slope = np.gradient(samples, period, axis=0).std(axis=0)
     error = scatter_s * float(np.max(slope / np.maximum(rms, 1e-300)))
@@ -166,7 +168,7 @@ def at_equal_steps(
     else:
         is_own = not (is_regular or has_twins) and (abs(factor - 1) < abs(factor) or not is_decided)
     evidence = StampEvidence(
-        "own times" if is_own else "equal steps", is_sure, scatter_s, factor, factor_std, bridged, error
+        "own times" if is_own else "equal steps", is_sure, scatter_s, factor, factor_std, has_twins, bridged, error
     )
     if not is_own:
         clock = Clock(1 / period, first_s, 1 / period, float(np.abs(scatter).max()))
