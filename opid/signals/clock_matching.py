@@ -420,15 +420,15 @@ def _find_delay_of_suspension(
     starts = [
         (turned, np.array([np.log(f0_hz), np.log(damping), delay_s]))
         for turned in (1.0, -1.0)  # a sensor may be upside down
-        for f0_hz in (1.0, 1.5, 2.2, 3.3, 5.0, 10.0, 60.0)
-        for damping in (0.05, 0.25, 0.6)
+        for f0_hz in (*np.geomspace(0.8, 30.0, 13), 60.0)
+        for damping in (0.01, 0.05, 0.25, 0.6)
         for delay_s in np.arange(-0.03, 0.031, 0.003)
     ]
     starts.sort(key=lambda each: float(np.sum(np.abs(leave(each[1], each[0])))))
     bounds = (np.log([0.3, 0.005]).tolist() + [-0.1], np.log([100.0, 2.0]).tolist() + [0.1])
     fits = [
         optimize.least_squares(leave, start, args=(turned,), bounds=bounds, loss="soft_l1", x_scale=(0.1, 0.1, 1e-3))
-        for turned, start in starts[:3]
+        for turned, start in starts[:5]
     ]
     best = min(fits, key=lambda fit: fit.cost)
     return float(best.x[2]), float(np.sqrt(np.mean(best.fun**2)))
