@@ -34,7 +34,9 @@ class StampSettings:
 
     Args:
         least_rows: fewer rows decide nothing, and their stamps must be uniform.
-        crowded: if fewer of the stamps than this fraction repeat, rows were written twice, and the log is wrong.
+        crowded: if fewer of the stamps than this fraction repeat, and the others are regular, rows were written twice,
+            and the log is wrong.
+        regular: the median distance of a step from the usual one, over the period, up to which stamps are regular.
         negligible: scatter of the stamps over the period (rms) that is not worth a question: a sample at a tenth of the
             rate is then off by 0.3 % of its amplitude.
         most_bridged: most rows of a gap that are interpolated: a motion below a quarter of the rate is known between
@@ -53,6 +55,7 @@ class StampSettings:
 
     least_rows: int = 1000
     crowded: float = 0.01
+    regular: float = 0.02
     negligible: float = 0.005
     most_bridged: int = 2
     bridged_fraction: float = 0.02
@@ -189,8 +192,12 @@ def may_be_irregular(stamps: FloatArray, settings: StampSettings = STAMPS) -> bo
         stamps: (n,) time stamps, s.
         settings: how the stamps are judged.
     """
-    n_twins = int((np.diff(stamps) == 0).sum())
-    return stamps.size >= settings.least_rows and (n_twins == 0 or n_twins > settings.crowded * stamps.size)
+    if stamps.size < settings.least_rows:
+        return False
+    steps = np.diff(stamps)
+    n_twins, usual = int((steps == 0).sum()), float(np.median(steps))
+    is_regular = float(np.median(np.abs(steps - usual))) <= settings.regular * usual
+    return n_twins == 0 or n_twins > settings.crowded * stamps.size or not is_regular
 
 
 def is_uniform(time_s: FloatArray, clock: Clock, settings: StampSettings = STAMPS) -> bool:

@@ -337,7 +337,7 @@ def _describe_spacing(check: ClockCheck, health: ClockHealth, of_track: str) -> 
         else:
             words += f'write `clock = "reconstructed"` in [log], which assumes equally spaced rows at {health.fs:.6g} Hz'
         yield "warning" if check.is_judged else "fault", "shared_stamps", words
-    elif check.repeated:
+    elif check.repeated and not (check.is_judged and health.jitter > STAMPS.regular):
         yield (
             "fault",
             "repeated_stamps",
