@@ -76,7 +76,14 @@ class Outcome:
 
 
 def write_recorder(
-    path: Path, name: str, motion: FloatArray, fs: float, noise: float, world: World, rng: np.random.Generator, second: bool
+    path: Path,
+    name: str,
+    motion: FloatArray,
+    fs: float,
+    noise: float,
+    world: World,
+    rng: np.random.Generator,
+    second: bool,
 ) -> None:
     """Write the log of one recorder: its clock, its sampling instants, and its stamps."""
     fine = signal.resample_poly(motion, FINER, 1, padtype="line")
@@ -140,7 +147,11 @@ def main() -> None:
     worlds = read_names(parser, options.worlds, WORLDS, "world")
     jobs = [(world, seed) for world in worlds for seed in range(options.first, options.first + options.seeds)]
     found = run_all(run, jobs, describe, processes=options.jobs)
-    print(table_head("world", "gears", "mass given", "mass, median / worst %", "intervals of M2 and K2 that hold", "half width %"))
+    print(
+        table_head(
+            "world", "gears", "mass given", "mass, median / worst %", "intervals of M2 and K2 that hold", "half width %"
+        )
+    )
     for world in worlds:
         own = [each for each in found if each.world == world]
         given = [each for each in own if each.mass.holds is not None]

@@ -160,7 +160,11 @@ def test_a_recording_is_a_log_too():
 @pytest.mark.parametrize(
     ("kind", "values", "words"),
     [
-        (LogSettings, {"clock": "clocks"}, "clock is 'clocks': give one of 'auto', 'stamps', 'own_times', 'reconstructed'"),
+        (
+            LogSettings,
+            {"clock": "clocks"},
+            "clock is 'clocks': give one of 'auto', 'stamps', 'own_times', 'reconstructed'",
+        ),
         (LogSettings, {"fs_hz": -1.0}, "fs_hz is -1: give a rate in Hz that a recorder can have"),
         (LogSettings, {"decimal": ";"}, "decimal is ';': give"),
         (LogSettings, {"time_unit": "g"}, "time_unit is 'g': give a unit of time"),

@@ -73,7 +73,11 @@ def test_one_study_mixes_recorders(tmp_path):
 def test_a_run_may_differ_and_the_rate_may_be_asked_for(tmp_path):
     both_recorders(tmp_path)
     (tmp_path / "heavy_airframe.csv").rename(tmp_path / "other.csv")
-    text = "fs_hz = 256\n" + MIXED.replace("shift_s = 0.25\n", "shift_tolerance_s = 0\n") + '[runs.channels.sprung]\nfile = "other.csv"\n'
+    text = (
+        "fs_hz = 256\n"
+        + MIXED.replace("shift_s = 0.25\n", "shift_tolerance_s = 0\n")
+        + '[runs.channels.sprung]\nfile = "other.csv"\n'
+    )
     (tmp_path / "study.toml").write_text(text)
     taxi = read_study(tmp_path / "study.toml")
     assert taxi.fs == 256.0

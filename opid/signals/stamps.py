@@ -59,7 +59,7 @@ class StampSettings:
     negligible: float = 0.005
     most_bridged: int = 2
     bridged_fraction: float = 0.02
-    around: int = 9
+    around: int = 25
     sure_std: float = 4.0
     own_term: float = 10.0
     block_s: float = 4.0
@@ -105,7 +105,9 @@ class StampEvidence:
         bridged = f"; {self.bridged} lost row(s) were interpolated" if self.bridged else ""
         if self.scatter_s * fs < STAMPS.negligible:
             return f"the stamps are those of equal steps{bridged}"
-        scatter = f"the stamps lie {1e3 * self.scatter_s:.3g} ms (rms, {self.scatter_s * fs:.2g} periods) off equal steps"
+        scatter = (
+            f"the stamps lie {1e3 * self.scatter_s:.3g} ms (rms, {self.scatter_s * fs:.2g} periods) off equal steps"
+        )
         shown = f"the samples show {self.factor:.2f} of it (standard deviation {self.factor_std:.2g})"
         chosen = "resampled at their own times" if self.taken == "own times" else "taken as equally spaced"
         if self.repeats:
@@ -233,7 +235,9 @@ def _count_rows(time_s: FloatArray, settings: StampSettings) -> np.ndarray:
     lost = np.zeros(time_s.size, dtype=np.int64)
     around = settings.around
     for row in np.flatnonzero(steps > longest_s) + 1:
-        after = float(np.median(off[row : row + around]) - np.median(off[max(0, row - around) : row]))
+        # A fifth of the rows after a stall are in time again.
+        before, behind = (np.quantile(each, 0.2) for each in (off[max(0, row - around) : row], off[row : row + around]))
+        after = float(behind - before)
         lost[row] = max(0, round(after / period))
         if lost[row] > settings.most_bridged:
             raise ClockError(
@@ -263,9 +267,7 @@ def _fit_line(rows: np.ndarray, time_s: FloatArray) -> tuple[float, float]:
     return float(slope), float(time_s[0] + start)
 
 
-def _weigh(
-    samples: FloatArray, scatter_s: FloatArray, fs: float, settings: StampSettings
-) -> tuple[float, float]:
+def _weigh(samples: FloatArray, scatter_s: FloatArray, fs: float, settings: StampSettings) -> tuple[float, float]:
     """Return which fraction of the fast scatter of the stamps the samples show, and its standard deviation.
 
     The samples y are compared with j y', both whitened by the spectrum of y, on lines where the motion has little power.

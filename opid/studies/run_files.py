@@ -276,9 +276,7 @@ def _find_lowest_rate(parts: Sequence[Recording], recorders: Sequence[_Recorder]
     return min([usual, *(part.fs for part in parts if part.fs < (1 - 3e-6 * LARGEST_DRIFT_PPM) * usual)])
 
 
-def _find_sound(
-    recorder: _Recorder, within: tuple[float | None, float | None]
-) -> tuple[float | None, float | None]:
+def _find_sound(recorder: _Recorder, within: tuple[float | None, float | None]) -> tuple[float | None, float | None]:
     """Return begin and end, on the run's clock, of the longest sound stretch of a file in a part of it.
 
     None stands for the begin or end of the log, also in `within`; a whole log is cut to its steadiest five minutes.

@@ -309,7 +309,7 @@ def describe_clock(check: ClockCheck, health: ClockHealth) -> Sentences:
             )
         else:
             words += (
-                "if the recorder samples at equal steps and only stamps late, write `clock = \"reconstructed\"` in [log]"
+                'if the recorder samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]'
             )
         yield "note" if check.is_judged else "warning", "uneven_steps", words
 
@@ -331,11 +331,17 @@ def _describe_spacing(check: ClockCheck, health: ClockHealth, of_track: str) -> 
         )
     elif check.is_crowded:
         rows = health.n_samples / (health.n_samples - health.repeated)
-        words = f"about {rows:.1f} rows{of_track} share a time stamp, as if a host empties a buffer or rounds its stamps: "
+        words = (
+            f"about {rows:.1f} rows{of_track} share a time stamp, as if a host empties a buffer or rounds its stamps: "
+        )
         if check.is_judged:
-            words += f"they are taken as equally spaced at {health.fs:.6g} Hz; samples that were lost would go unnoticed"
+            words += (
+                f"they are taken as equally spaced at {health.fs:.6g} Hz; samples that were lost would go unnoticed"
+            )
         else:
-            words += f'write `clock = "reconstructed"` in [log], which assumes equally spaced rows at {health.fs:.6g} Hz'
+            words += (
+                f'write `clock = "reconstructed"` in [log], which assumes equally spaced rows at {health.fs:.6g} Hz'
+            )
         yield "warning" if check.is_judged else "fault", "shared_stamps", words
     elif check.repeated and not (check.is_judged and health.jitter > STAMPS.regular):
         yield (

@@ -23,7 +23,13 @@ from opid.suspensions.model.law_parameters import from_free
 from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
-_WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "drift": "clock's drift", "leak": "cross-axis leak"}
+_WORDS = {
+    "gain": "gain",
+    "corner": "AC-coupling corner",
+    "lag": "lag",
+    "drift": "clock's drift",
+    "leak": "cross-axis leak",
+}
 
 
 def honest_covariance(fit: Fit) -> FloatArray:
