@@ -35,13 +35,13 @@ class ClockMatchSettings:
         shared: least fraction of the lines of the band that both records share, with a coherence of at least a half.
         coherent: a window whose phases agree less than this with those of all windows shows no lag.
         least_windows: least number of windows that show a lag, and the fraction of all windows that do.
-        transfer_s: standard deviation by which the phase of the transfer biases the offset, s: a nonlinear suspension is
-            none, and its phase changes with the amplitude. Over eight runs of random gears the offset was wrong by 0.1
-            to 1.8 ms.
+        transfer_s: standard deviation by which the phase of the transfer biases the offset, s: it is taken as that of a
+            linear suspension, and that of a nonlinear one changes with the amplitude. Over eight runs of random gears
+            the offset was wrong by 0.1 to 1.8 ms.
         transfer_drift_s: the same for the growth of the lag over the run, s: 0 to 6 ms in the same runs, which brake
             from 18 m/s to rest.
-        jump_s: a jump of the lag by more than this, s, which explains most of what a straight line leaves, is one of the
-            clock: a suspension changes its phase gradually.
+        jump_s: a jump of the lag by more than this, s, which explains most of what a straight line leaves, is one of
+            the clock: a suspension changes its phase gradually.
         jump_explains: the fraction that it explains.
     """
 
@@ -116,8 +116,8 @@ class ClockMatch:
         """What was found, in a sentence."""
         return (
             f"the clock of {', '.join(self.channels)} was matched to that of {self.pair[0]}: {self.offset_s:+.4f} s "
-            f"(standard deviation {1e3 * self.offset_std_s:.1f} ms), {self.drift_ppm:+.0f} ppm ({self.drift_std_ppm:.0f} "
-            f"ppm), at a coherence of {self.coherence:.2f}"
+            f"(standard deviation {1e3 * self.offset_std_s:.1f} ms), {self.drift_ppm:+.0f} ppm "
+            f"({self.drift_std_ppm:.0f} ppm), at a coherence of {self.coherence:.2f}"
         )
 
 
@@ -189,8 +189,8 @@ def match_clocks(
         low_hz, high_hz = settings.band_hz
         raise InputError(
             f"the clocks of {pair.names[0]!r} and {pair.names[1]!r} cannot be matched: at the best of all offsets, "
-            f"{offset_s:.3f} s, their median coherence from {low_hz:g} to {high_hz:g} Hz is {np.median(coherence):.2f}, "
-            f"above a half on {np.mean(coherence > 0.5):.0%} of the lines ({settings.shared:.0%} are needed), and the "
+            f"{offset_s:.3f} s, their median coherence from {low_hz:g} to {high_hz:g} Hz is "
+            f"{np.median(coherence):.2f}, above a half on {np.mean(coherence > 0.5):.0%} of the lines ({settings.shared:.0%} are needed), and the "
             f"peak of their correlation is {peak:.1f} times its rms ({settings.least_peak:g} are needed): check that "
             "both files are of this run, or state shift_s and shift_tolerance_s = 0"
         )
@@ -298,7 +298,7 @@ class _Windows:
         if inside.size < max(size, settings.least_overlap_s * fs):
             raise InputError(
                 f"{self.pair.names[0]!r} and {self.pair.names[1]!r} have {inside.size / fs:.3g} s in common, "
-                f"{settings.least_overlap_s:g} s are needed to match their clocks: give longer records, or state shift_s"
+                f"{settings.least_overlap_s:g} s are needed to match their clocks: give longer records or state shift_s"
             )
         second = self._second((stamps_s[inside] - self.stamps_s[0]) * fs)
         starts = np.arange(0, inside.size - size + 1, size // 2)
@@ -307,7 +307,8 @@ class _Windows:
         frequency_hz = np.fft.rfftfreq(size, 1 / fs)
         high_hz = min(settings.band_hz[1], 0.4 * fs)
         lines = (frequency_hz >= settings.band_hz[0]) & (frequency_hz <= high_hz)
-        return self.times_s[inside[0] + starts] + 0.5 * size / fs, frequency_hz[lines], one[:, lines], other[:, lines]
+        at_s = np.asarray(self.times_s[inside[0] + starts] + 0.5 * size / fs, dtype=np.float64)
+        return at_s, np.asarray(frequency_hz[lines], dtype=np.float64), one[:, lines], other[:, lines]
 
     def coherence(self, offset_s: float, drift: float) -> FloatArray:
         """Return the coherence of the lines of the band, without what chance adds."""
@@ -404,7 +405,7 @@ def _find_delay_of_suspension(
 ) -> tuple[float, float]:
     """Return the delay that a suspension's phase leaves of a transfer, s, and the rms phase that both leave, rad.
 
-    The phase is that of (1 + 2 i d r)/(1 - r^2 + 2 i d r) with r = f/f_0; two places of one rigid body have a large f_0.
+    The phase is that of (1 + 2 i d r)/(1 - r^2 + 2 i d r) with r = f/f_0; places on one rigid body have a large f_0.
     """
     from scipy import optimize
 
@@ -425,7 +426,7 @@ def _find_delay_of_suspension(
         for delay_s in np.arange(-0.03, 0.031, 0.003)
     ]
     starts.sort(key=lambda each: float(np.sum(np.abs(leave(each[1], each[0])))))
-    bounds = (np.log([0.3, 0.005]).tolist() + [-0.1], np.log([100.0, 2.0]).tolist() + [0.1])
+    bounds = ([*np.log([0.3, 0.005]), -0.1], [*np.log([100.0, 2.0]), 0.1])
     fits = [
         optimize.least_squares(leave, start, args=(turned,), bounds=bounds, loss="soft_l1", x_scale=(0.1, 0.1, 1e-3))
         for turned, start in starts[:5]

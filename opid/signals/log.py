@@ -260,10 +260,10 @@ class LogSettings:
         names: names of all columns of a text, the time among them, in place of its header.
         time: name or number (from 1) of the column with the time stamps; by default it is found by its name.
         time_unit: unit of the stamps, where the file states none or a wrong one.
-        clock: "auto": the samples show whether irregular stamps are their times; "stamps": the stamps must be those of a
-            uniform clock, apart from their rounding; "own_times": samples were taken at their stamps, however irregular;
-            "reconstructed": rows are assumed to be equally spaced, and stamps that come in bursts (a host empties a
-            buffer) only give the rate.
+        clock: "auto": the samples show whether irregular stamps are their times; "stamps": the stamps must be those of
+            a uniform clock, apart from their rounding; "own_times": samples were taken at their stamps, however
+            irregular; "reconstructed": rows are assumed to be equally spaced, and stamps that come in bursts (a host
+            empties a buffer) only give the rate.
         fs_hz: the rate, Hz; the stamps are then ignored.
         unit: unit of every channel for which the file states none.
         full_scale: the value at a WAV file's full scale, in the unit.
@@ -324,8 +324,9 @@ class ChannelSettings:
         offset: value added to the scaled values, in `unit`.
         sign: 1, or -1 for a sensor that was mounted upside down.
         shift_s: time added to the times of its file, whose clock began at another moment, s.
-        shift_tolerance_s: standard deviation of `shift_s`, s. The clock of its file is then matched to that of the other
-            files by the motion that both recorded. None for 60 s where no shift is given, and 0 where one is.
+        shift_tolerance_s: standard deviation of `shift_s`, s; if it is not 0, the clock of its file is matched to that
+            of the other files by the motion that both recorded. None for 60 s where no file states a shift, and for 0
+            where one does.
         drift_tolerance_ppm: standard deviation of the rate of that clock against the others, parts per million.
 
     Raises:

@@ -147,8 +147,8 @@ def at_equal_steps(
     if (steps < 0).any():
         row = int(np.argmax(steps < 0)) + 1
         raise ClockError(
-            f"the time goes back from {time_s[row - 1]:.9g} s to {time_s[row]:.9g} s: put the samples in order, or split "
-            "the log here if two were joined",
+            f"the time goes back from {time_s[row - 1]:.9g} s to {time_s[row]:.9g} s: put the samples in order, or "
+            "split the log here if two were joined",
             row,
         )
     if not (steps > 0).any():
@@ -234,7 +234,7 @@ def _count_rows(time_s: FloatArray, settings: StampSettings) -> np.ndarray:
     longest_s = longest_usual_step(steps, period) if (steps == 0).any() else GAP * period
     lost = np.zeros(time_s.size, dtype=np.int64)
     around = settings.around
-    for row in np.flatnonzero(steps > longest_s) + 1:
+    for row in (np.flatnonzero(steps > longest_s) + 1).tolist():
         # A fifth of the rows after a stall are in time again.
         before, behind = (np.quantile(each, 0.2) for each in (off[max(0, row - around) : row], off[row : row + around]))
         after = float(behind - before)
@@ -244,13 +244,13 @@ def _count_rows(time_s: FloatArray, settings: StampSettings) -> np.ndarray:
                 f"the time jumps from {time_s[row - 1]:.9g} s to {time_s[row]:.9g} s where steps of {period:.6g} s are "
                 f"usual (about {lost[row]} sample(s) lost, and {settings.most_bridged} are interpolated at the most): "
                 "split the log at the gap, or choose a stretch without it (start_s, stop_s)",
-                int(row),
+                row,
             )
     if lost.sum() > settings.bridged_fraction * lost.size:
         row = int(np.flatnonzero(lost)[0])
         raise ClockError(
-            f"{lost.sum()} rows were lost one or two at a time, the first before {time_s[row]:.9g} s, which is more than "
-            f"{settings.bridged_fraction:.0%} of all: record without losses, or choose a stretch with fewer",
+            f"{lost.sum()} rows were lost one or two at a time, the first before {time_s[row]:.9g} s, which is more "
+            f"than {settings.bridged_fraction:.0%} of all: record without losses, or choose a stretch with fewer",
             row,
         )
     return np.asarray(np.arange(lost.size) + np.cumsum(lost))
@@ -270,7 +270,7 @@ def _fit_line(rows: np.ndarray, time_s: FloatArray) -> tuple[float, float]:
 def _weigh(samples: FloatArray, scatter_s: FloatArray, fs: float, settings: StampSettings) -> tuple[float, float]:
     """Return which fraction of the fast scatter of the stamps the samples show, and its standard deviation.
 
-    The samples y are compared with j y', both whitened by the spectrum of y, on lines where the motion has little power.
+    The samples y are compared with j y', both whitened by the spectrum of y, on lines where the motion is weak.
     """
     from scipy import ndimage, signal
 

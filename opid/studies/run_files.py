@@ -233,8 +233,8 @@ def _match_recorders(
 ) -> tuple[list[_Recorder], list[Finding]]:
     """Return the recorders, with the clocks matched of those whose shift is not known, and the findings.
 
-    A stated tolerance asks for a match. Several files without any shift or tolerance are matched, too, except those of a
-    test bench; where that fails, their dates count if they state any.
+    A stated tolerance asks for a match. Several files without any shift or tolerance are matched, too, except those of
+    a test bench; where that fails, their dates count if they state any.
     """
     if len({recorder.log.path for recorder in recorders}) > 1 and not is_bench:
         is_silent = not any(each.channel.shift_s or each.channel.shift_tolerance_s is not None for each in recorders)

@@ -427,7 +427,8 @@ def predict_left_out(fit: Fit) -> list[Fit] | None:
     """Return the prediction of each run by a fit of the others; None if there are no others, or if a fit fails.
 
     The initial state of the run that is left out is fitted, and so are its departures from the other runs and the
-    clocks of its recorders, with what is known of them. If the other runs have only one loading, the mass stays that of the fit of all runs.
+    clocks of its recorders, with what is known of them. If the other runs have only one loading, the mass stays that
+    of the fit of all runs.
     """
     model = fit.model
     if len(model.runs) < 2:
