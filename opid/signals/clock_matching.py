@@ -190,9 +190,10 @@ def match_clocks(
         raise InputError(
             f"the clocks of {pair.names[0]!r} and {pair.names[1]!r} cannot be matched: at the best of all offsets, "
             f"{offset_s:.3f} s, their median coherence from {low_hz:g} to {high_hz:g} Hz is "
-            f"{np.median(coherence):.2f}, above a half on {np.mean(coherence > 0.5):.0%} of the lines ({settings.shared:.0%} are needed), and the "
-            f"peak of their correlation is {peak:.1f} times its rms ({settings.least_peak:g} are needed): check that "
-            "both files are of this run, or state shift_s and shift_tolerance_s = 0"
+            f"{np.median(coherence):.2f}, above a half on {np.mean(coherence > 0.5):.0%} of the lines "
+            f"({settings.shared:.0%} are needed), and the peak of their correlation is {peak:.1f} times its rms "
+            f"({settings.least_peak:g} are needed): check that both files are of this run, or state shift_s and "
+            "shift_tolerance_s = 0"
         )
     return windows.match(offset_s, drift, other.names)
 

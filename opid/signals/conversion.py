@@ -33,18 +33,40 @@ def recording_of(
         InputError: a channel that does not exist, an unknown unit, stamps that are no uniform clock, a missing value, a
             stretch without samples, or no choice of channels where the log has several clocks.
     """
+    return read_with_stamps(log, settings, channels=channels, start_s=start_s, stop_s=stop_s, fs_hz=fs_hz)[0]
+
+
+def read_with_stamps(
+    log: Log,
+    settings: LogSettings = AS_WRITTEN,
+    *,
+    channels: Sequence[str] | Mapping[str, ChannelSettings] | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    fs_hz: float | None = None,
+) -> tuple[Recording, tuple[StampEvidence, ...]]:
+    """Return what `recording_of` returns, and how irregular stamps were judged: one for each clock that has them.
+
+    The arguments are those of `opid.read_log`.
+
+    Raises:
+        InputError: as `recording_of`.
+    """
     if channels is None and len(log.tracks) > 1:
         raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_list_names(log)}")
     wanted = choose_channels(log, channels)
     positions = {name: log.find(own.channel) for name, own in wanted.items()}
-    parts = []
+    parts, judged = [], list[StampEvidence]()
     for track in log.tracks:
         own = {name: column for name, (where, column) in positions.items() if where is track}
         if own:
-            parts.append(_read_track(log, track, own, wanted, settings, start_s, stop_s))
+            part, evidence = _read_track(log, track, own, wanted, settings, start_s, stop_s)
+            parts.append(part)
+            judged += [evidence] if evidence else []
     if len(parts) > 1:
-        return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz)
-    return parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
+        return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz), tuple(judged)
+    whole = parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
+    return whole, tuple(judged)
 
 
 def choose_channels(
@@ -64,14 +86,14 @@ def _read_track(
     settings: LogSettings,
     start_s: float | None,
     stop_s: float | None,
-) -> Recording:
+) -> tuple[Recording, StampEvidence | None]:
     samples, clock, first, evidence = _read_stretch(log, track, list(columns.values()), settings, start_s, stop_s)
     history = [
         *log.history,
         f"read {samples.shape[0]} samples from {log.path.name}",
         *log.remarks,
         _describe_rate(track, settings, clock),
-        *([evidence.describe(clock.fs)] if evidence else []),
+        *([evidence.sentence] if evidence else []),
     ]
     if start_s is not None or stop_s is not None:
         history.append(f"section {_describe_time(start_s, 'start')} to {_describe_time(stop_s, 'end')}")
@@ -86,9 +108,10 @@ def _read_track(
             history += [words] if words else []
     _require_finite(log, track, columns.values(), samples, first)
     with _name_log_in_errors(log):
-        return Recording(
+        recording = Recording(
             np.stack(converted, axis=1), clock.fs, tuple(channels), clock.start_s, tuple(history), log.files
         )
+    return recording, evidence
 
 
 @contextmanager

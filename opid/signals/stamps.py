@@ -79,6 +79,7 @@ class StampEvidence:
         taken: whether the samples were resampled at their own times, or count as equally spaced.
         is_sure: whether the samples decide it.
         scatter_s: rms distance of the stamps from equal steps, s.
+        period_s: the usual step, s.
         factor: fraction of the fast scatter that the samples show: 1 if they were taken at these times, 0 if they were
             equally spaced.
         factor_std: its standard deviation.
@@ -90,23 +91,22 @@ class StampEvidence:
     taken: Taken
     is_sure: bool
     scatter_s: float
+    period_s: float
     factor: float
     factor_std: float
     repeats: bool
     bridged: int
     error: float
 
-    def describe(self, fs: float) -> str:
-        """Return what was decided and why, in a sentence.
-
-        Args:
-            fs: the rate, Hz.
-        """
+    @property
+    def sentence(self) -> str:
+        """What was decided and why, in a sentence."""
         bridged = f"; {self.bridged} lost row(s) were interpolated" if self.bridged else ""
-        if self.scatter_s * fs < STAMPS.negligible:
+        if self.scatter_s < STAMPS.negligible * self.period_s:
             return f"the stamps are those of equal steps{bridged}"
         scatter = (
-            f"the stamps lie {1e3 * self.scatter_s:.3g} ms (rms, {self.scatter_s * fs:.2g} periods) off equal steps"
+            f"the stamps lie {1e3 * self.scatter_s:.3g} ms (rms, {self.scatter_s / self.period_s:.2g} periods) off "
+            "equal steps"
         )
         shown = f"the samples show {self.factor:.2f} of it (standard deviation {self.factor_std:.2g})"
         chosen = "resampled at their own times" if self.taken == "own times" else "taken as equally spaced"
@@ -173,7 +173,15 @@ def at_equal_steps(
     else:
         is_own = not (is_regular or has_twins) and (abs(factor - 1) < abs(factor) or not is_decided)
     evidence = StampEvidence(
-        "own times" if is_own else "equal steps", is_sure, scatter_s, factor, factor_std, has_twins, bridged, error
+        "own times" if is_own else "equal steps",
+        is_sure,
+        scatter_s,
+        period,
+        factor,
+        factor_std,
+        has_twins,
+        bridged,
+        error,
     )
     if not is_own:
         clock = Clock(1 / period, first_s, 1 / period, float(np.abs(scatter).max()))

@@ -13,7 +13,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.provenance import read_file
 from opid.signals.clock_matching import ClockMatch, match_clocks
-from opid.signals.conversion import recording_of, require_distinct
+from opid.signals.conversion import read_with_stamps, require_distinct
 from opid.signals.health.inspection import inspect, remove_spikes
 from opid.signals.health.result import Finding, Health
 from opid.signals.log import AS_WRITTEN, LARGEST_DRIFT_PPM, ChannelSettings, Log, LogSettings
@@ -21,6 +21,7 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import sound_segments, taxi_segment
+from opid.signals.stamps import StampEvidence
 from opid.studies.schema import NO_KEY, recast
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import SAME_RATE, Run
@@ -123,7 +124,16 @@ def read_run(
     else:
         begin, end, reasons, more = _find_stretch(recorders)
         findings += more
-    parts = [_read_part(recorder, begin, end, reasons) for recorder in recorders]
+    parts = []
+    for recorder in recorders:
+        part, judged = _read_part(recorder, begin, end, reasons)
+        parts.append(part)
+        findings += [
+            Finding(
+                "note" if each.is_sure else "warning", "judged_stamps", "", f"{recorder.log.path.name}: {each.sentence}"
+            )
+            for each in judged
+        ]
     fs = fs_hz or _find_lowest_rate(parts, recorders)
     fs = fs if fs_hz or is_bench else _reduce_rate(fs, settings)
     recording, more = _put_on_one_clock(parts, tuple(files.sources), fs)
@@ -262,8 +272,8 @@ def _match_to(reference: _Recorder, recorder: _Recorder, files: RunFiles, std_s:
     begin, end = _find_sound(reference, (files.start_s, files.stop_s))
     near = (None if begin is None else begin - 3 * std_s, None if end is None else end + 3 * std_s)
     return match_clocks(
-        _read_part(reference, begin, end, ""),
-        _read_part(recorder, *_find_sound(recorder, near), ""),
+        _read_part(reference, begin, end, "")[0],
+        _read_part(recorder, *_find_sound(recorder, near), "")[0],
         offset_std_s=std_s,
         drift_std_ppm=recorder.channel.drift_tolerance_ppm,
     )
@@ -297,10 +307,12 @@ def _find_sound(recorder: _Recorder, within: tuple[float | None, float | None]) 
     return (None if begin == -math.inf else begin), (None if end == math.inf else end)
 
 
-def _read_part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:
-    """Return the stretch of one file with its times on the axis of the run."""
+def _read_part(
+    recorder: _Recorder, begin: float | None, end: float | None, reasons: str
+) -> tuple[Recording, tuple[StampEvidence, ...]]:
+    """Return the stretch of one file with its times on the axis of the run, and how irregular stamps were judged."""
     try:
-        part = recording_of(
+        part, judged = read_with_stamps(
             recorder.log,
             recorder.settings,
             channels=recorder.channels,
@@ -315,7 +327,7 @@ def _read_part(recorder: _Recorder, begin: float | None, end: float | None, reas
     if recorder.match:
         fs /= 1 + 1e-6 * recorder.match.drift_ppm
         history.append(recorder.match.sentence)
-    return replace(part, fs=fs, start_s=recorder.to_run(part.start_s), history=tuple(history))
+    return replace(part, fs=fs, start_s=recorder.to_run(part.start_s), history=tuple(history)), judged
 
 
 def _put_on_one_clock(parts: Sequence[Recording], order: Sequence[str], fs: float) -> tuple[Recording, list[Finding]]:

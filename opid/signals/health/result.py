@@ -20,7 +20,8 @@ SCHEMA = "opid.health/1"
 Severity = Literal["note", "warning", "fault"]
 Code = Literal[
     # of a clock
-    "implausible_rate", "unreadable_stamps", "time_goes_back", "host_stalls", "gaps", "bridged_rows", "uneven_steps",
+    "implausible_rate", "unreadable_stamps", "time_goes_back", "host_stalls", "gaps", "bridged_rows", "judged_stamps",
+    "uneven_steps",
     "rows_equally_spaced", "no_clock", "shared_stamps", "repeated_stamps",
     # of a channel
     "no_values", "missing_values", "clipped", "held_value", "spikes", "coarse_resolution", "constant", "mute",
