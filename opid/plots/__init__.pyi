@@ -55,6 +55,7 @@ from .nonlinear_modes import (
 )
 from .runs import (
     accelerations as accelerations,
+    clock_lags as clock_lags,
     equation_residual as equation_residual,
     integration as integration,
     recording as recording,

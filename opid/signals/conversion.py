@@ -92,7 +92,7 @@ def _read_track(
         *log.history,
         f"read {samples.shape[0]} samples from {log.path.name}",
         *log.remarks,
-        _describe_rate(track, settings, clock),
+        _describe_rate(track, settings, clock, is_judged=evidence is not None),
         *([evidence.sentence] if evidence else []),
     ]
     if start_s is not None or stop_s is not None:
@@ -221,7 +221,7 @@ def _join(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatAr
     return np.concatenate(parts)
 
 
-def _describe_rate(track: Track, settings: LogSettings, clock: Clock) -> str:
+def _describe_rate(track: Track, settings: LogSettings, clock: Clock, *, is_judged: bool) -> str:
     if settings.fs_hz:
         instead = f"the file states {track.fs:.9g} Hz" if track.fs else "time stamps are not looked at"
         return f"rate {clock.fs:.9g} Hz as the user states ({instead})"
@@ -233,6 +233,8 @@ def _describe_rate(track: Track, settings: LogSettings, clock: Clock) -> str:
             "the rows are assumed to be equally spaced"
         )
     rate = f"rate {clock.fs:.9g} Hz from the time stamps"
+    if is_judged:
+        return f"{rate}, which give {clock.fs_as_written:.9g} Hz"
     if abs(clock.fs / clock.fs_as_written - 1) > 1e-9:
         rate += f" ({clock.fs_as_written:.9g} Hz as written, rounded within the resolution of the stamps)"
     return rate
