@@ -64,10 +64,10 @@ def clock_lags(result: AnyIdentification, axes: Any = None) -> np.ndarray:
         colors = choose_run_colors(len(found))
         for ax, (run, match), color in zip(grid[:, 0], found, colors, strict=True):
             name = f"{run.name}: {', '.join(match.channels)} behind {match.pair[0]}, less {match.drift_ppm:+.0f} ppm"
-            ax.plot(match.at_s, 1e3 * match.lag_s, ".", color=color, label=name)
+            ax.plot(match.at_s, 1e3 * match.lag_s, ".", color=color)
             ax.axhline(0.0, color=GREY, linewidth=0.8)
+            ax.set_title(name)
             ax.set_ylabel("lag [ms]")
-            ax.legend(loc="upper right")
         grid[-1, 0].set_xlabel("time [s]")
     return grid
 
