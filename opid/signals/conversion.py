@@ -47,7 +47,13 @@ def read_with_stamps(
 ) -> tuple[Recording, tuple[StampEvidence, ...]]:
     """Return what `recording_of` returns, and how irregular stamps were judged: one for each clock that has them.
 
-    The arguments are those of `opid.read_log`.
+    Args:
+        log: the log.
+        settings: how it is read.
+        channels: names of the channels, or their settings by the names that they will have; None for all signals.
+        start_s: first time, s; None for the beginning of the log.
+        stop_s: end, s; None for the end of the log.
+        fs_hz: the rate of the recording, Hz; None for that of the log.
 
     Raises:
         InputError: as `recording_of`.
