@@ -1,13 +1,15 @@
 """Offset and drift between two recorders: found, refused where they cannot be, and fitted by the estimator."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from measured_data import DATA, needs_data
 from scipy import interpolate, signal
 
-from opid.errors import InputError
+from opid import plots
+from opid.errors import InputError, NotDeterminedError
 from opid.signals.clock_matching import match_clocks
 from opid.signals.recording import recording_from_arrays
 from opid.signals.resampling import on_common_clock
@@ -100,6 +102,40 @@ def test_the_derivatives_by_lag_and_drift_are_those_of_the_correction():
     # Another run has another clock.
     other = driven_run(WHEEL, body_of(WHEEL), fs=FS, number=0, band_hz=(0.5, 30.0))
     assert other.correct("sprung", sensors, values).by == ()
+
+
+def study_of_two_recorders(body):
+    match = match_clocks(HUB, body)
+    moved = replace(body, fs=FS / (1 + 1e-6 * match.drift_ppm), start_s=match.to_reference(body.start_s))
+    run = Run("one", on_common_clock([HUB, moved], fs_hz=FS), 0.0, clocks=(match,))
+    return study_of_gear("pair", sprung="body", unsprung="hub", runs=[run])
+
+
+def test_lag_and_drift_of_a_recorder_are_unknowns_of_its_run():
+    study = study_of_two_recorders(logged(body_of(WHEEL), offset_s=2.0, ppm=50.0))
+    sensors, (match,) = study.sensor_facts(), study.runs[0].clocks
+    assert [(fault.name, fault.kind, fault.run) for fault in sensors.faults] == [
+        ("lag_s[sprung, one]", "lag", 0),
+        ("drift[sprung, one]", "drift", 0),
+    ]
+    assert [fault.std for fault in sensors.faults] == [match.offset_std_s, 1e-6 * match.drift_std_ppm]
+
+
+def test_the_mean_of_sensors_has_a_clock_only_if_all_have_the_same():
+    alike = tuple(ClockFacts(0, "one", "sprung", k, 1e-3, 1e-4) for k in (0, 1))
+    sensors = Sensors((IDEAL, IDEAL), (IDEAL, IDEAL), ("left", "right"), clocks=alike)
+    assert sensors.mean_of([0, 1]).clocks == (alike[0],)
+    with pytest.raises(NotDeterminedError, match="have different clocks"):
+        replace(sensors, clocks=alike[:1]).mean_of([0, 1])
+
+
+def test_the_lags_of_the_windows_are_drawn():
+    result = SimpleNamespace(study=study_of_two_recorders(logged(body_of(WHEEL), offset_s=2.0)))
+    ((ax,),) = plots.clock_lags(result)
+    assert ax.get_ylabel() == "lag [ms]"
+    assert ax.lines[0].get_xdata().size >= 15
+    with pytest.raises(InputError, match="no clocks were matched"):
+        plots.clock_lags(SimpleNamespace(study=SimpleNamespace(runs=[])))
 
 
 @needs_data("shake_table_frame")
