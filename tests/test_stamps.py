@@ -46,6 +46,13 @@ def test_samples_without_motion_decide_nothing_and_say_so():
     assert "which decides nothing" in evidence.sentence
 
 
+def test_what_is_stated_is_done_and_a_contradiction_is_told():
+    given, stamps = motion(np.arange(N) / FS), (np.arange(N) + WHITE) / FS
+    _, _, evidence = at_equal_steps(given, stamps, taken="own times")
+    assert (evidence.taken, evidence.is_stated, evidence.is_sure) == ("own times", True, False)
+    assert "as stated, the rows are resampled at their own times, and the samples show" in evidence.sentence
+
+
 @pytest.mark.parametrize("scatter", [0 * WHITE, WHITE], ids=["regular", "white"])
 def test_one_or_two_lost_rows_are_interpolated(scatter):
     true_s = (np.arange(N) + scatter) / FS

@@ -77,7 +77,8 @@ class StampEvidence:
 
     Args:
         taken: whether the samples were resampled at their own times, or count as equally spaced.
-        is_sure: whether the samples decide it.
+        is_stated: whether the user stated it.
+        is_sure: whether the samples decide it; if it was stated, whether they do not contradict.
         scatter_s: rms distance of the stamps from equal steps, s.
         period_s: the usual step, s.
         factor: fraction of the fast scatter that the samples show: 1 if they were taken at these times, 0 if they were
@@ -89,6 +90,7 @@ class StampEvidence:
     """
 
     taken: Taken
+    is_stated: bool
     is_sure: bool
     scatter_s: float
     period_s: float
@@ -110,13 +112,15 @@ class StampEvidence:
         )
         shown = f"the samples show {self.factor:.2f} of it (standard deviation {self.factor_std:.2g})"
         chosen = "resampled at their own times" if self.taken == "own times" else "taken as equally spaced"
+        if self.is_stated:
+            return f"{scatter}: as stated, the rows are {chosen}, and {shown}{bridged}"
         if self.repeats:
             return f"{scatter}, some stand twice, and {shown}: the rows are {chosen}{bridged}"
         if self.is_sure:
             return f"{scatter}, and {shown}, so they were {chosen}{bridged}"
         return (
             f"{scatter}, but {shown}, which decides nothing: they were {chosen}, and if that is wrong they are off by "
-            f"{self.error:.2g} of their rms{bridged}"
+            f"{self.error:.2g} of their rms{bridged}; state `clock` in [log] if you know how the recorder stamps"
         )
 
 
@@ -167,13 +171,14 @@ def at_equal_steps(
     is_regular = scatter_s < settings.negligible * period
     far = settings.sure_std * factor_std
     is_decided = (abs(factor) > far) != (abs(factor - 1) > far)
-    is_sure = taken is not None or is_regular or has_twins or is_decided
+    is_own = not (is_regular or has_twins) and (abs(factor - 1) < abs(factor) or not is_decided)
+    is_sure = is_regular or has_twins or is_decided
     if taken is not None:
+        is_sure = not is_decided or is_own == (taken == "own times")
         is_own = taken == "own times" and not has_twins
-    else:
-        is_own = not (is_regular or has_twins) and (abs(factor - 1) < abs(factor) or not is_decided)
     evidence = StampEvidence(
         "own times" if is_own else "equal steps",
+        taken is not None,
         is_sure,
         scatter_s,
         period,
