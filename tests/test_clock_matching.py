@@ -74,6 +74,20 @@ def test_a_clock_that_jumps_is_refused_with_the_time():
         match_clocks(HUB, logged(body_of(WHEEL), offset_s=1.0, later_s=late))
 
 
+def test_a_drift_that_changes_much_is_refused():
+    later_s = 0.05 * np.linspace(-1, 1, round(WHEEL.size - 2.0 * FS)) ** 2
+    with pytest.raises(InputError, match=r"drift apart in no straight line: the lags of windows stray by \d+ ms"):
+        match_clocks(HUB, logged(body_of(WHEEL), offset_s=1.0, later_s=later_s))
+
+
+@pytest.mark.parametrize("jump_s", [0.1, 1.0])
+def test_a_long_jump_is_refused_with_the_part_of_the_record(jump_s):
+    n = round(WHEEL.size - 2.0 * FS)
+    late = jump_s * (np.arange(n) > n / 2)
+    with pytest.raises(InputError, match=r"jumps: from \d+ s to \d+ s the offset between them differs by"):
+        match_clocks(HUB, logged(body_of(WHEEL), offset_s=1.0, later_s=late))
+
+
 def test_records_without_common_time_or_unit_are_refused():
     with pytest.raises(InputError, match="less than 10 s in common"):
         match_clocks(HUB, replace(logged(WHEEL), start_s=200.0), offset_std_s=1.0)

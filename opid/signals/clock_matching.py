@@ -8,7 +8,7 @@ ten milliseconds after its wheel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -41,8 +41,11 @@ class ClockMatchSettings:
         transfer_drift_s: the same for the growth of the lag over the run, s: 0 to 6 ms in the same runs, which brake
             from 18 m/s to rest.
         jump_s: a jump of the lag by more than this, s, which explains most of what a straight line leaves, is one of
-            the clock: a suspension changes its phase gradually.
+            the clock: a suspension changes its phase gradually, and by 1 ms (rms). If a straight line leaves more than
+            this (rms) in any other way, the drift changes.
         jump_explains: the fraction that it explains.
+        far_s: a part of the record whose own correlation has its peak farther than this from the common offset, s, is
+            on the other side of a longer jump, where windows show no lag. The phase of the transfer moves it less.
     """
 
     band_hz: tuple[float, float] = (0.5, 40.0)
@@ -59,6 +62,7 @@ class ClockMatchSettings:
     transfer_drift_s: float = 0.004
     jump_s: float = 0.005
     jump_explains: float = 0.7
+    far_s: float = 0.05
 
 
 MATCHING = ClockMatchSettings()
@@ -192,8 +196,8 @@ def match_clocks(
             f"{offset_s:.3f} s, their median coherence from {low_hz:g} to {high_hz:g} Hz is "
             f"{np.median(coherence):.2f}, above a half on {np.mean(coherence > 0.5):.0%} of the lines "
             f"({settings.shared:.0%} are needed), and the peak of their correlation is {peak:.1f} times its rms "
-            f"({settings.least_peak:g} are needed): check that both files are of this run, or state shift_s and "
-            "shift_tolerance_s = 0"
+            f"({settings.least_peak:g} are needed): check that both files are of this run, or state a larger "
+            "drift_tolerance_ppm, or shift_s and shift_tolerance_s = 0"
         )
     return windows.match(offset_s, drift, other.names)
 
@@ -290,18 +294,22 @@ class _Windows:
         self._second = interpolate.make_interp_spline(np.arange(pair.second.size), pair.second, k=5)
         self.middle_s = 0.5 * sum(self.stamps_s)
 
+    def _align(self, offset_s: float, drift: float) -> tuple[np.ndarray, FloatArray]:
+        """Return the common samples of the first channel, and the second channel at their times."""
+        stamps_s = (self.times_s - offset_s + drift * self.middle_s) / (1 + drift)
+        inside = np.flatnonzero((stamps_s >= self.stamps_s[0]) & (stamps_s <= self.stamps_s[1]))
+        return inside, self._second((stamps_s[inside] - self.stamps_s[0]) * self.pair.fs)
+
     def _transform(self, offset_s: float, drift: float) -> tuple[FloatArray, FloatArray, ComplexArray, ComplexArray]:
         """Return the middles of the windows, s, the lines, Hz, and both transforms, (n_windows, n_lines)."""
         fs, settings = self.pair.fs, self.settings
-        stamps_s = (self.times_s - offset_s + drift * self.middle_s) / (1 + drift)
-        inside = np.flatnonzero((stamps_s >= self.stamps_s[0]) & (stamps_s <= self.stamps_s[1]))
+        inside, second = self._align(offset_s, drift)
         size = round(settings.window_s * fs)
         if inside.size < max(size, settings.least_overlap_s * fs):
             raise InputError(
                 f"{self.pair.names[0]!r} and {self.pair.names[1]!r} have {inside.size / fs:.3g} s in common, "
                 f"{settings.least_overlap_s:g} s are needed to match their clocks: give longer records or state shift_s"
             )
-        second = self._second((stamps_s[inside] - self.stamps_s[0]) * fs)
         starts = np.arange(0, inside.size - size + 1, size // 2)
         cut = [np.stack([each[k : k + size] for k in starts]) for each in (self.pair.first[inside], second)]
         one, other = (np.fft.rfft((each - each.mean(axis=1, keepdims=True)) * np.hanning(size)) for each in cut)
@@ -340,6 +348,7 @@ class _Windows:
             offset_s -= middle + slope * (self.middle_s + offset_s - at_s.mean())
         left_s = lag_s - middle - slope * (at_s - at_s.mean())
         self._require_no_jump(at_s, left_s)
+        self._require_no_long_jump(offset_s, drift)
         delay_s, phase = _find_delay_of_suspension(frequency_hz, transfer, coherence)
         scatter_s = float(np.std(left_s)) * np.sqrt(2.0)  # windows overlap by half
         length_s = float(at_s[-1] - at_s[0]) + settings.window_s
@@ -358,6 +367,22 @@ class _Windows:
             lag_s=left_s,
         )
 
+    def _require_no_long_jump(self, offset_s: float, drift: float) -> None:
+        """Raise an error if a part of the record alone has another offset."""
+        settings, fs = self.settings, self.pair.fs
+        inside, second = self._align(offset_s, drift)
+        n_parts = min(4, int(inside.size / fs / settings.least_overlap_s))
+        for one, other in zip(np.array_split(inside, n_parts), np.array_split(second, n_parts), strict=True):
+            begin_s, end_s = float(self.times_s[one[0]]), float(self.times_s[one[-1]])
+            part = _Pair(self.pair.names, self.pair.first[one], other, fs, (begin_s, begin_s))
+            shift_s, _, peak = _find_offset(part, settings.least_overlap_s, 0.0, replace(settings, least_overlap_s=0.0))
+            if peak > settings.least_peak and abs(shift_s) > settings.far_s:
+                raise InputError(
+                    f"the clock of {self.pair.names[0]!r} or {self.pair.names[1]!r} jumps: from {begin_s:.0f} s to "
+                    f"{end_s:.0f} s the offset between them differs by {shift_s:+.3f} s from that of the whole record: "
+                    "give start_s and stop_s of a part on one side of the jump"
+                )
+
     def _require_no_jump(self, at_s: FloatArray, left_s: FloatArray) -> None:
         """Raise an error if a jump explains most of what a straight line leaves of the lags."""
         settings, total = self.settings, float(left_s @ left_s)
@@ -372,6 +397,12 @@ class _Windows:
                     f"{1e3 * abs(values[2]):.0f} ms near {0.5 * (at_s[k - 1] + at_s[k]):.0f} s, and no straight line "
                     "matches them: give start_s and stop_s of a part on one side of the jump"
                 )
+        if np.std(left_s) > settings.jump_s:
+            raise InputError(
+                f"the clocks of {self.pair.names[0]!r} and {self.pair.names[1]!r} drift apart in no straight line: the "
+                f"lags of windows stray by {1e3 * np.std(left_s):.0f} ms (rms) from it, {1e3 * settings.jump_s:g} ms are "
+                "accepted: give start_s and stop_s of a shorter part"
+            )
 
 
 def _compute_coherence(one: ComplexArray, other: ComplexArray) -> FloatArray:
