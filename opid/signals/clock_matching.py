@@ -400,8 +400,8 @@ class _Windows:
         if np.std(left_s) > settings.jump_s:
             raise InputError(
                 f"the clocks of {self.pair.names[0]!r} and {self.pair.names[1]!r} drift apart in no straight line: the "
-                f"lags of windows stray by {1e3 * np.std(left_s):.0f} ms (rms) from it, {1e3 * settings.jump_s:g} ms are "
-                "accepted: give start_s and stop_s of a shorter part"
+                f"lags of windows stray by {1e3 * np.std(left_s):.0f} ms (rms) from it, {1e3 * settings.jump_s:g} ms "
+                "are accepted: give start_s and stop_s of a shorter part"
             )
 
 
