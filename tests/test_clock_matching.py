@@ -100,8 +100,10 @@ def test_records_without_common_time_or_unit_are_refused():
 def test_the_derivatives_by_lag_and_drift_are_those_of_the_correction(side, is_coarse):
     sensors = Sensors((IDEAL,), (IDEAL,), ("",), clocks=(ClockFacts(1, "light", side, 0, 1e-3, 1e-4),))
     lag, drift = (fault.name for fault in sensors.faults)
-    run = driven_run(WHEEL, body_of(WHEEL), fs=FS, number=1, band_hz=(0.5, 20.0))
+    below, above = (signal.resample_poly(each, 5, 1) for each in (WHEEL, body_of(WHEEL)))
+    run = driven_run(below, above, fs=5 * FS, number=1, band_hz=(0.5, 20.0))
     run = run.coarse if is_coarse else run
+    assert (run.stride > 1) == is_coarse
     values = {lag: 3e-4, drift: 2e-5}
     corrected = run.correct(side, sensors, values)
     assert len(corrected.by) == 2
