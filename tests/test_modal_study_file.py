@@ -176,7 +176,7 @@ def test_all_faults_are_said_at_once(logs):
         (MODES + TEST.replace('"force"', '"case_y"'), ("force channel 'case_y'",)),
         (
             MODES + '[log]\nclock = "sun"\n' + TEST,
-            ("'clock' in [log] is 'sun', give one of 'stamps', 'reconstructed'",),
+            ("'clock' in [log] is 'sun', give one of 'auto', 'stamps', 'own_times', 'reconstructed'",),
         ),
         (MODES + '\n[[tests]]\nlog = "decay.csv"\nuse = "level"\n', ("use = 'level' and no force",)),
         (MODES + TEST + "start_s = 50.0\n", ("test 'beat'",)),

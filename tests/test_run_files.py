@@ -73,7 +73,11 @@ def test_one_study_mixes_recorders(tmp_path):
 def test_a_run_may_differ_and_the_rate_may_be_asked_for(tmp_path):
     both_recorders(tmp_path)
     (tmp_path / "heavy_airframe.csv").rename(tmp_path / "other.csv")
-    text = "fs_hz = 256\n" + MIXED.replace("shift_s = 0.25\n", "") + '[runs.channels.sprung]\nfile = "other.csv"\n'
+    text = (
+        "fs_hz = 256\n"
+        + MIXED.replace("shift_s = 0.25\n", "shift_tolerance_s = 0\n")
+        + '[runs.channels.sprung]\nfile = "other.csv"\n'
+    )
     (tmp_path / "study.toml").write_text(text)
     taxi = read_study(tmp_path / "study.toml")
     assert taxi.fs == 256.0
@@ -225,7 +229,7 @@ def test_a_study_with_a_standstill_and_a_third_channel_reads_back_whole(tmp_path
 
 def test_settings_of_one_recorder_do_not_rule_another(tmp_path):
     both_recorders(tmp_path, fs=(512.0, 1000.0))
-    text = "[log]\nfs_hz = 512\n" + MIXED.replace("shift_s = 0.25\n", "log = {}\n")
+    text = "[log]\nfs_hz = 512\n" + MIXED.replace("shift_s = 0.25\n", "shift_tolerance_s = 0\nlog = {}\n")
     (tmp_path / "study.toml").write_text(text)
     run = read_study(tmp_path / "study.toml").runs[0].recording
     assert np.abs(run.channel("sprung") - run.channel("lower_z"))[200:-200].max() < 0.02
@@ -269,3 +273,54 @@ def test_silent_guesses_are_refused(tmp_path, text, words):
     (tmp_path / "study.toml").write_text(text)
     with pytest.raises(InputError, match=words):
         read_study(tmp_path / "study.toml")
+
+
+def two_recorders(tmp_path, *, body_starts_s, motion=None):
+    """A wheel and a body that moves alike, each with its own log, whose times both begin at zero."""
+    fs = 128.0
+    shaking = np.convolve(np.random.default_rng(0).standard_normal(6000), np.hanning(7), "same")
+    shaking = shaking if motion is None else motion(np.arange(6000) / fs)
+    first = round(body_starts_s * fs)
+    write_log(recording_from_arrays([shaking], ["lower_z"], fs=fs), tmp_path / "heavy.csv")
+    write_log(recording_from_arrays([shaking[first:]], ["az"], fs=fs), tmp_path / "heavy_airframe.csv")
+    study = MIXED.replace("shift_s = 0.25\n", "").replace("scale = 5e-4\n", "").replace("sign = -1\n", "")
+    (tmp_path / "study.toml").write_text(study.replace('unit = "g"\n', ""))
+    return tmp_path / "study.toml"
+
+
+def test_recorders_without_a_stated_shift_are_matched(tmp_path):
+    run = read_study(two_recorders(tmp_path, body_starts_s=3.25)).runs[0]
+    (match,) = run.clocks
+    assert match.channels == ("sprung",)
+    assert match.offset_s == pytest.approx(3.25, abs=1e-3)
+    assert np.std((run.recording.channel("sprung") - run.recording.channel("lower_z"))[50:-50]) < 0.05
+    assert any(line == match.sentence for line in run.recording.history)
+    codes = {finding.code for finding in run.findings}
+    assert "matched_clocks" in codes
+    assert not codes & {"several_recorders", "unknown_start"}
+
+
+def test_a_stated_tolerance_of_zero_keeps_the_times_and_a_stated_one_limits_the_search(tmp_path):
+    source = two_recorders(tmp_path, body_starts_s=3.25)
+    text = source.read_text()
+    source.write_text(text.replace("gain_tolerance", "shift_tolerance_s = 0\ngain_tolerance"))
+    run = read_study(source).runs[0]
+    assert run.clocks == ()
+    assert "several_recorders" in {finding.code for finding in run.findings}
+    source.write_text(text.replace("gain_tolerance", "shift_s = 3.0\nshift_tolerance_s = 0.5\ngain_tolerance"))
+    (match,) = read_study(source).runs[0].clocks
+    assert match.offset_s == pytest.approx(0.25, abs=1e-3)
+
+
+def test_recorders_that_cannot_be_matched_are_refused(tmp_path):
+    source = two_recorders(tmp_path, body_starts_s=3.25, motion=lambda t: np.sin(2 * np.pi * 1.7 * t))
+    with pytest.raises(InputError, match="because the motion is periodic"):
+        read_study(source)
+
+
+@pytest.mark.parametrize(("key", "value"), [("shift_tolerance_s", -1), ("drift_tolerance_ppm", 1e6)])
+def test_impossible_tolerances_of_clocks_are_named(tmp_path, key, value):
+    source = two_recorders(tmp_path, body_starts_s=1.0)
+    source.write_text(source.read_text().replace("gain_tolerance", f"{key} = {value}\ngain_tolerance"))
+    with pytest.raises(InputError, match=f"{key} is {value}: give 0 to"):
+        read_study(source)

@@ -59,6 +59,7 @@ from .nonlinear_modes import (
 from .plan import expected_std as expected_std
 from .runs import (
     accelerations as accelerations,
+    clock_lags as clock_lags,
     equation_residual as equation_residual,
     integration as integration,
     printed_transmissibilities as printed_transmissibilities,

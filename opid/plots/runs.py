@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from opid.errors import InputError
 from opid.estimate import format_number
 from opid.plots.style import (
     GREEN,
@@ -42,6 +43,35 @@ from opid.suspensions.result import GearRatios
 SMOOTHING_HZ = 0.25
 # a transmissibility is shown between these frequencies
 LOWEST_HZ, HIGHEST_HZ = 0.25, 40.0
+
+
+def clock_lags(result: AnyIdentification, axes: Any = None) -> np.ndarray:
+    """Draw the lags by which the clocks of two recorders were matched, one panel for each match.
+
+    Args:
+        result: an identification of runs with several recorders.
+        axes: one Axes a match, or None for a new figure.
+
+    Returns:
+        (n_matches, 1) Axes.
+
+    Raises:
+        InputError: no run whose clocks were matched.
+    """
+    found = [(run, match) for run in result.study.runs for match in run.clocks]
+    if not found:
+        raise InputError("no clocks were matched in these runs: draw runs whose channels come from several files")
+    with house_style():
+        grid = panels(axes, len(found), height_in=0.6 + 1.9 * len(found), sharex=True, sharey=True)
+        colors = choose_run_colors(len(found))
+        for ax, (run, match), color in zip(grid[:, 0], found, colors, strict=True):
+            name = f"{run.name}: {', '.join(match.channels)} behind {match.pair[0]}, less {match.drift_ppm:+.0f} ppm"
+            ax.plot(match.at_s, 1e3 * match.lag_s, ".", color=color)
+            ax.axhline(0.0, color=GREY, linewidth=0.8)
+            ax.set_title(name)
+            ax.set_ylabel("lag [ms]")
+        grid[-1, 0].set_xlabel("time [s]")
+    return grid
 
 
 def accelerations(result: AnyIdentification, axes: Any = None) -> np.ndarray:

@@ -13,6 +13,7 @@ from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_c
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings, Track
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import on_common_clock, resampled
+from opid.signals.stamps import StampEvidence, at_equal_steps, is_uniform, may_be_irregular
 
 
 def recording_of(
@@ -32,19 +33,47 @@ def recording_of(
         InputError: a channel that does not exist, an unknown unit, stamps that are no uniform clock, a missing value, a
             stretch without samples, or no choice of channels where the log has several clocks.
     """
+    return read_with_stamps(log, settings, channels=channels, start_s=start_s, stop_s=stop_s, fs_hz=fs_hz)[0]
+
+
+def read_with_stamps(
+    log: Log,
+    settings: LogSettings = AS_WRITTEN,
+    *,
+    channels: Sequence[str] | Mapping[str, ChannelSettings] | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    fs_hz: float | None = None,
+) -> tuple[Recording, tuple[StampEvidence, ...]]:
+    """Return what `recording_of` returns, and how irregular stamps were judged: one for each clock that has them.
+
+    Args:
+        log: the log.
+        settings: how it is read.
+        channels: names of the channels, or their settings by the names that they will have; None for all signals.
+        start_s: first time, s; None for the beginning of the log.
+        stop_s: end, s; None for the end of the log.
+        fs_hz: the rate of the recording, Hz; None for that of the log.
+
+    Raises:
+        InputError: as `recording_of`.
+    """
     if channels is None and len(log.tracks) > 1:
         known = list_names(map(repr, log.names), 12)
         raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {known}")
     wanted = choose_channels(log, channels)
     positions = {name: log.find(own.channel) for name, own in wanted.items()}
-    parts = []
+    parts, judged = [], list[StampEvidence]()
     for track in log.tracks:
         own = {name: column for name, (where, column) in positions.items() if where is track}
         if own:
-            parts.append(_read_track(log, track, own, wanted, settings, start_s, stop_s))
+            part, evidence = _read_track(log, track, own, wanted, settings, start_s, stop_s)
+            parts.append(part)
+            judged += [evidence] if evidence else []
     if len(parts) > 1:
-        return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz)
-    return parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
+        return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz), tuple(judged)
+    whole = parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
+    return whole, tuple(judged)
 
 
 def choose_channels(
@@ -64,13 +93,14 @@ def _read_track(
     settings: LogSettings,
     start_s: float | None,
     stop_s: float | None,
-) -> Recording:
-    samples, clock, first = _read_stretch(log, track, list(columns.values()), settings, start_s, stop_s)
+) -> tuple[Recording, StampEvidence | None]:
+    samples, clock, first, evidence = _read_stretch(log, track, list(columns.values()), settings, start_s, stop_s)
     history = [
         *log.history,
         f"read {samples.shape[0]} samples from {log.path.name}",
         *log.remarks,
-        _describe_rate(track, settings, clock),
+        _describe_rate(track, settings, clock, is_judged=evidence is not None),
+        *([evidence.sentence] if evidence else []),
     ]
     if start_s is not None or stop_s is not None:
         history.append(f"section {_describe_time(start_s, 'start')} to {_describe_time(stop_s, 'end')}")
@@ -85,9 +115,10 @@ def _read_track(
             history += [words] if words else []
     _require_finite(log, track, columns.values(), samples, first)
     with _name_log_in_errors(log):
-        return Recording(
+        recording = Recording(
             np.stack(converted, axis=1), clock.fs, tuple(channels), clock.start_s, tuple(history), log.files
         )
+    return recording, evidence
 
 
 @contextmanager
@@ -117,8 +148,8 @@ def _read_stretch(
     settings: LogSettings,
     start_s: float | None,
     stop_s: float | None,
-) -> tuple[FloatArray, Clock, int]:
-    """Return the samples between two times, their clock, and the index of the first row."""
+) -> tuple[FloatArray, Clock, int, StampEvidence | None]:
+    """Return the samples between two times, their clock, the index of the first row, and how stamps were judged."""
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
     whole = _find_clock(log, track, settings)
     if whole is not None:
@@ -126,7 +157,7 @@ def _read_stretch(
         first = 0 if start_s is None else max(0, int(np.ceil((low - whole.start_s) * whole.fs - 0.5)))
         stop = None if stop_s is None else max(first, int(np.ceil((high - whole.start_s) * whole.fs - 0.5)))
         samples = _join(log, [block.samples for block in track.blocks(columns, first, stop)], low, high)
-        return samples, replace(whole, start_s=whole.start_s + first / whole.fs), first
+        return samples, replace(whole, start_s=whole.start_s + first / whole.fs), first, None
     parts, times, row = [], [], 0
     begun: int | None = None
     for block in track.blocks(columns):
@@ -143,10 +174,29 @@ def _read_stretch(
         row += keep.size
     samples = _join(log, parts, low, high)
     first = begun or 0
+    stamps = np.concatenate(times)
     try:
-        return samples, uniform_clock(np.concatenate(times)), first
+        samples, clock, evidence = _space_equally(samples, stamps, settings)
     except ClockError as error:
         raise InputError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
+    return samples, clock, first, evidence
+
+
+def _space_equally(
+    samples: FloatArray, stamps: FloatArray, settings: LogSettings
+) -> tuple[FloatArray, Clock, StampEvidence | None]:
+    """Return samples at equal steps, their clock, and how irregular stamps were judged; None where they are regular."""
+    if settings.clock == "own_times" and np.isfinite(samples).all():
+        return at_equal_steps(samples, stamps, taken="own times")
+    is_strict = settings.clock == "stamps" or not may_be_irregular(stamps) or not np.isfinite(samples).all()
+    try:
+        clock = uniform_clock(stamps)
+        if is_strict or is_uniform(stamps, clock):
+            return samples, clock, None
+    except ClockError:
+        if is_strict:
+            raise
+    return at_equal_steps(samples, stamps)
 
 
 def _find_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
@@ -178,7 +228,7 @@ def _join(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatAr
     return np.concatenate(parts)
 
 
-def _describe_rate(track: Track, settings: LogSettings, clock: Clock) -> str:
+def _describe_rate(track: Track, settings: LogSettings, clock: Clock, *, is_judged: bool) -> str:
     if settings.fs_hz:
         instead = f"the file states {track.fs:.9g} Hz" if track.fs else "time stamps are not looked at"
         return f"rate {clock.fs:.9g} Hz as the user states ({instead})"
@@ -190,6 +240,8 @@ def _describe_rate(track: Track, settings: LogSettings, clock: Clock) -> str:
             "the rows are assumed to be equally spaced"
         )
     rate = f"rate {clock.fs:.9g} Hz from the time stamps"
+    if is_judged:
+        return f"{rate}, which give {clock.fs_as_written:.9g} Hz"
     if abs(clock.fs / clock.fs_as_written - 1) > 1e-9:
         rate += f" ({clock.fs_as_written:.9g} Hz as written, rounded within the resolution of the stamps)"
     return rate

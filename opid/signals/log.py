@@ -243,7 +243,13 @@ def _join_name(track: Track, channel: LoggedChannel) -> str:
 
 # ---- settings of the user --------------------------------------------------------------------------
 
-CLOCKS = ("stamps", "reconstructed")
+CLOCKS = ("auto", "stamps", "own_times", "reconstructed")
+
+LONGEST_SHIFT_S = 600.0
+"""The largest standard deviation of a shift: records of a run that began farther apart are no records of one run."""
+
+LARGEST_DRIFT_PPM = 2e4
+"""The largest standard deviation of a drift: the rates of cheap inertial sensors are 1 to 2 % off."""
 
 
 @dataclass(frozen=True)
@@ -254,9 +260,10 @@ class LogSettings:
         names: names of all columns of a text, the time among them, in place of its header.
         time: name or number (from 1) of the column with the time stamps; by default it is found by its name.
         time_unit: unit of the stamps, where the file states none or a wrong one.
-        clock: "stamps": the stamps must be those of a uniform clock, apart from their rounding; "reconstructed": rows
-            are assumed to be equally spaced, and stamps that come in bursts (a host empties a buffer) only give the
-            rate.
+        clock: "auto": the samples show whether irregular stamps are their times; "stamps": the stamps must be those of
+            a uniform clock, apart from their rounding; "own_times": samples were taken at their stamps, however
+            irregular; "reconstructed": rows are assumed to be equally spaced, and stamps that come in bursts (a host
+            empties a buffer) only give the rate.
         fs_hz: the rate, Hz; the stamps are then ignored.
         unit: unit of every channel for which the file states none.
         full_scale: the value at a WAV file's full scale, in the unit.
@@ -272,7 +279,7 @@ class LogSettings:
     names: tuple[str, ...] = ()
     time: str | int | None = None
     time_unit: str | None = None
-    clock: Literal["stamps", "reconstructed"] = "stamps"
+    clock: Literal["auto", "stamps", "own_times", "reconstructed"] = "auto"
     fs_hz: float | None = None
     unit: str | None = None
     full_scale: float | None = None
@@ -317,6 +324,10 @@ class ChannelSettings:
         offset: value added to the scaled values, in `unit`.
         sign: 1, or -1 for a sensor that was mounted upside down.
         shift_s: time added to the times of its file, whose clock began at another moment, s.
+        shift_tolerance_s: standard deviation of `shift_s`, s; if it is not 0, the clock of its file is matched to that
+            of the other files by the motion that both recorded. None for 60 s where no file states a shift, and for 0
+            where one does.
+        drift_tolerance_ppm: standard deviation of the rate of that clock against the others, parts per million.
 
     Raises:
         InputError: an impossible value.
@@ -334,6 +345,8 @@ class ChannelSettings:
     offset: float = 0.0
     sign: int = 1
     shift_s: float = 0.0
+    shift_tolerance_s: float | None = None
+    drift_tolerance_ppm: float = 100.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.scale) and self.scale != 0):
@@ -341,6 +354,12 @@ class ChannelSettings:
         for name in ("offset", "shift_s"):
             if not math.isfinite(getattr(self, name)):
                 raise InputError(f"{name} is {getattr(self, name)}: give a finite number")
+        if self.shift_tolerance_s is not None and not 0.0 <= self.shift_tolerance_s <= LONGEST_SHIFT_S:
+            raise InputError(
+                f"shift_tolerance_s is {self.shift_tolerance_s}: give 0 to {LONGEST_SHIFT_S:g} s, or leave it out"
+            )
+        if not 0.0 <= self.drift_tolerance_ppm <= LARGEST_DRIFT_PPM:
+            raise InputError(f"drift_tolerance_ppm is {self.drift_tolerance_ppm}: give 0 to {LARGEST_DRIFT_PPM:g}")
         if self.sign not in (1, -1):
             raise InputError(f"sign is {self.sign}: give 1 or -1")
         if self.unit is not None:

@@ -117,6 +117,32 @@ def on_common_clock(
     )
 
 
+def interpolate_at(samples: FloatArray, positions: FloatArray, n_new: int, *, rounds: int) -> FloatArray:
+    """Return samples at whole positions of signals that were sampled at others.
+
+    A spline through the samples is corrected by what its band-limited interpolation leaves at their positions, which
+    also makes it right between a quarter and 0.4 of the rate, where a spline alone is not.
+
+    Args:
+        samples: (n, n_channels) samples.
+        positions: (n,) increasing positions of the samples, in new steps.
+        n_new: number of new samples, at the positions 0, 1, ...
+        rounds: number of corrections.
+    """
+    from scipy import interpolate
+
+    whole = np.arange(n_new, dtype=np.float64)
+
+    def carry(values: FloatArray) -> FloatArray:
+        return np.asarray(interpolate.make_interp_spline(positions, values, k=3)(whole))
+
+    within = np.clip(positions, 0, n_new - 1)
+    found = carry(samples)
+    for _ in range(rounds):
+        found = found + carry(samples - _interpolate(found, within, STOP))
+    return found
+
+
 def _is_on_clock(recording: Recording, fs: float, begin: float) -> bool:
     position = (begin - recording.start_s) * recording.fs
     drift = abs(recording.fs / fs - 1) * recording.n_samples

@@ -50,6 +50,8 @@ class _Channel(ChannelTable):
     file: Annotated[None, NO_KEY] = None
     log: Annotated[None, NO_KEY] = None
     shift_s: Annotated[float, NO_KEY] = 0.0
+    shift_tolerance_s: Annotated[float | None, NO_KEY] = None
+    drift_tolerance_ppm: Annotated[float, NO_KEY] = 100.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,21 +13,26 @@ import numpy as np
 from opid.errors import InputError
 from opid.progress import Say, Step
 from opid.provenance import read_file
-from opid.signals.conversion import recording_of, require_distinct
+from opid.signals.clock_matching import ClockMatch, match_clocks
+from opid.signals.conversion import read_with_stamps, require_distinct
 from opid.signals.health.inspection import inspect, remove_spikes
 from opid.signals.health.result import Finding, Health
-from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
+from opid.signals.log import AS_WRITTEN, LARGEST_DRIFT_PPM, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log
 from opid.signals.orientation import Axes
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
-from opid.signals.segments import taxi_segment
+from opid.signals.segments import sound_segments, taxi_segment
+from opid.signals.stamps import StampEvidence
 from opid.studies.schema import NO_KEY, prefix_errors, recast
 from opid.studies.triaxial import TriaxialSensor, describe_mounting
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import SAME_RATE, Run
 
 DEFAULTS = RunSettings()
+
+UNKNOWN_SHIFT_S = 60.0
+"""Standard deviation of the shift between two files where the user states nothing: recorders are started by hand."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +73,28 @@ class RunFiles:
 
 @dataclass(frozen=True, eq=False)
 class _Recorder:
-    """One file of a run, with the channels that are taken from it."""
+    """One file of a run, with the channels that are taken from it; the run's clock is that of its first recorder."""
 
     log: Log
     settings: LogSettings
     channels: dict[str, ChannelSettings]
     health: Health
     shift_s: float
+    match: ClockMatch | None = None
+
+    @property
+    def channel(self) -> ChannelSettings:
+        """Settings of its first channel: all its channels have the same shift."""
+        return next(iter(self.channels.values()))
+
+    def to_run(self, stamp_s: float) -> float:
+        """Return the time on the run's clock, s."""
+        shifted_s = stamp_s + self.shift_s
+        return self.match.to_reference(shifted_s) if self.match else shifted_s
+
+    def from_run(self, time_s: float) -> float:
+        """Return the time on the file's own clock, s."""
+        return (self.match.from_reference(time_s) if self.match else time_s) - self.shift_s
 
 
 def read_run(
@@ -100,6 +120,8 @@ def read_run(
     if files.start_s is not None and files.stop_s is not None and files.start_s >= files.stop_s:
         raise InputError(f"start_s is {files.start_s:g} and stop_s {files.stop_s:g}: give a stop after the start")
     recorders, findings = _open_recorders(files, progress or (lambda step: None))
+    recorders, more = _match_recorders(recorders, files, is_bench=is_bench)
+    findings += more
     if is_bench or files.start_s is not None or files.stop_s is not None:
         # The channels are judged later, in the stretch that the user chose.
         begin, end, reasons = files.start_s, files.stop_s, ""
@@ -107,16 +129,30 @@ def read_run(
     else:
         begin, end, reasons, more = _find_stretch(recorders, [*files.sensors.values()])
         findings += more
-    parts = [_read_part(recorder, begin, end, reasons) for recorder in recorders]
-    fs = fs_hz or min(part.fs for part in parts)
+    parts = []
+    for recorder in recorders:
+        part, judged = _read_part(recorder, begin, end, reasons)
+        parts.append(part)
+        findings += [
+            Finding(
+                "note" if each.is_sure else "warning", "judged_stamps", "", f"{recorder.log.path.name}: {each.sentence}"
+            )
+            for each in judged
+        ]
+    fs = fs_hz or _find_lowest_rate(parts, recorders)
     fs = fs if fs_hz or is_bench else _reduce_rate(fs, settings)
     recording, more = _put_on_one_clock(parts, tuple(files.sources), fs)
-    if len({recorder.log.path for recorder in recorders}) > 1:
+    matches = tuple(recorder.match for recorder in recorders if recorder.match)
+    more += [Finding("note", "matched_clocks", "", match.sentence) for match in matches]
+    if matches:
+        findings = [finding for finding in findings if finding.code != "unknown_start"]
+    is_warned = any(finding.code == "several_recorders" for finding in findings)
+    if len({recorder.log.path for recorder in recorders}) > 1 + len(matches) and not is_warned:
         words = (
             f"its channels come from {len(parts)} recorders: a wrong shift_s, or clocks that drift apart (20 ppm are "
             "0.8 ms in 40 s), passes for damping and friction"
         )
-        words += "; lag_tolerance_s in [channels.sprung] lets a lag be fitted" * (not is_bench)
+        words += "; shift_tolerance_s in [channels.sprung] lets offset and drift be fitted" * (not is_bench)
         more.append(Finding("warning", "several_recorders", "", words))
     if len(parts) > 1 and not is_bench:
         alone = inspect(recording, thorough=False).findings
@@ -129,7 +165,8 @@ def read_run(
         with prefix_errors(f"{name!r}: "):
             orientations[name] = sensor.find(health)
         more += describe_mounting(name, sensor, orientations[name], health)
-    return Run(files.name, recording, files.mass_change_kg, tuple(dict.fromkeys([*findings, *more])), orientations)
+    every = tuple(dict.fromkeys([*findings, *more]))
+    return Run(files.name, recording, files.mass_change_kg, every, orientations, clocks=matches)
 
 
 def _find_serious(recorder: _Recorder) -> list[Finding]:
@@ -149,8 +186,8 @@ def _find_stretch(
     reasons, findings = "", list[Finding]()
     for recorder in recorders:
         segment = taxi_segment(recorder.health, _name_movers(recorder, sensors))
-        begins += [] if segment.start_s is None else [segment.start_s + recorder.shift_s]
-        ends += [] if segment.stop_s is None else [segment.stop_s + recorder.shift_s]
+        begins += [] if segment.start_s is None else [recorder.to_run(segment.start_s)]
+        ends += [] if segment.stop_s is None else [recorder.to_run(segment.stop_s)]
         is_faulty = any(left.why == "faulty" for left in segment.left_out)
         findings += [finding for finding in _find_serious(recorder) if is_faulty or not finding.channel]
         if segment.reason:
@@ -190,14 +227,15 @@ def bring_to_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 def _open_recorders(files: RunFiles, say: Say) -> tuple[list[_Recorder], list[Finding]]:
     """Open and inspect each file once, and put the times of all on one axis."""
-    groups: dict[tuple[Path, LogSettings, float], dict[str, ChannelSettings]] = {}
+    groups: dict[tuple[Path, LogSettings, float, float | None, float], dict[str, ChannelSettings]] = {}
     for name, source in files.sources.items():
-        key = (source.file, source.settings, source.channel.shift_s)
-        groups.setdefault(key, {})[name] = source.channel
-    logs = {path: open_log(path, settings) for path, settings, _ in groups}
-    zero, findings = _find_zeros(logs, [shift_s for _, _, shift_s in groups])
+        own = source.channel
+        key = (source.file, source.settings, own.shift_s, own.shift_tolerance_s, own.drift_tolerance_ppm)
+        groups.setdefault(key, {})[name] = own
+    logs = {path: open_log(path, settings) for path, settings, *_ in groups}
+    zero, findings = _find_zeros(logs, [shift_s for _, _, shift_s, *_ in groups])
     recorders = []
-    for (path, settings, shift_s), channels in groups.items():
+    for (path, settings, shift_s, *_), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
         require_distinct(log, channels)
 
@@ -227,23 +265,96 @@ def _find_zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[di
     return dict.fromkeys(logs, 0.0), [Finding("note", "unknown_start", "", words)]
 
 
-def _read_part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:
-    """Return the stretch of one file with its times on the axis of the run."""
-    shift_s = recorder.shift_s
+def _match_recorders(
+    recorders: Sequence[_Recorder], files: RunFiles, *, is_bench: bool
+) -> tuple[list[_Recorder], list[Finding]]:
+    """Return the recorders, with the clocks matched of those whose shift is not known, and the findings.
+
+    A stated tolerance asks for a match. Several files without any shift or tolerance are matched, too, except those of
+    a test bench; where that fails, their dates count if they state any.
+    """
+    if len({recorder.log.path for recorder in recorders}) > 1 and not is_bench:
+        is_silent = not any(each.channel.shift_s or each.channel.shift_tolerance_s is not None for each in recorders)
+    else:
+        is_silent = False
+    reference = next((each for each in recorders if not each.channel.shift_tolerance_s), recorders[0])
+    found, findings = [], list[Finding]()
+    for each in recorders:
+        std_s = UNKNOWN_SHIFT_S if is_silent else each.channel.shift_tolerance_s or 0.0
+        if each is reference or not std_s:
+            found.append(each)
+            continue
+        try:
+            found.append(replace(each, match=_match_to(reference, each, files, std_s)))
+        except InputError as error:
+            if not (is_silent and each.log.zero and reference.log.zero):
+                raise
+            found.append(each)
+            words = f"the clocks of {reference.log.path.name} and {each.log.path.name} are taken to be right: {error}"
+            findings.append(Finding("warning", "several_recorders", "", words))
+    return found, findings
+
+
+def _match_to(reference: _Recorder, recorder: _Recorder, files: RunFiles, std_s: float) -> ClockMatch:
+    begin, end = _find_sound(reference, (files.start_s, files.stop_s))
+    near = (None if begin is None else begin - 3 * std_s, None if end is None else end + 3 * std_s)
+    return match_clocks(
+        _read_part(reference, begin, end, "")[0],
+        _read_part(recorder, *_find_sound(recorder, near), "")[0],
+        offset_std_s=std_s,
+        drift_std_ppm=recorder.channel.drift_tolerance_ppm,
+    )
+
+
+def _find_lowest_rate(parts: Sequence[Recording], recorders: Sequence[_Recorder]) -> float:
+    """Return the lowest rate, Hz; rates that differ only by the drift of a clock count as that of the run's clock."""
+    own = [part.fs for part, recorder in zip(parts, recorders, strict=True) if recorder.match is None]
+    usual = min(own)
+    return min([usual, *(part.fs for part in parts if part.fs < (1 - 3e-6 * LARGEST_DRIFT_PPM) * usual)])
+
+
+def _find_sound(recorder: _Recorder, within: tuple[float | None, float | None]) -> tuple[float | None, float | None]:
+    """Return begin and end, on the run's clock, of the longest sound stretch of a file in a part of it.
+
+    None stands for the begin or end of the log, also in `within`; a whole log is cut to its steadiest five minutes.
+    """
+    channels = tuple(recorder.channels)
+    segments = sound_segments(recorder.health, channels)
+    if within == (None, None):
+        segments = (taxi_segment(recorder.health, channels),)
+    low, high = -math.inf if within[0] is None else within[0], math.inf if within[1] is None else within[1]
+    begin, end = low, high
+    longest_s = 0.0
+    for each in segments:
+        start_s = -math.inf if each.start_s is None else recorder.to_run(each.start_s)
+        stop_s = math.inf if each.stop_s is None else recorder.to_run(each.stop_s)
+        start_s, stop_s = max(low, start_s), min(high, stop_s)
+        if stop_s - start_s > longest_s:
+            begin, end, longest_s = start_s, stop_s, stop_s - start_s
+    return (None if begin == -math.inf else begin), (None if end == math.inf else end)
+
+
+def _read_part(
+    recorder: _Recorder, begin: float | None, end: float | None, reasons: str
+) -> tuple[Recording, tuple[StampEvidence, ...]]:
+    """Return the stretch of one file with its times on the axis of the run, and how irregular stamps were judged."""
     try:
-        part = recording_of(
+        part, judged = read_with_stamps(
             recorder.log,
             recorder.settings,
             channels=recorder.channels,
-            start_s=None if begin is None else begin - shift_s,
-            stop_s=None if end is None else end - shift_s,
+            start_s=None if begin is None else recorder.from_run(begin),
+            stop_s=None if end is None else recorder.from_run(end),
         )
     except InputError as error:
         raise InputError(f"{error}{reasons}") from None
-    if not shift_s:
-        return part
-    words = f"{', '.join(part.names)}: times shifted by {shift_s:g} s"
-    return replace(part, start_s=part.start_s + shift_s, history=(*part.history, words))
+    history, names, fs = list(part.history), ", ".join(part.names), part.fs
+    if recorder.shift_s:
+        history.append(f"{names}: times shifted by {recorder.shift_s:g} s")
+    if recorder.match:
+        fs /= 1 + 1e-6 * recorder.match.drift_ppm
+        history.append(recorder.match.sentence)
+    return replace(part, fs=fs, start_s=recorder.to_run(part.start_s), history=tuple(history)), judged
 
 
 def _put_on_one_clock(parts: Sequence[Recording], order: Sequence[str], fs: float) -> tuple[Recording, list[Finding]]:

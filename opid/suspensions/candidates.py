@@ -374,7 +374,7 @@ def prepare_alone(
     """
     picked, runs = list(interfaces), []
     alone, leaking = sensors.mean_of(picked), sensors.leaks_into(picked)
-    for run, (below, above, across) in zip(study.runs, arrays, strict=True):
+    for number, (run, (below, above, across)) in enumerate(zip(study.runs, arrays, strict=True)):
         change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
             change = 0.0
@@ -385,6 +385,7 @@ def prepare_alone(
                 fs=study.fs,
                 loading=change,
                 leaks=across[:, leaking] / len(picked),
+                number=number,
                 settings=settings.runs,
             )
         )
@@ -438,7 +439,13 @@ def prepare_rigid(study: Study, arrays: Arrays, sensors: Sensors, *, settings: S
     )
     runs = [
         driven_run(
-            below, above, fs=study.fs, loading=loading_matrix(study, index), leaks=across, settings=settings.runs
+            below,
+            above,
+            fs=study.fs,
+            loading=loading_matrix(study, index),
+            leaks=across,
+            number=index,
+            settings=settings.runs,
         )
         for index, (below, above, across) in enumerate(arrays)
     ]

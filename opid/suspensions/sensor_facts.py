@@ -111,15 +111,40 @@ class Fault:
         nominal: value before the data.
         std: standard deviation before the data.
         leak: number of the leak.
+        run: number of the only run that has it; None for a property of the sensor, which all runs share.
     """
 
     name: str
-    kind: Literal["gain", "corner", "lag", "leak"]
+    kind: Literal["gain", "corner", "lag", "drift", "leak"]
     side: Side
     channel: int
     nominal: float
     std: float
     leak: int = 0
+    run: int | None = None
+
+
+@dataclass(frozen=True)
+class ClockFacts:
+    """How well the clock of one sensor in one run is known relative to that of the other sensors.
+
+    The lag of the sensor is a straight line over time: its value in the middle of the run, and its drift.
+
+    Args:
+        run: number of the run.
+        run_name: name of the run.
+        side: side of the sensor.
+        channel: number of the channel on that side.
+        lag_std_s: standard deviation of the lag in the middle of the run, s.
+        drift_std: standard deviation of the drift, s of lag per s.
+    """
+
+    run: int
+    run_name: str
+    side: Side
+    channel: int
+    lag_std_s: float
+    drift_std: float
 
 
 @dataclass(frozen=True)
@@ -131,12 +156,14 @@ class Sensors:
         sprung: sensors on the body: beside each interface, then further ones.
         names: names of interfaces and further sensors; all empty for one gear.
         leaks: side, number of the channel, and standard deviation of each leak.
+        clocks: the clocks of sensors that were read from another recorder than the rest, run by run.
     """
 
     unsprung: tuple[SensorFacts, ...]
     sprung: tuple[SensorFacts, ...]
     names: tuple[str, ...]
     leaks: tuple[tuple[Side, int, float], ...] = ()
+    clocks: tuple[ClockFacts, ...] = ()
 
     def facts(self, side: Side) -> tuple[SensorFacts, ...]:
         """Return the facts of the sensors of a side."""
@@ -159,6 +186,7 @@ class Sensors:
             sprung=(_mean([self.sprung[k] for k in interfaces], "sprung"),),
             names=("",),
             leaks=tuple((self.leaks[k][0], 0, self.leaks[k][2]) for k in self.leaks_into(interfaces)),
+            clocks=_mean_clocks([each for each in self.clocks if each.channel in interfaces], len(interfaces)),
         )
 
     def leaks_into(self, interfaces: Sequence[int]) -> list[int]:
@@ -196,6 +224,11 @@ class Sensors:
             lag_s = math.hypot(below, facts.lag_tolerance_s)
             if lag_s:
                 yield Fault(f"lag_s{self._name_place(channel)}", "lag", "sprung", channel, 0.0, lag_s)
+        for clock in self.clocks:
+            where = f"{self._name_place(clock.channel)}[{clock.side}, {clock.run_name}]"
+            place: tuple[Side, int] = (clock.side, clock.channel)
+            yield Fault(f"lag_s{where}", "lag", *place, 0.0, clock.lag_std_s, run=clock.run)
+            yield Fault(f"drift{where}", "drift", *place, 0.0, clock.drift_std, run=clock.run)
         for number, (side, channel, tolerance) in enumerate(self.leaks):
             yield Fault(f"leak[{number}]", "leak", side, channel, 0.0, tolerance, number)
 
@@ -227,6 +260,21 @@ def _mean(facts: Sequence[SensorFacts], side: Side) -> SensorFacts:
         corner_tolerance=combine(stds_hz) / corner_hz if corner_hz else 0.0,
         lag_tolerance_s=combine([each.lag_tolerance_s for each in facts]),
     )
+
+
+def _mean_clocks(clocks: Sequence[ClockFacts], n_sensors: int) -> tuple[ClockFacts, ...]:
+    """Return the clocks of the mean of some sensors, of which all or none have their own clock in a run and side."""
+    found = {}
+    for each in clocks:
+        alike = [other for other in clocks if (other.run, other.side) == (each.run, each.side)]
+        if len(alike) < n_sensors:
+            raise NotDeterminedError(
+                f"in run {each.run_name!r} the {each.side} sensors of these gears have different clocks, so their mean "
+                "is that of no instant: take each gear alone, or one rigid body"
+            )
+        lag_std_s, drift_std = (max(getattr(a, name) for a in alike) for name in ("lag_std_s", "drift_std"))
+        found[each.run, each.side] = replace(each, channel=0, lag_std_s=lag_std_s, drift_std=drift_std)
+    return tuple(found.values())
 
 
 def ideal_sensors(n_interfaces: int, n_sensors: int) -> Sensors:

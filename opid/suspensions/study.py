@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from itertools import combinations
+from itertools import combinations, product
 from numbers import Real
 from pathlib import Path
 from typing import Literal, get_args
@@ -16,12 +16,23 @@ import numpy as np
 from opid.errors import nearest, refuse
 from opid.provenance import ReadFile
 from opid.result import first_lines
+from opid.signals.clock_matching import ClockMatch
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.orientation import Orientation
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
-from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
+from opid.suspensions.sensor_facts import (
+    IDEAL,
+    IDEAL_PAIR,
+    SIDES,
+    ClockFacts,
+    Leak,
+    SensorFacts,
+    SensorPair,
+    Sensors,
+    Side,
+)
 
 KINDS = ("auto", "single", "pair", "rigid_body")
 """Structures that a study may ask for; "auto" compares the others."""
@@ -154,6 +165,8 @@ class Run:
             body; None if it was not weighed. It is compared with the estimate, not fitted to.
         weighed_tolerance_kg: standard deviation of that mass, kg; the weighed mass is then prior knowledge of the
             method "model". None if it is only to be compared.
+        clocks: how the clocks of further recorders were matched to that of the first; what is left of lag and drift is
+            fitted.
     """
 
     name: str
@@ -165,6 +178,7 @@ class Run:
     log_settings: LogSettings = AS_WRITTEN
     weighed_mass_kg: float | None = None
     weighed_tolerance_kg: float | None = None
+    clocks: tuple[ClockMatch, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.loading, (int, float)):
@@ -295,7 +309,17 @@ class Study:
             sprung=tuple(map(known, above)),
             names=("",) if self.is_one_gear else tuple(names),
             leaks=tuple((side, k, tolerance) for _, side, k, tolerance in self.leaks()),
+            clocks=tuple(self._clock_facts()),
         )
+
+    def _clock_facts(self) -> Iterator[ClockFacts]:
+        """Yield what is known of the clocks of sensors that come from another recorder than the first, run by run."""
+        for number, run in enumerate(self.runs):
+            for match, side in product(run.clocks, SIDES):
+                for k, channel in enumerate(self.channels(side)):
+                    if channel in match.channels:
+                        drift_std = 1e-6 * match.drift_std_ppm
+                        yield ClockFacts(number, run.name, side, k, match.offset_std_s, drift_std)
 
     def accelerations(self, run: Run) -> tuple[FloatArray, FloatArray]:
         """Return unsprung and sprung acceleration of a run of one gear, each (n_samples,) m/s^2.

@@ -19,6 +19,16 @@ def list_figures(result: AnyIdentification, truth: TaxiTruth | None = None) -> I
     A refused fit is not drawn, nor is the law of a fit whose errors prevent an answer. The steps of the paper are drawn
     only if they can be taken on all runs.
     """
+    if any(run.clocks for run in result.study.runs):
+        yield Figure(
+            "clock_lags",
+            "Two recorders, two clocks",
+            "What the straight line of offset and drift leaves of the lag between two recorders, in windows of some "
+            "seconds. A suspension that is not linear changes its phase with the strength of the motion, so that slow "
+            "changes of a millisecond are usual; a step is a clock that jumps. The fit estimates lag and drift again, "
+            "with the motion of the model.",
+            lambda: plots.clock_lags(result),
+        )
     if result.study.is_one_gear:
         yield from _list_gear_figures(result, truth if isinstance(truth, GearTruth) else None)
     elif isinstance(result, Identification):

@@ -150,7 +150,7 @@ def _list_blocks(result: AnyIdentification, truth: TaxiTruth | None) -> Iterator
         if result.candidates and not result.study.is_one_gear:
             yield _tabulate_structures(result)
             yield Paragraph(_say_recommendation(result))
-        yield from _tabulate_sensors(result)
+        yield from _list_sensors(result)
     yield Remarks("Law", result.alternative_laws)
 
 
@@ -409,8 +409,8 @@ def _say_recommendation(result: Identification) -> str:
     return f"Recommended: {_say_structure(best.kind)}. Why: {end_sentence(result.reason)}"
 
 
-def _tabulate_sensors(result: Identification) -> Iterator[Table]:
-    """The faults of sensors that the fits found, beside what was known before."""
+def _list_sensors(result: Identification) -> Iterator[Table | Paragraph]:
+    """The faults of sensors that the fits found, beside what was known before, and what was found of their clocks."""
     rows = tuple(
         (
             fault.name,
@@ -422,8 +422,17 @@ def _tabulate_sensors(result: Identification) -> Iterator[Table]:
         for fit in (evidence.fit for evidence in result.evidence)
         for fault in fit.model.faults
     )
+    of_clocks = [
+        f"{run.name}: {finding.message}"
+        for run in result.study.runs
+        for finding in run.findings
+        if finding.code in ("matched_clocks", "judged_stamps")
+    ]
+    columns = build_columns("of the sensors", "found", "std. dev.", "known before", "std. dev.")
     if rows:
-        yield Table(build_columns("of the sensors", "found", "std. dev.", "known before", "std. dev."), rows)
+        yield Table(columns, rows, note="; ".join(of_clocks))
+    elif of_clocks:
+        yield Paragraph(end_sentence("; ".join(of_clocks)))
 
 
 def _tabulate_runs(result: AnyIdentification, chain: PaperChain | None) -> Table:

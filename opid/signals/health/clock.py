@@ -17,6 +17,7 @@ from opid.signals.health.chunks import LARGEST, rows_of_a_bin
 from opid.signals.health.result import ClockHealth, Sentences, Stretch
 from opid.signals.health.settings import HEALTH
 from opid.signals.recording import FloatArray
+from opid.signals.stamps import STAMPS
 
 USUAL_STAMPS = 4096
 """Number of stamps at the beginning that show the usual period."""
@@ -28,13 +29,12 @@ MOST_SHOWN = 100
 class ClockCheck:
     """The check of the stamps of a track: of a stated rate and start, or by its usual (first) stamps.
 
-    The user may state that the rows are equally spaced: `reconstruct`.
+    `setting` is what the user states of the stamps, as in `LogSettings`.
     """
 
-    def __init__(
-        self, *, fs: float | None, start_s: float, reconstruct: bool, usual: FloatArray, n_channels: int
-    ) -> None:
-        self.is_stated, self.is_reconstructed = fs is not None, reconstruct
+    def __init__(self, *, fs: float | None, start_s: float, setting: str, usual: FloatArray, n_channels: int) -> None:
+        self.is_stated, self.is_reconstructed = fs is not None, setting == "reconstructed"
+        self.is_judged = setting == "auto"
         self._start_s, self.n, self._previous = start_s, 0, np.nan
         self.is_crowded = False
         self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._find_usual(usual)
@@ -45,7 +45,7 @@ class ClockCheck:
         self.repeated, self.backward, self.unreadable = 0, 0, 0
         self.first_repeated_s = self.first_backward_s = np.nan
         self._gaps: list[tuple[int, float, float]] = []
-        self.n_gaps, self._lost_s = 0, 0.0
+        self.n_gaps, self._lost_s, self.n_bridged = 0, 0.0, 0
         self._jumps: list[np.ndarray] = []
         self._knots: list[np.ndarray] = []
         self._last = np.empty(0)
@@ -88,6 +88,12 @@ class ClockCheck:
         self._count_faults(time_s, steps)
         jumps = (steps > self._longest) | (steps < -self._noise)
         own = steps if self.is_crowded or not jumps.any() else steps[~jumps]
+        knots = np.flatnonzero(jumps)
+        if self.is_judged and not self._has_equal_steps:
+            lost = np.round(steps / self._period) - 1
+            bridged = jumps & (steps > 0) & (lost <= STAMPS.most_bridged)
+            self.n_bridged += int(lost[bridged].sum())
+            jumps &= ~bridged
         off = own - self._period
         self._good += np.array([off.size, off.sum(), off @ off])
         rows = np.arange(first, first + n, dtype=np.float64)
@@ -95,7 +101,7 @@ class ClockCheck:
             self._bins.append(sum_bins(first, time_s - self._start_s, self._period, self.bin_rows))
         indices = np.flatnonzero(jumps)
         self._keep_gaps(first, time_s, steps, indices)
-        self._keep_knots(rows, time_s, indices)
+        self._keep_knots(rows, time_s, knots)
         bins = (first + indices) // self.bin_rows
         # one jump suffices to make a bin unsound
         self._jumps.append((first + indices)[np.unique(bins, return_index=True)[1]])
@@ -286,14 +292,26 @@ def describe_clock(check: ClockCheck, health: ClockHealth) -> Sentences:
             f"{1 / health.fs:.6g} s are usual ({health.n_gaps} gap(s), about {health.n_lost} sample(s) lost): choose a "
             "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
         )
+    if check.n_bridged:
+        yield (
+            "note",
+            "bridged_rows",
+            f"{check.n_bridged} row(s){of_track} were lost one or two at a time: they are interpolated when the log is "
+            "read, so there is nothing to do",
+        )
     usual = max(0.02, 0.5 * health.resolution_s * health.fs)
     if not (check.is_crowded or check.is_reconstructed or health.n_gaps or check.backward) and health.jitter > usual:
-        yield (
-            "warning",
-            "uneven_steps",
-            f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: if the recorder "
-            'samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]',
-        )
+        words = f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: "
+        if check.is_judged:
+            words += (
+                "when the log is read the samples show whether they were taken at these times or only stamped late, "
+                'unless `clock = "own_times"` or "reconstructed" in [log] states it'
+            )
+        else:
+            words += (
+                'if the recorder samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]'
+            )
+        yield "note" if check.is_judged else "warning", "uneven_steps", words
 
 
 def _describe_spacing(check: ClockCheck, health: ClockHealth, of_track: str) -> Sentences:
@@ -313,13 +331,19 @@ def _describe_spacing(check: ClockCheck, health: ClockHealth, of_track: str) -> 
         )
     elif check.is_crowded:
         rows = health.n_samples / (health.n_samples - health.repeated)
-        yield (
-            "fault",
-            "shared_stamps",
+        words = (
             f"about {rows:.1f} rows{of_track} share a time stamp, as if a host empties a buffer or rounds its stamps: "
-            f'write `clock = "reconstructed"` in [log], which assumes equally spaced rows at {health.fs:.6g} Hz',
         )
-    elif check.repeated:
+        if check.is_judged:
+            words += (
+                f"they are taken as equally spaced at {health.fs:.6g} Hz; samples that were lost would go unnoticed"
+            )
+        else:
+            words += (
+                f'write `clock = "reconstructed"` in [log], which assumes equally spaced rows at {health.fs:.6g} Hz'
+            )
+        yield "warning" if check.is_judged else "fault", "shared_stamps", words
+    elif check.repeated and not (check.is_judged and health.jitter > STAMPS.regular):
         yield (
             "fault",
             "repeated_stamps",

@@ -150,8 +150,7 @@ def _inspect_track(
     if fs is None and first[0].stamps is None:
         raise InputError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
     start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
-    reconstruct = settings.clock == "reconstructed"
-    clock = ClockCheck(fs=fs, start_s=start_s, reconstruct=reconstruct, usual=usual, n_channels=n)
+    clock = ClockCheck(fs=fs, start_s=start_s, setting=settings.clock, usual=usual, n_channels=n)
     check = _TrackCheck(track.name, tuple(wanted), [each.unit for each in wanted.values()], clock, thorough=thorough)
     rows = chunk_rows(clock.bin_rows, n)
     regrouped = regroup(chain(first, blocks), n, rows)

@@ -21,7 +21,8 @@ SCHEMA = "opid.health/1"
 Severity = Literal["note", "warning", "fault"]
 Code = Literal[
     # of a clock
-    "implausible_rate", "unreadable_stamps", "time_goes_back", "host_stalls", "gaps", "uneven_steps",
+    "implausible_rate", "unreadable_stamps", "time_goes_back", "host_stalls", "gaps", "bridged_rows", "judged_stamps",
+    "uneven_steps",
     "rows_equally_spaced", "no_clock", "shared_stamps", "repeated_stamps",
     # of a channel
     "no_values", "missing_values", "clipped", "held_value", "spikes", "coarse_resolution", "constant", "mute",
@@ -29,7 +30,7 @@ Code = Literal[
     # of channels beside each other
     "same_signal", "lag", "quiet_channel", "swapped_channels", "too_large", "all_gravity_in_g",
     # of how a log was read, and of what a run was made of
-    "remark", "channels_chosen", "left_out", "several_recorders", "unknown_start", "same_log",
+    "remark", "channels_chosen", "left_out", "several_recorders", "matched_clocks", "unknown_start", "same_log",
     # of how a three-axis sensor is mounted
     "orientation", "no_orientation", "sensor_moved", "false_vertical",
 ]  # fmt: skip

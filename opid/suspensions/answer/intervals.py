@@ -23,7 +23,13 @@ from opid.suspensions.model.law_parameters import from_free
 from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
-_WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
+_WORDS = {
+    "gain": "gain",
+    "corner": "AC-coupling corner",
+    "lag": "lag",
+    "drift": "clock's drift",
+    "leak": "cross-axis leak",
+}
 
 
 def honest_covariance(fit: Fit) -> FloatArray:
@@ -533,7 +539,7 @@ def _name_fault(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iter
     widening = float(np.sqrt(own / max(left[best], 1e-300)))
     if widening > fit.model.settings.intervals.widening_named:
         fault = faults[best]
-        side = "" if fault.kind in ("lag", "leak") else f" of the {fault.side} sensor"
+        side = "" if fault.kind in ("lag", "drift", "leak") else f" of the {fault.side} sensor"
         name = fit.model.sensors.names[fault.channel]
         where = f" at {name!r}" if name else ""
         times = f"{widening:.1f} times" if widening < 10 else "more than ten times"

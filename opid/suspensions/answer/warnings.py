@@ -299,8 +299,14 @@ def _warn_of_implausible_demands(part: FittedStructure) -> Iterator[str]:
 def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:
     """Yield stated facts of sensors that the fit contradicts: they are wrong, or compensate for something else."""
     demanded = {demand.name for demand in part.demands}
-    what = {"gain": "gain", "corner": "corner of the AC coupling", "lag": "delay", "leak": "cross-axis leak"}
-    units = {"corner": " Hz", "lag": " s"}
+    what = {
+        "gain": "gain",
+        "corner": "corner of the AC coupling",
+        "lag": "delay",
+        "drift": "drift of the clock",
+        "leak": "cross-axis leak",
+    }
+    units = {"corner": " Hz", "lag": " s", "drift": " s/s"}
     source = dict.fromkeys(what, "the data sheet") | {"leak": "the data sheet and how the sensor is fastened"}
     lower, upper = part.fit.model.bounds()
     for fault in part.fit.model.faults:

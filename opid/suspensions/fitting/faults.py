@@ -454,7 +454,7 @@ def _list_hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterat
     if len(above) == 1:
         if not (below[0].gain_tolerance or above[0].gain_tolerance):
             yield Hypothesis("a gain error between the sensors", changes=(("sprung", 0, gain),))
-        if not (below[0].lag_tolerance_s or above[0].lag_tolerance_s):
+        if not (below[0].lag_tolerance_s or above[0].lag_tolerance_s or model.sensors.clocks):
             yield Hypothesis("a lag between the channels", changes=(("sprung", 0, lag),))
     else:
         for side, facts in (("sprung", above), ("unsprung", below)):
@@ -463,7 +463,8 @@ def _list_hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterat
                     words = f"a gain error of the {side} sensor of {names[channel]!r}"
                     yield Hypothesis(words, changes=((side, channel, gain),))  # type: ignore[arg-type]
         for channel, each in enumerate(above):
-            if not each.lag_tolerance_s and not (channel < len(below) and below[channel].lag_tolerance_s):
+            is_free = each.lag_tolerance_s or (channel < len(below) and below[channel].lag_tolerance_s)
+            if not (is_free or model.sensors.clocks):
                 words = f"a lag of the sprung sensor of {names[channel]!r}"
                 yield Hypothesis(words, changes=(("sprung", channel, lag),))
     is_stated = any(each.corner_hz for each in (*below, *above))

@@ -212,7 +212,7 @@ def fit_model(
     *,
     noisier: Sequence[float] = (),
     hold_coordinates: bool = True,
-    free: slice = slice(None),
+    free: slice | NDArray[np.int64] = slice(None),
     most_evaluations: int | None = None,
     least_promise: float | None = None,
 ) -> Fit:
@@ -426,8 +426,9 @@ def left_out_ratio(fit: Fit) -> float | None:
 def predict_left_out(fit: Fit) -> list[Fit] | None:
     """Return the prediction of each run by a fit of the others; None if there are no others, or if a fit fails.
 
-    The initial state of the run that is left out is fitted, and so are its departures from the other runs, with what is
-    known of them. If the other runs have only one loading, the mass stays that of the fit of all runs.
+    The initial state of the run that is left out is fitted, and so are its departures from the other runs and the
+    clocks of its recorders, with what is known of them. If the other runs have only one loading, the mass stays that
+    of the fit of all runs.
     """
     model = fit.model
     if len(model.runs) < 2:
@@ -444,7 +445,9 @@ def predict_left_out(fit: Fit) -> list[Fit] | None:
             begun = np.concatenate([shared, np.delete(own, index, axis=0).ravel()])
             without = fit_model(rest, begun, least_promise=promise)
             alone = np.concatenate([without.theta[: rest.n_shared], own[index]])
-            free = slice(rest.n_shared, None)
+            clocks = [k for k, each in enumerate(rest.faults, start=rest.first_fault) if each.run == run.number]
+            alone[clocks] = shared[clocks]
+            free = np.array([*clocks, *range(rest.n_shared, alone.size)])
             found.append(fit_model(replace(rest, runs=(run,)), alone, free=free, least_promise=promise))
     except NO_FIT:
         return None
@@ -504,7 +507,11 @@ def _with_coordinates_held(model: Model) -> Model:
 
 
 def _minimize(
-    model: Model, theta: FloatArray, free: slice, most_evaluations: int, least_promise: float
+    model: Model,
+    theta: FloatArray,
+    free: slice | NDArray[np.int64],
+    most_evaluations: int,
+    least_promise: float,
 ) -> tuple[FloatArray, Errors | None, int]:
     def evaluate(vector: FloatArray) -> Errors | None:
         try:
@@ -528,7 +535,7 @@ def minimize(
     evaluate: Callable[[FloatArray], AnyResidual | None],
     theta: FloatArray,
     *,
-    free: slice,
+    free: slice | NDArray[np.int64],
     most_evaluations: int,
     least_promise: float,
     first: Callable[[FloatArray], AnyResidual] | None = None,

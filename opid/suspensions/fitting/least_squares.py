@@ -47,7 +47,7 @@ def least_squares(
     upper: FloatArray,
     caps: FloatArray,
     *,
-    free: slice = slice(None),
+    free: slice | NDArray[np.int64] = slice(None),
     most_evaluations: int,
     least_promise: float,
     negligible_promise: float,
@@ -104,7 +104,7 @@ def _compute_cost(errors: Residual) -> float:
 
 def _compute_step(
     errors: Residual,
-    free: slice,
+    free: slice | NDArray[np.int64],
     damping: float,
     at: FloatArray,
     lower: FloatArray,

@@ -125,8 +125,11 @@ def start_values(
     quick = replace(settings, band_hz=(settings.lag_fraction * highest_hz, highest_hz))
     delays = {}
     for lag in lags:
-        delays[lag.name] = _find_delay(partial(equation_of, settings=quick), runs, lag, groups, settings)
-        runs = [_remove_delay(run, lag, delays[lag.name]) for run in runs]
+        delayed = [run for run in runs if lag.run in (None, run.number)]
+        if not delayed:
+            continue
+        delays[lag.name] = _find_delay(partial(equation_of, settings=quick), delayed, lag, groups, settings)
+        runs = [_remove_delay(run, lag, delays[lag.name]) if run in delayed else run for run in runs]
     equation = equation_of(runs, settings)
     if lags:
         # A stiff suspension may hardly move in the usual band, so the higher band is tried, too.

@@ -2,6 +2,7 @@
 
 A sensor with gain g, AC-coupling corner f_c and a delay records s; l_k are further axes that leak in. The corrected
 reading is ((s + w_c S) - sum_k a_k (l_k + w_c L_k)) / g at t + delay, with w_c = 2 pi f_c and S, L_k the integrals.
+The delay of a sensor with a clock of its own is a straight line over the time of the run.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray, coherent_fraction
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
+
+_LAGS = ("lag", "lag of the clock")
+"""Delays that add up: that of a sensor in all runs, and that of its recorder in one run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +162,8 @@ class DrivenRun:
         settings: settings of the preparation.
         error_level: size of the errors of this run relative to the others, for a wrong model. They are weighted by its
             inverse, so that no run dominates the others by its strength.
+        number: number of the run in the study: clocks of recorders are known run by run.
+        after_middle_s: time of the first sample after the middle of the run, s; drifts are counted from the middle.
     """
 
     unsprung: FloatArray
@@ -170,6 +176,8 @@ class DrivenRun:
     stride: int
     settings: RunSettings
     error_level: float = 1.0
+    number: int = 0
+    after_middle_s: float = 0.0
     # stored results for these records
     _sides: dict[Side, FloatArray] = field(init=False, default_factory=dict)
     _parts: dict[tuple[Side, tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
@@ -249,7 +257,9 @@ class DrivenRun:
             lines = band_lines(n_steps, fs=self.fs, band_hz=(low_hz, high_hz * (1 + 1e-9)), settings=self.settings)
             own = slice(first, first + lines.n_samples * self.stride)
             sides = [each[own] - each[own].mean(axis=0) for each in (self.unsprung, self.sprung, self.leaks)]
-            found.append(replace(self, unsprung=sides[0], sprung=sides[1], leaks=sides[2], omega=lines.omega))
+            later_s = self.after_middle_s + first / self.recorded_fs
+            piece = replace(self, unsprung=sides[0], sprung=sides[1], leaks=sides[2], omega=lines.omega)
+            found.append(replace(piece, after_middle_s=later_s))
         return tuple(found)
 
     def strongest_piece(self, length_s: float) -> DrivenRun:
@@ -308,8 +318,9 @@ class DrivenRun:
         """
         mine: dict[int, dict[str, tuple[str, int]]] = {}
         for fault in sensors.faults:
-            if fault.side == side:
+            if fault.side == side and fault.run in (None, self.number):
                 what = f"leak {fault.leak}" if fault.kind == "leak" else fault.kind
+                what = "lag of the clock" if what == "lag" and fault.run is not None else what
                 mine.setdefault(fault.channel, {})[what] = (fault.name, fault.leak)
         facts = sensors.facts(side)
         touched = sorted({*mine, *(k for k, each in enumerate(facts) if each.corner_hz)})
@@ -334,12 +345,13 @@ class DrivenRun:
     ) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return one corrected channel, and its derivatives by its own faults."""
         gain = faults[own["gain"][0]] if "gain" in own else 1.0
-        lag_s = faults[own["lag"][0]] if "lag" in own else 0.0
+        lag_s = sum(faults[own[what][0]] for what in _LAGS if what in own)
+        drift = faults[own["drift"][0]] if "drift" in own else 0.0
         omega_c = 2 * np.pi * (faults[own["corner"][0]] if "corner" in own else corner_hz)
 
         def undo_coupling(source: tuple[str, int], order: int = 0) -> FloatArray:
-            part = self._sample_part(side, source, 0, lag_s, order)
-            return part + omega_c * self._sample_part(side, source, 1, lag_s, order) if omega_c else part
+            part = self._sample_part(side, source, 0, lag_s, drift, order)
+            return part + omega_c * self._sample_part(side, source, 1, lag_s, drift, order) if omega_c else part
 
         signal_of = (side, channel)
         leaking = {what: ("leaks", index) for what, (_, index) in own.items() if what.startswith("leak")}
@@ -355,17 +367,25 @@ class DrivenRun:
         if "gain" in own:
             by["gain"] = -value / gain
         if "corner" in own:
-            integral = self._sample_part(side, signal_of, 1, lag_s, 0)
+            integral = self._sample_part(side, signal_of, 1, lag_s, drift, 0)
             for what, leak in leaking.items():
-                integral = integral - leaked[what] * self._sample_part(side, leak, 1, lag_s, 0)
+                integral = integral - leaked[what] * self._sample_part(side, leak, 1, lag_s, drift, 0)
             by["corner"] = 2 * np.pi * integral / gain
-        if "lag" in own:
-            by["lag"] = total(order=1)
+        by |= {what: total(order=1) for what in _LAGS if what in own}
+        if "drift" in own:
+            by["drift"] = total(order=1) * self._times(side)
         return value, by
 
-    def _sample_part(self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, order: int) -> FloatArray:
+    def _times(self, side: Side) -> FloatArray:
+        """Return the times of the samples of the model on a side after the middle of the run, s."""
+        steps = np.arange(2 * self.n_samples - 1) / 2 if side == "unsprung" else np.arange(self.n_samples)
+        return self.after_middle_s + steps / self.fs
+
+    def _sample_part(
+        self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, drift: float, order: int
+    ) -> FloatArray:
         """Return a recorded column or its integral at the samples of a side, delayed or differentiated in time."""
-        if lag_s == 0.0 and order == 0:
+        if lag_s == drift == 0.0 and order == 0:
             key = (side, source, integrals)
             if key not in self._parts:
                 self._parts[key] = self._resample(side, self._take_column(source, integrals))
@@ -373,7 +393,12 @@ class DrivenRun:
         if (source, integrals) not in self._splines:
             column = self._take_column(source, integrals)
             self._splines[source, integrals] = ndimage.spline_filter1d(column, 5, mode="mirror")
-        samples = _shift_spline(self._splines[source, integrals], lag_s * self.recorded_fs, order)
+        coefficients, steps = self._splines[source, integrals], lag_s * self.recorded_fs
+        if drift:
+            after_middle = np.arange(coefficients.size) + self.after_middle_s * self.recorded_fs
+            samples = _evaluate_spline(coefficients, np.arange(coefficients.size) + steps + drift * after_middle, order)
+        else:
+            samples = _shift_spline(coefficients, steps, order)
         return self._resample(side, samples * self.recorded_fs**order)
 
     def _take_column(self, source: tuple[str, int], integrals: int) -> FloatArray:
@@ -426,6 +451,7 @@ def driven_run(
     loading: ArrayLike = 0.0,
     leaks: ArrayLike | None = None,
     band_hz: tuple[float, float] | None = None,
+    number: int = 0,
     settings: RunSettings | None = None,
 ) -> DrivenRun:
     """Prepare one run for the model.
@@ -439,6 +465,7 @@ def driven_run(
         loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg; a number for one gear.
         leaks: (n, n_leaks) further axes that leak into the sensors, m/s^2.
         band_hz: lowest and highest line to compare, Hz, cut at 0.4 fs; that of the settings if left out.
+        number: number of the run in the study.
         settings: how runs are prepared.
 
     Raises:
@@ -462,6 +489,8 @@ def driven_run(
         finer=lines.finer,
         stride=1,
         settings=settings,
+        number=number,
+        after_middle_s=-0.5 * len(lower) / fs,
     )
 
 
@@ -481,6 +510,19 @@ def _shift_spline(coefficients: FloatArray, steps: float, order: int) -> FloatAr
     for outside, end in ((index < 0, 0), (index > n - 1, n - 1)):
         samples[outside] = 0.0 if order else at(np.array([end]), 0.0, 0)
     return samples
+
+
+def _evaluate_spline(coefficients: FloatArray, positions: FloatArray, order: int) -> FloatArray:
+    """Return a quintic spline, or its derivative, at some positions in samples; beyond its ends it is constant."""
+    inside = np.clip(positions, 0, coefficients.size - 1)
+    if not order:
+        return np.asarray(ndimage.map_coordinates(coefficients, [inside], order=5, mode="mirror", prefilter=False))
+    n, piece = coefficients.size, interpolate.BSpline.basis_element(np.arange(-3, 4), extrapolate=False)
+    whole = np.floor(inside).astype(np.int64)
+    near = np.arange(-2, 4)
+    taken = np.abs(n - 1 - np.abs(n - 1 - np.abs(whole[:, np.newaxis] + near)))
+    weights = piece.derivative(order)((inside - whole)[:, np.newaxis] - near)
+    return np.where(inside == positions, np.sum(coefficients[taken] * weights, axis=1), 0.0)
 
 
 def _stack_columns(samples: ArrayLike) -> FloatArray:
