@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from opid.errors import InputError
 from opid.mechanics.kernels.backbone_steps import backbones
 from opid.mechanics.kernels.compilation import code_of
-from opid.mechanics.kernels.prediction_steps import _predictions
+from opid.mechanics.kernels.prediction_steps import _predict_samples
 from opid.mechanics.kernels.steps import remembered_along, structure_steps
 from opid.mechanics.laws.kinds import BUILT_IN, Kind
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet
@@ -86,7 +86,7 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
                 shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
             values[row, 3:8] = rest_m, shape, by_z, first, second
         else:
-            own, begun = _elements(term), len(elements[is_faint])
+            own, begun = _list_elements(term), len(elements[is_faint])
             n_own = 0 if is_faint else 1 if term.kind.slips else len(own)
             memories[row] = -2 - begun if is_faint else begun, len(own), n_states, n_own
             n_states += n_own
@@ -95,7 +95,7 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
     return LawArrays(firsts, codes, values, memories, *(np.array(each).reshape(-1, 7) for each in elements))
 
 
-def _elements(term: Term) -> list[FloatArray]:
+def _list_elements(term: Term) -> list[FloatArray]:
     """Return the rows of `LawArrays.elements` for a term."""
     kind, rows = term.kind, []
     for u, weight in zip(kind.elements, kind.weights, strict=True):
@@ -177,7 +177,7 @@ def predictor(
 
     def predictions(start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         # For None, unlike 1 or False, numba compiles a kernel of its own without the code for the other case.
-        innovation, spread, changes, motion = _predictions(
+        innovation, spread, changes, motion = _predict_samples(
             None if single else n,
             ((0.0,) * memory_start.size or None) if single else (),
             (ground or None) if single else ground,

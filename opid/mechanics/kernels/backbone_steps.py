@@ -20,7 +20,7 @@ _LEAST_TRAVEL = 1e-30
 
 
 @part(inline=False)
-def _power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
+def _compute_power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
     """Compute the first harmonic of sums of c |z|^(p-1) z for one harmonic: c beta_p |z|^(p-1) z, and its slope."""
     first_rows, last_rows, _, powers, values, factors = law
     for j in range(force.shape[1]):
@@ -47,7 +47,7 @@ def _power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="any order")
-def _weighted_sum(weights, row, values):  # type: ignore[no-untyped-def]
+def _sum_weighted(weights, row, values):  # type: ignore[no-untyped-def]
     total = 0.0
     for t in range(values.size):
         total += weights[row, t] * values[t]
@@ -55,7 +55,7 @@ def _weighted_sum(weights, row, values):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="any order")
-def _motion_of_joint(z, n_joints, j, cosines, motion):  # type: ignore[no-untyped-def]
+def _compute_motion_of_joint(z, n_joints, j, cosines, motion):  # type: ignore[no-untyped-def]
     for t in range(motion.size):
         total = 0.0
         for k in range(cosines.shape[0]):
@@ -86,14 +86,14 @@ def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: igno
 
 
 @part(inline=False)
-def _transformed_forces(law, sample, transform, z, force, slope, work):  # type: ignore[no-untyped-def]
+def _transform_forces(law, sample, transform, z, force, slope, work):  # type: ignore[no-untyped-def]
     """Compute harmonics of forces, and their slopes by harmonics of the extensions, from times of a period."""
     first_rows, last_rows, codes, powers, values, _ = law
     cosines, weights, products = transform
     motion, force_then, slope_then = work
     n_harmonics, n_joints = force.shape
     for j in range(n_joints):
-        _motion_of_joint(z, n_joints, j, cosines, motion)
+        _compute_motion_of_joint(z, n_joints, j, cosines, motion)
         for t in range(motion.size):
             force_then[t] = 0.0
             slope_then[t] = 0.0
@@ -101,13 +101,13 @@ def _transformed_forces(law, sample, transform, z, force, slope, work):  # type:
             amplitude, a, b = values[sample, row, 0], values[sample, row, 1], values[sample, row, 2]
             _add_term(codes[row], powers[row], amplitude, a, b, motion, force_then, slope_then)
         for k in range(n_harmonics):
-            force[k, j] = _weighted_sum(weights, k, force_then)
+            force[k, j] = _sum_weighted(weights, k, force_then)
             for other in range(n_harmonics):
-                slope[j, k, other] = _weighted_sum(products, k * n_harmonics + other, slope_then)
+                slope[j, k, other] = _sum_weighted(products, k * n_harmonics + other, slope_then)
 
 
 @part(inline=False)
-def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[no-untyped-def]
+def _compute_receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[no-untyped-def]
     """Compute sums over modes of products / (l_i - h^2 l), and of products / (l_i - h^2 l)^2."""
     for c in range(once.size):
         once[c] = 0.0
@@ -138,9 +138,11 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
         square = float(harmonics[k] * harmonics[k])
         first = harmonics[k] == 1
         if first:
-            _receptance(others, others_products, square, at, once, twice)
+            _compute_receptance(others, others_products, square, at, once, twice)
         else:
-            _receptance(eigenvalue, products, square, at, once[: n_joints * n_joints], twice[: n_joints * n_joints])
+            _compute_receptance(
+                eigenvalue, products, square, at, once[: n_joints * n_joints], twice[: n_joints * n_joints]
+            )
         for j in range(n_joints):
             row = k * n_joints + j
             value = y[row]
@@ -194,7 +196,7 @@ def _eliminate(matrix):  # type: ignore[no-untyped-def]
 
 
 @part(inline=False)
-def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):  # type: ignore[no-untyped-def]
+def _solve_by_newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):  # type: ignore[no-untyped-def]
     """Move y to a solution for a fraction of the law, and leave its forces in `rooms`; False where none is near."""
     force, slope, once, twice, matrix, work, moved = rooms
     n = y.size
@@ -205,9 +207,9 @@ def _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, r
     for _ in range(_MOST_ITERATIONS):
         # The closed form needs no times of a period.
         if work[0].size == 0:
-            _power_forces(law, sample, y, force, slope)
+            _compute_power_forces(law, sample, y, force, slope)
         else:
-            _transformed_forces(law, sample, transform, y, force, slope, work)
+            _transform_forces(law, sample, transform, y, force, slope, work)
         if fraction != 1.0:
             for j in range(force.shape[1]):
                 for k in range(force.shape[0]):
@@ -291,7 +293,7 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
         near = target - last <= last - trial_positions[n_trial - 1]
         amplitude, fraction = (target, 1.0) if held == 0.0 else (held, target)
         _predict(trial_positions, trial_ratios, n_trial if near else 1, target, amplitude, y)
-        if _newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):
+        if _solve_by_newton(system, harmonics, law, sample, transform, amplitude, fraction, y, rooms):
             n_trial = _remember(trial_positions, trial_ratios, n_trial, target, amplitude, y)
             last = target
         else:
@@ -307,7 +309,7 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
 
 
 @part(inline=False)
-def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[no-untyped-def]
+def _list_shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[no-untyped-def]
     """Compute the first harmonic at all sensors."""
     own, _, others, _, _, _ = system
     own_sensors, others_sensors, others_joints, at_sensor = sensors
@@ -373,7 +375,7 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
                     break
             if reached == 0:
                 continue
-            _shapes(system, sensors, amplitude, y, force, first, seen)
+            _list_shapes(system, sensors, amplitude, y, force, first, seen)
             eigenvalue[sample, point] = y[n - 1]
             for s in range(seen.size):
                 shapes[sample, point, s] = seen[s]

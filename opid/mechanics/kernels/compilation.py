@@ -106,14 +106,14 @@ def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator for a function that Python calls; its machine code is kept on disk."""
 
     def compile_at_first_call(function: Callable[..., Any]) -> Any:
-        function.__qualname__ = f"{function.__qualname__}_{_digest()}"
+        function.__qualname__ = f"{function.__qualname__}_{_compute_digest()}"
         return njit(function, error_model="numpy", fastmath=_FLAGS[freedom], cache=True, pipeline_class=_KernelCompiler)
 
     return compile_at_first_call
 
 
 @cache
-def _digest() -> str:
+def _compute_digest() -> str:
     """Return a short digest of the kinds of law and of all files in this folder."""
     of_kinds = [Path(str(module.__file__)) for module in (kind, kinds, memory_kinds)]
     sources = [*of_kinds, *sorted(Path(__file__).parent.glob("*.py"))]
@@ -154,7 +154,7 @@ def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
         b: second inner value.
     """
     functions = {code: kind.function for code, kind in enumerate(BUILT_IN)}
-    return _compiled_choice(_typing, functions, n_in=4, n_out=5)
+    return _compile_choice(_typing, functions, n_in=4, n_out=5)
 
 
 @_intrinsic
@@ -171,10 +171,10 @@ def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: A
         u: element.
     """
     functions = {code: kind.memory for code, kind in enumerate(BUILT_IN) if kind.memory is not None}
-    return _compiled_choice(_typing, functions, n_in=6, n_out=6)
+    return _compile_choice(_typing, functions, n_in=6, n_out=6)
 
 
-def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n_in: int, n_out: int) -> Any:
+def _compile_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n_in: int, n_out: int) -> Any:
     """Return signature and code of a call of one of several functions of numbers, chosen by its key.
 
     Compiled code cannot index a tuple of functions, so the choice is written in the language of LLVM: one branch for
@@ -199,7 +199,7 @@ def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n
             answers.append((cgutils.unpack_tuple(builder, answer, n_out), builder.block))
             builder.branch(done)
         builder.position_at_end(own)
-        answers.append((_call_address(context, builder, code, numbers, answer_type), builder.block))
+        answers.append((_find_call_address(context, builder, code, numbers, answer_type), builder.block))
         builder.branch(done)
         builder.position_at_end(done)
         values = [builder.phi(ir.DoubleType()) for _ in range(n_out)]
@@ -211,7 +211,7 @@ def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n
     return answer_type(types.int64, *(_NUMBER,) * n_in), write_choice
 
 
-def _call_address(context: Any, builder: Any, address: Any, numbers: Any, answer_type: Any) -> Any:
+def _find_call_address(context: Any, builder: Any, address: Any, numbers: Any, answer_type: Any) -> Any:
     double, pointer = ir.DoubleType(), ir.DoubleType().as_pointer()
     takes = [double] * len(numbers) + [pointer]
     function = builder.inttoptr(address, ir.FunctionType(ir.VoidType(), takes).as_pointer())

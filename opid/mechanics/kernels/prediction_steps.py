@@ -20,35 +20,35 @@ import numpy as np
 from opid.mechanics.kernels.compilation import kernel, part, small_zeros
 from opid.mechanics.kernels.small_changes import (
     _balance,
-    _by_offset_and_ground,
     _carry,
     _carry_covariance,
     _carry_ground,
-    _dot_of_rows,
+    _compute_gain,
+    _compute_step_matrices,
+    _derive_by_offset_and_ground,
     _drag,
-    _gain,
+    _multiply_rows,
     _push,
     _push_ground,
     _push_memories,
     _push_slipping,
     _slip,
-    _step_matrices,
 )
 from opid.mechanics.kernels.steps import (
     _STAGE_PLACE,
     _STAGE_STEP,
     _STAGE_WEIGHT,
+    _add_followed_forces,
+    _compute_joint_force,
+    _compute_remembered_force,
+    _compute_slipping_force,
     _confine,
     _copy_followed,
     _follow,
-    _followed_forces,
-    _joint_force,
-    _owners,
-    _places,
-    _remembered_force,
-    _slipping_force,
-    _sum_of_elements,
-    _sum_of_held,
+    _list_owners,
+    _list_places,
+    _sum_elements,
+    _sum_held,
 )
 
 # largest decay of a memory in a step, as its rate times the step; from 2.8 on the steps would grow without bound. Such
@@ -78,7 +78,7 @@ def _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, 
     for term in range(len(memories)):
         begin, count = memories[term, 0], memories[term, 1]
         if memories[term, 3] > 0 and memories[term, 2] == q and elements[begin, 1] < np.inf:
-            total = _sum_of_held(elements, begin, count, held)
+            total = _sum_held(elements, begin, count, held)
             for e in range(begin, begin + count if total > 0.0 else begin):
                 part_of_it = held[e] / total
                 for i in range(n):
@@ -95,8 +95,8 @@ def _look_ahead(joints, travels, pulled, held, at_end):  # type: ignore[no-untyp
         for term in range(firsts[i], firsts[i + 1]):
             begin, count, q = memories[term, 0], memories[term, 1], memories[term, 2]
             if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
-                total = _sum_of_held(elements, begin, count, held)
-                _, slope, _, _, _, kept = _sum_of_elements(elements, begin, count, travels[4, i], pulled, held)
+                total = _sum_held(elements, begin, count, held)
+                _, slope, _, _, _, kept = _sum_elements(elements, begin, count, travels[4, i], pulled, held)
                 at_end[q, 0], at_end[q, 1] = slope, kept / total if total > 0.0 else 0.0
 
 
@@ -118,7 +118,7 @@ def _end_step(n, joints, travels, pulled, held, state):  # type: ignore[no-untyp
 
 
 @kernel(freedom="fused")
-def _predictions(  # type: ignore[no-untyped-def]
+def _predict_samples(  # type: ignore[no-untyped-def]
     several, remembered, ground_is_followed, unmeasured_is_followed, joints, accelerance, by_mass, reading, by_reading,
     drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
 ):  # fmt: skip
@@ -138,7 +138,7 @@ def _predictions(  # type: ignore[no-untyped-def]
     n = 1 if several is None else several
     ground = False if ground_is_followed is None else ground_is_followed
     unmeasured = False if unmeasured_is_followed is None else unmeasured_is_followed
-    owns, owners = _places(joints), _owners(joints)
+    owns, owners = _list_places(joints), _list_owners(joints)
     n_memories = 0 if remembered is None else len(remembered) if several is None else owners.size
     n_moving = 2 * n + n_memories
     n_states = n_moving + (4 if ground else 2) * n + (n if unmeasured else 0)
@@ -219,19 +219,25 @@ def _predictions(  # type: ignore[no-untyped-def]
         for i in range(n):
             z, v = state[i], state[n + i]
             x = z + state[n_moving + 2 * n + i] if ground else 0.0
-            force[seen, i], by_z[seen, i], by_v[seen, i] = _joint_force(joints, i, owns[i], seen, z, v, x, by_own)
+            force[seen, i], by_z[seen, i], by_v[seen, i] = _compute_joint_force(
+                joints, i, owns[i], seen, z, v, x, by_own
+            )
             by_z[seen, i] += linear[i, 2]
             if remembered is not None:
                 if n_memories > 0:
-                    more, slope = _remembered_force(joints, i, owns[i] + 4, seen, v, 2 * n, state, by_own, evolution)
+                    more, slope = _compute_remembered_force(
+                        joints, i, owns[i] + 4, seen, v, 2 * n, state, by_own, evolution
+                    )
                     force[seen, i] += more
                     by_v[seen, i] += slope
                 if slips:
-                    more, _ = _slipping_force(joints, i, owns[i] + 4, seen, False, 0.0, pulled, held, by_own, evolution)
+                    more, _ = _compute_slipping_force(
+                        joints, i, owns[i] + 4, seen, False, 0.0, pulled, held, by_own, evolution
+                    )
                     force[seen, i] += more
         for i in range(n if n_followed > 0 else 0):
             if step == 0:
-                _followed_forces(joints, i, owns[i] + 4, 2, seen, state[n + i], followed, by_own)
+                _add_followed_forces(joints, i, owns[i] + 4, 2, seen, state[n + i], followed, by_own)
             else:
                 # The last stage of the step before was at this state.
                 _copy_followed(joints, i, owns[i] + 4, 3, seen, by_own)
@@ -281,7 +287,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             for k in range(n if ground else 0):
                 for i in range(n):
                     by_state[i, n_moving + 2 * n + k] -= tied[k] * by_state[i, k]
-            _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale)
+            _compute_gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale)
             for k in range(n if ground else 0):
                 for i in range(n):
                     gain[i, k] -= tied[k] * gain[i, n_moving + 2 * n + k]
@@ -337,20 +343,20 @@ def _predictions(  # type: ignore[no-untyped-def]
                 for i in range(0 if stage > 0 or correct or piece > 0 else n, n):
                     z, v = here[0, i], here[1, i]
                     x = z + here[2, i] if ground else 0.0
-                    force[stage, i], by_z[stage, i], by_v[stage, i] = _joint_force(
+                    force[stage, i], by_z[stage, i], by_v[stage, i] = _compute_joint_force(
                         joints, i, owns[i], stage, z, v, x, by_own
                     )
                     by_z[stage, i] += linear[i, 2]
                     if remembered is not None:
                         if n_memories > 0:
-                            more, slope = _remembered_force(
+                            more, slope = _compute_remembered_force(
                                 joints, i, owns[i] + 4, stage, v, 0, memory, by_own, evolution
                             )
                             force[stage, i] += more
                             by_v[stage, i] += slope
                         if slips:
                             travel = z - state[i]
-                            more, slope = _slipping_force(
+                            more, slope = _compute_slipping_force(
                                 joints, i, owns[i] + 4, stage, stage > 0, travel, pulled, held, by_own, evolution
                             )
                             travels[stage, i] = travel
@@ -406,20 +412,20 @@ def _predictions(  # type: ignore[no-untyped-def]
                 for i in range(n):
                     for half, stage in ((0, 0), (1, 1), (2, 3)):
                         v = pace[0, i] + 0.5 * half * (pace[1, i] - pace[0, i])
-                        _followed_forces(joints, i, owns[i] + 4, half, stage, v, followed, by_own)
+                        _add_followed_forces(joints, i, owns[i] + 4, half, stage, v, followed, by_own)
                     # Both stages in the middle have the same memories.
                     _copy_followed(joints, i, owns[i] + 4, 1, 2, by_own)
                 for q in range(n_followed if piece < n_steps - 1 else 0):
                     for k in range(4):
                         followed[0, q, k] = followed[2, q, k]
 
-            _step_matrices(
+            _compute_step_matrices(
                 accelerance, by_z, by_v, evolution, owners, part_s,
                 of_acceleration, of_force, of_memory, transition, work,
             )  # fmt: skip
             if remembered is not None and slips:
                 _slip(joints, evolution, at_end, of_acceleration, of_force, transition)
-            _by_offset_and_ground(
+            _derive_by_offset_and_ground(
                 linear, of_acceleration, of_force, part_s, ground, unmeasured, decay, transition, of_drive, of_push
             )
             if differentiate:
@@ -429,7 +435,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                         carried[row, p] = 0.0
                     # The step transforms the correction of z, v and h; the other states keep theirs.
                     for i in range(n if is_first else 0):
-                        coefficient = _dot_of_rows(transition, row, gain, i)
+                        coefficient = _multiply_rows(transition, row, gain, i)
                         for p in range(width):
                             carried[row, p] += coefficient * change[i, p]
                 _carry(n, transition, ground, unmeasured, moving, resting, carried)

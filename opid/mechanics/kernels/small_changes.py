@@ -24,7 +24,7 @@ from opid.mechanics.kernels.steps import _STAGE_STEP, _STAGE_WEIGHT
 
 
 @part(inline=True, freedom="fused")
-def _step_matrices(  # type: ignore[no-untyped-def]
+def _compute_step_matrices(  # type: ignore[no-untyped-def]
     accelerance, by_z, by_v, evolution, owners, step_s, of_acceleration, of_force, of_memory, transition, work
 ):
     """Make T, and the effect of a body acceleration, joint force or memory rate at a stage on (z, v, h) after the step.
@@ -64,8 +64,8 @@ def _slip(joints, evolution, at_end, of_acceleration, of_force, transition):  # 
     """Add the effect of slipping elements to these matrices: their mean h is a state that moves with z.
 
     At a stage h follows from its value at the beginning and the travel since then, dh_s = r_s dh + T_s (dz_s - dz).
-    `_step_matrices` took A T_s as a slope of the force, and A r_s as its derivative by h. `at_end` has T and r where
-    the step ends.
+    `_compute_step_matrices` took A T_s as a slope of the force, and A r_s as its derivative by h. `at_end` has T and r
+    where the step ends.
     """
     firsts, memories, elements = joints[1], joints[5], joints[6]
     n, n_moving = firsts.size - 1, transition.shape[0]
@@ -147,7 +147,7 @@ def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ig
 
 
 @part(inline=True, freedom="fused")
-def _by_offset_and_ground(  # type: ignore[no-untyped-def]
+def _derive_by_offset_and_ground(  # type: ignore[no-untyped-def]
     linear, of_acceleration, of_force, step_s, ground, unmeasured, decay, transition, of_drive, of_push
 ):
     """Make the effect of the drive at each half step on (z, v, h), directly and through d; and columns o, d, e, w of T.
@@ -179,7 +179,7 @@ def _by_offset_and_ground(  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="any order")
-def _dot_of_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
+def _multiply_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
     total = 0.0
     for s in range(one.shape[1]):
         total += one[row, s] * other[other_row, s]
@@ -281,7 +281,7 @@ def _push_ground(start, step_s, first_drive, by_drive, resting):  # type: ignore
 
 
 @part(inline=True, freedom="fused")
-def _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
+def _compute_gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
     """Compute the gain K of the white innovation, the lower Cholesky factor of its raw covariance, and P - K K'."""
     n, n_states = by_state.shape
     for i in range(n):
@@ -303,7 +303,7 @@ def _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale
                 gain[i, s] += h * covariance[q, s]
     for i in range(n):
         for k in range(i + 1):
-            variance = _dot_of_rows(by_state, i, gain, k)
+            variance = _multiply_rows(by_state, i, gain, k)
             for q in range(k):
                 variance -= scale[i, q] * scale[k, q]
             if i == k:
@@ -355,7 +355,7 @@ def _carry_covariance(  # type: ignore[no-untyped-def]
     _carry(n, transition, ground, unmeasured, covariance[:n_moving], covariance[n_moving:], product)
     for row in range(n_moving):
         for q in range(row + 1):
-            total = _dot_of_rows(product, row, transition, q)
+            total = _multiply_rows(product, row, transition, q)
             for i in range(n if unmeasured else 0):
                 pushed = noise[5, i] ** 2 * (1.0 - decay[i] ** 2)
                 total += pushed * of_push[row, i] * of_push[q, i]

@@ -8,7 +8,7 @@ from opid.mechanics.kernels.compilation import evaluate, evolve, kernel, part
 
 
 @part(inline=True)
-def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
+def _compute_force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
     total = 0.0
     for row in range(first, last):
         shape = evaluate(codes[row], z + values[row, 3], v, values[row, 1], values[row, 2])[0]
@@ -17,14 +17,14 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True)
-def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ignore[no-untyped-def]
+def _compute_force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ignore[no-untyped-def]
     """Return the force of a law and the decay of its quickest memory, 1/s; the rates of memories go to `rates`."""
     codes, values, memories, elements = law_table
     total, quickest = 0.0, 0.0
     for row in range(first, last):
         begin, count = memories[row, 0], memories[row, 1]
         if count == 0:
-            total += _force(codes, values, row, row + 1, z, v)
+            total += _compute_force(codes, values, row, row + 1, z, v)
         for q in range(begin, begin + count):
             h = _confine(memory[q], elements[q, 1])
             rate, by_h, _, _, _, _ = evolve(
@@ -43,7 +43,7 @@ def _confine(h, limit):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="any order")
-def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
+def _compute_slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
     """Return the force of Jenkins elements, whose sliders do not move within a step."""
     total = 0.0
     begin = max(0, first)
@@ -61,7 +61,7 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
         begin, n = max(0, spans[joint, 4]), spans[joint, 5] - spans[joint, 4]
         if n == 0:
             continue
-        z = _dot(directions, joint, spans[joint, 0], spans[joint, 1], x)
+        z = _multiply(directions, joint, spans[joint, 0], spans[joint, 1], x)
         for k in range(n):
             low, high = z - sliders[1, begin + k], z + sliders[1, begin + k]
             position = positions[begin + k]
@@ -70,7 +70,7 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="any order")
-def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
+def _multiply(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     total = 0.0
     # Counting from 0 and max show the compiler that no index is negative, so that it takes several numbers at once.
     begin = max(0, first)
@@ -80,7 +80,7 @@ def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="any order")
-def _dot_of_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-def]
+def _multiply_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-def]
     total = 0.0
     begin = max(0, first)
     for k in range(last - first):
@@ -108,16 +108,16 @@ def _accelerate(matrices, joints, drive, positions, memory, x, v, out, rates):  
     quickest = 0.0
     stiffness, damping, spans, _ = matrices
     for i in range(x.size):
-        out[i] = drive[i] - _dot_of_two(stiffness, damping, i, spans[i, 0], spans[i, 1], x, v)
+        out[i] = drive[i] - _multiply_two(stiffness, damping, i, spans[i, 0], spans[i, 1], x, v)
     directions, joint_spans, linear, loads, law_table, sliders = joints
     for j in range(directions.shape[0]):
-        z = _dot(directions, j, joint_spans[j, 0], joint_spans[j, 1], x)
-        w = _dot(directions, j, joint_spans[j, 0], joint_spans[j, 1], v)
+        z = _multiply(directions, j, joint_spans[j, 0], joint_spans[j, 1], x)
+        w = _multiply(directions, j, joint_spans[j, 0], joint_spans[j, 1], v)
         force = linear[j, 0] * z + linear[j, 1] * w
-        of_law, decay = _force_with_memory(law_table, joint_spans[j, 6], joint_spans[j, 7], z, w, memory, rates)
+        of_law, decay = _compute_force_with_memory(law_table, joint_spans[j, 6], joint_spans[j, 7], z, w, memory, rates)
         force += of_law
         quickest = max(quickest, decay)
-        force += _slider_force(sliders, joint_spans[j, 4], joint_spans[j, 5], positions, z)
+        force += _compute_slider_force(sliders, joint_spans[j, 4], joint_spans[j, 5], positions, z)
         begin = max(0, joint_spans[j, 2])
         for i in range(joint_spans[j, 3] - joint_spans[j, 2]):
             out[begin + i] -= loads[j, begin + i] * force
@@ -188,7 +188,7 @@ def structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, 
 
 
 @part(inline=True)
-def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
+def _compute_joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
     """Return the force of joint i without its terms with memory, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
     Its derivatives by its own parameters (k, c, g, rest position, those of the law) go to by_own[stage] from
@@ -222,8 +222,10 @@ def _joint_force(joints, i, column, stage, z, v, x, by_own):  # type: ignore[no-
 
 
 @part(inline=True)
-def _remembered_force(joints, i, column, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
-    """Force of the terms of joint i with memory, A (h + d h'), and its slope by v; `_slipping_force` is for what slips.
+def _compute_remembered_force(joints, i, column, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
+    """Force of the terms of joint i with memory, A (h + d h'), and its slope by v.
+
+    `_compute_slipping_force` is for what slips.
 
     The derivatives by the parameters of the law go to by_own[stage], from `column` on. For each memory q,
     evolution[stage, q] gets h', its derivatives by h and v, the derivative of the force by h, and those of h' by the
@@ -258,7 +260,7 @@ def _remembered_force(joints, i, column, stage, v, first_memory, memory, by_own,
 
 
 @part(inline=True)
-def _sum_of_held(elements, begin, count, held):  # type: ignore[no-untyped-def]
+def _sum_held(elements, begin, count, held):  # type: ignore[no-untyped-def]
     total = 0.0
     for e in range(begin, begin + count):
         total += elements[e, 6] * held[e]
@@ -266,7 +268,7 @@ def _sum_of_held(elements, begin, count, held):  # type: ignore[no-untyped-def]
 
 
 @part(inline=False, freedom="any order")
-def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ignore[no-untyped-def]
+def _sum_elements(elements, begin, count, travel, pulled, held):  # type: ignore[no-untyped-def]
     """Weighted sums over elements: h after a travel; h' / v of those that stick, its derivatives, and their `held`."""
     total, slope, by_a, by_b, by_c, kept = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     begin = max(0, begin)
@@ -285,7 +287,7 @@ def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ign
 
 
 @part(inline=True)
-def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by_own, evolution):  # type: ignore[no-untyped-def]
+def _compute_slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by_own, evolution):  # type: ignore[no-untyped-def]
     """Force of the terms of joint i whose elements slip, A times their mean h, and its slope by z.
 
     The joint moved by `travel` since h was `pulled`. At the beginning of a step (`is_begun` is False) the travel is
@@ -302,8 +304,8 @@ def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by
         begin, count, q = memories[row, 0], memories[row, 1], memories[row, 2]
         if memories[row, 3] > 0 and elements[begin, 1] < np.inf:
             amplitude = values[row, 0]
-            of_all, slope, by_a, by_b, by_c, kept = _sum_of_elements(elements, begin, count, travel, pulled, held)
-            before = _sum_of_held(elements, begin, count, held)
+            of_all, slope, by_a, by_b, by_c, kept = _sum_elements(elements, begin, count, travel, pulled, held)
+            before = _sum_held(elements, begin, count, held)
             for k in range(8):
                 evolution[stage, q, k] = 0.0
             evolution[stage, q, 3] = amplitude * kept / before if before > 0.0 else 0.0
@@ -320,7 +322,7 @@ def _slipping_force(joints, i, column, stage, is_begun, travel, pulled, held, by
 
 
 @part(inline=False)
-def _places(joints):  # type: ignore[no-untyped-def]
+def _list_places(joints):  # type: ignore[no-untyped-def]
     """Return the first column of the parameters of each interface (k, c, g, rest position, those of the law)."""
     _, firsts, _, n_inner, _, _, _, _ = joints
     owns = np.zeros(firsts.size, np.int64)
@@ -377,7 +379,7 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
 
 
 @part(inline=True)
-def _followed_forces(joints, i, column, half, stage, v, followed, by_own):  # type: ignore[no-untyped-def]
+def _add_followed_forces(joints, i, column, half, stage, v, followed, by_own):  # type: ignore[no-untyped-def]
     """Compute derivatives of the force of joint i by parameters of its faint terms with memory, at a stage."""
     _, firsts, codes, n_inner, values, memories, _, elements = joints
     for row in range(firsts[i], firsts[i + 1]):
@@ -414,7 +416,7 @@ def _copy_followed(joints, i, column, before, stage, by_own):  # type: ignore[no
 
 
 @part(inline=False)
-def _owners(joints):  # type: ignore[no-untyped-def]
+def _list_owners(joints):  # type: ignore[no-untyped-def]
     """Return the interface to which each state of a memory belongs."""
     firsts, memories = joints[1], joints[5]
     n_memories = 0
@@ -431,11 +433,11 @@ def _owners(joints):  # type: ignore[no-untyped-def]
 @kernel()
 def remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
     """Return derivatives of the force of one joint, all of whose terms are faint, along a motion: (n, n_own)."""
-    n_followed, n_own = len(joints[7]), _places(joints)[1]
+    n_followed, n_own = len(joints[7]), _list_places(joints)[1]
     followed, by_own, pace = np.zeros((3, n_followed, 4)), np.zeros((1, n_own)), np.zeros((2, 1))
     found = np.empty((v.size, n_own))
     for k in range(v.size):
-        _followed_forces(joints, 0, 4, 2, 0, v[k], followed, by_own)
+        _add_followed_forces(joints, 0, 4, 2, 0, v[k], followed, by_own)
         for p in range(n_own):
             found[k, p] = by_own[0, p]
         if k + 1 < v.size:
