@@ -79,9 +79,10 @@ class PlanSettings:
         change_fractions: mass changes that are tried if none are named, as fractions of the guessed mass: less than a
             twentieth shows little, more than three tenths makes another aircraft.
         n_draws: number of draws of how runs happen to differ; expected standard deviations are their medians, which
-            forty draws give to about a tenth ...
-        n_quick_draws: ... and of which so few suffice to see that a plan ...
-        hopeless_factor: ... exceeds a target by more than this factor.
+            forty draws give to about a tenth.
+        n_quick_draws: number of draws for a first look at a plan: eight suffice to see that it is hopeless.
+        hopeless_factor: a plan is hopeless, and is not computed with all draws, if it exceeds a target by more than
+            this factor at the first look.
         seed: seed of these draws, the same for all plans, so that plans are compared under the same luck.
         correlation: two numbers are called hardly separable above this correlation: each would then be known more than
             three times as well if the other were known.
