@@ -190,6 +190,7 @@ def predict(
     accelerance_directions: ArrayLike | None = None,
     reading: ArrayLike | None = None,
     reading_directions: ArrayLike | None = None,
+    reading_of_travel: ArrayLike | None = None,
     drive_directions: ArrayLike | None = None,
     measured_directions: ArrayLike | None = None,
     ground: bool = False,
@@ -211,6 +212,8 @@ def predict(
         reading: (n_interfaces, n_interfaces) R, 1/kg, for sensors that are not at their interfaces: the forces F of the
             interfaces make them read -R F; A where left out.
         reading_directions: (n_directions, n_interfaces, n_interfaces) changes of R that go with those of A; those of A
+            where left out.
+        reading_of_travel: (n_interfaces, n_interfaces) S, 1/s^2, for sensors of the travel: it makes them read S z; zero
             where left out.
         drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive, directions of differentiation.
         measured_directions: (n, n_directions, n_interfaces) changes of the readings, directions of differentiation.
@@ -266,6 +269,7 @@ def predict(
         reading=seen,
         by_mass=by_accelerance,
         by_reading=by_reading,
+        of_travel=np.zeros((n, n)) if reading_of_travel is None else np.ascontiguousarray(reading_of_travel, dtype=float),
         by_drive=read_directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
         by_measured=read_directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
     )(first.ravel())

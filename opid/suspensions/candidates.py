@@ -72,11 +72,11 @@ from opid.suspensions.fitting.search import (
 )
 from opid.suspensions.fitting.start import Start, start_values
 from opid.suspensions.law_search.pursuit import chosen
-from opid.suspensions.model.body import Body, rigid_body, vertical
+from opid.suspensions.model.body import Body, Inside, rigid_body, vertical
 from opid.suspensions.model.driven_model import Model, noise_level
 from opid.suspensions.model.run import DrivenRun, driven_run
 from opid.suspensions.model.unknowns import Group
-from opid.suspensions.sensor_facts import Sensors
+from opid.suspensions.sensor_facts import TRAVEL_PER_S2, Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import Axis, PointMass, Study
 from opid.suspensions.weighing import PriorMass
@@ -357,6 +357,8 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> FittedStructure:
     picked = list(interfaces)
     kind = "single" if len(picked) == 1 else "pair"
     noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise.levels)
+    if task.study.travels:
+        noise = noise[0], np.append(noise[1], task.noise.levels[1][-len(task.study.travels) :])
     try:
         data = prepare_alone(task.study, task.arrays, task.sensors, interfaces, settings=task.settings)
     except NotDeterminedError as error:
@@ -374,31 +376,44 @@ def prepare_alone(
     """
     picked, runs = list(interfaces), []
     alone, leaking = sensors.mean_of(picked), sensors.leaks_into(picked)
+    n_above, is_driven = len(sensors.sprung) - len(study.travels), not any(each.is_alone for each in study.travels)
+    if study.travels:
+        more = slice(n_above, None)
+        alone = replace(alone, sprung=(*alone.sprung, *sensors.sprung[more]), names=(*alone.names, *sensors.names[more]))
     for number, (run, (below, above, across)) in enumerate(zip(study.runs, arrays, strict=True)):
         change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
             change = 0.0
+        alone_m_per_s2 = below[:, picked].mean(axis=1)
         runs.append(
             driven_run(
-                below[:, picked].mean(axis=1),
-                above[:, picked].mean(axis=1),
+                alone_m_per_s2,
+                np.column_stack([above[:, picked].mean(axis=1), *(above[:, n_above:].T)]),
                 fs=study.fs,
                 loading=change,
                 leaks=across[:, leaking] / len(picked),
                 number=number,
                 settings=settings.runs,
+                is_driven=is_driven,
             )
         )
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)
     areas = [study.interfaces[k].piston_area_m2 or 0.0 for k in picked]
-    body = replace(gear_body(study.interfaces[picked[0]].axis), piston_area_m2=min(areas) and float(np.mean(areas)))
+    body = gear_body(study.interfaces[picked[0]].axis, n_travels=len(study.travels))
+    body = replace(body, piston_area_m2=min(areas) and float(np.mean(areas)))
     return StructureData(tuple(runs), body, (Group(name, (0,)),), alone)
 
 
-def gear_body(axis: Axis = "up") -> Body:
-    """Return a gear alone: a mass that heaves on one interface."""
+def gear_body(axis: Axis = "up", n_travels: int = 0) -> Body:
+    """Return a gear alone: a mass that heaves on one interface; sensors of the travel follow that on the mass."""
     one = np.ones((1, 1))
     body = Body(("heave",), one, (), np.zeros((0, 1, 1)), np.zeros((1, 1)), one, one)
+    if n_travels:
+        # A further sensor is at an attachment without a spring.
+        rows, of_travel = np.zeros((1 + n_travels, 1)), np.zeros((1 + n_travels, 1 + n_travels))
+        rows[0], of_travel[1:, 0] = 1.0, TRAVEL_PER_S2
+        inside = tuple(Inside(f"sensor {k + 1}", 0.0, 0.0) for k in range(n_travels))
+        body = replace(body, rows=rows, readings=rows, inside=inside, of_travel=of_travel)
     return replace(body, fall=_compute_fall(axis, body))
 
 

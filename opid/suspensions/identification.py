@@ -36,6 +36,7 @@ from opid.suspensions.law_search.force_surface import force_surface
 from opid.suspensions.law_search.pursuit import alternatives, library
 from opid.suspensions.model.driven_model import noise_level
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
+from opid.suspensions.sensor_facts import TRAVEL_PER_S2
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW, Settings
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 from opid.suspensions.weighing import InverseMass, compare_with_weighed, find_prior_mass, warn_of_weighed
@@ -132,7 +133,14 @@ def identify(
     study = check_study(study, settings)
     arrays, mended = collect_arrays(study)
     sensors = study.sensor_facts()
-    noise = known_noise(sensors, arrays, fs=study.fs, settings=settings.runs)
+    noise = known_noise(
+        sensors,
+        arrays,
+        fs=study.fs,
+        settings=settings.runs,
+        n_travels=len(study.travels),
+        is_driven=not any(each.is_alone for each in study.travels),
+    )
     options = Options(law, ground, method_of_law, library(), seed)
     # A horizontal suspension has no spring to the ground.
     grounded = ground and any(each.axis != "horizontal" for each in study.interfaces)
@@ -217,10 +225,13 @@ def check_study(study: Study, settings: Settings) -> Study:
 def collect_arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
     """Return the accelerations of each run below, on and across the body, and the number of mended spikes per side.
 
+    Those on the body end with the travels, times `TRAVEL_PER_S2`.
+
     Args:
         study: the study.
     """
     mended = {"unsprung": 0, "sprung": 0}
+    travels = {each.channel for each in study.travels}
     found = []
     for run in study.runs:
         sides: list[FloatArray] = []
@@ -228,7 +239,7 @@ def collect_arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
             columns = []
             for name in study.channels(side):
                 samples, indices = remove_spikes(run.recording.channel(name), fs=study.fs)
-                columns.append(samples)
+                columns.append(TRAVEL_PER_S2 * samples if name in travels else samples)
                 mended[side] += indices.size
             sides.append(np.stack(columns, axis=1))
         across = [run.recording.channel(channel) for channel, *_ in study.leaks()]
@@ -494,7 +505,7 @@ def _build_runs(study: Study, parts: Sequence[FittedStructure], arrays: Arrays) 
             used, line = fit.model.runs[index], fit.errors.lines[index]
             read = fit.model.correct(fit.theta, index)[1].value
             n_sensors = read.shape[1]
-            residual += list(np.abs(line.reshape(n_sensors, -1)) / np.sqrt(2))
+            residual += list(np.abs(line.reshape(-1, used.omega.size)) / np.sqrt(2))
             steps = slice(shown.start * used.finer, shown.stop * used.finer, used.finer)
             measured += list(read[steps].T)
             predicted += list(fit.errors.predictions[index].acceleration[steps, :n_sensors].T)

@@ -79,6 +79,45 @@ class Leak:
 
 IDEAL = SensorFacts()
 
+TRAVEL_PER_S2 = 100.0
+"""A travel of 1 m is read as so many m/s^2, so that usual noises of travel and acceleration are of one size."""
+
+
+@dataclass(frozen=True)
+class TravelSensor:
+    """A sensor of the travel of a suspension: a potentiometer, an encoder.
+
+    Args:
+        channel: its channel, m; it grows as the suspension extends.
+        noise_m: rms of its white noise, m; None to estimate it.
+        gain_tolerance: standard deviation of the gain, relative; 0 if the gain is exact.
+        lag_tolerance_s: standard deviation of its delay behind the sensor on the body, s.
+        is_alone: whether no sensor is below the suspension; the acceleration there is then derived from this sensor.
+
+    Raises:
+        InputError: a noise that is not positive, or an error of `SensorFacts`.
+    """
+
+    channel: str
+    noise_m: float | None = None
+    gain_tolerance: float = 0.0
+    lag_tolerance_s: float = 0.0
+    is_alone: bool = False
+
+    def __post_init__(self) -> None:
+        if self.noise_m is not None and not (math.isfinite(self.noise_m) and self.noise_m > 0.0):
+            raise InputError(f"noise_m is {self.noise_m}: give a positive number, or leave it out")
+        _ = self.facts
+
+    @property
+    def facts(self) -> SensorFacts:
+        """Facts of the sensor with its readings in m/s^2, see `TRAVEL_PER_S2`."""
+        return SensorFacts(
+            noise_m_per_s2=None if self.noise_m is None else TRAVEL_PER_S2 * self.noise_m,
+            gain_tolerance=self.gain_tolerance,
+            lag_tolerance_s=self.lag_tolerance_s,
+        )
+
 
 @dataclass(frozen=True)
 class SensorPair:

@@ -75,6 +75,8 @@ class RunSettings:
         reduced_above_hz: runs from files with a higher rate are decimated, unless the study gives `fs_hz`: every sample
             costs time, and the band ends far below ...
         reduced_to_hz: ... by a whole number, to no less than this rate.
+        drive_steps: rms step of a drive that was not measured, from sample to sample, in those of the acceleration that
+            the travel shows below the suspension: more than one, because fast motion is lost in the noise of a travel.
         coherence_s: length of the blocks for the coherence with the motion below, s.
     """
 
@@ -97,6 +99,7 @@ class RunSettings:
     least_s: float = 10.0
     reduced_above_hz: float = 1100.0
     reduced_to_hz: float = 500.0
+    drive_steps: float = 3.0
     coherence_s: float = 2.0
 
 

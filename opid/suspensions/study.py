@@ -32,6 +32,7 @@ from opid.suspensions.sensor_facts import (
     SensorPair,
     Sensors,
     Side,
+    TravelSensor,
 )
 
 KINDS = ("auto", "single", "pair", "rigid_body")
@@ -87,6 +88,7 @@ class MeasuredInterface:
         axis: direction in which its channels count positive, "up" or "down"; "horizontal" for motion that no weight
             acts on.
         piston_area_m2: area that the gas of its strut pushes on; None if it is not known, or if no gas carries it.
+        travel: sensor of its travel; None if it has none.
     """
 
     name: str
@@ -99,6 +101,7 @@ class MeasuredInterface:
     facts: SensorPair = IDEAL_PAIR
     axis: Axis = "up"
     piston_area_m2: float | None = None
+    travel: TravelSensor | None = None
 
     @property
     def place(self) -> tuple[float, float]:
@@ -289,7 +292,14 @@ class Study:
         """
         if side == "unsprung":
             return tuple(interface.unsprung for interface in self.interfaces)
-        return (*(interface.sprung for interface in self.interfaces), *(sensor.channel for sensor in self.sensors))
+        travels = (each.channel for each in self.travels)
+        above = (interface.sprung for interface in self.interfaces)
+        return (*above, *(sensor.channel for sensor in self.sensors), *travels)
+
+    @property
+    def travels(self) -> tuple[TravelSensor, ...]:
+        """Sensors of the travel; in the order of the model they follow those of the accelerations on the body."""
+        return tuple(each.travel for each in self.interfaces if each.travel is not None)
 
     def leaks(self) -> list[tuple[str, Side, int, float]]:
         """Return the leaks: channel, side and number of the sensor that it leaks into, and standard deviation."""
@@ -300,14 +310,15 @@ class Study:
         """Return the facts of all sensors, with the noise that is stated for each or for all."""
         names = [*self.names, *(sensor.channel for sensor in self.sensors)]
         above = (*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors))
+        travels = tuple(each.facts for each in self.travels)
 
         def known(facts: SensorFacts) -> SensorFacts:
             return replace(facts, noise_m_per_s2=facts.noise_m_per_s2 or self.structure.noise_m_per_s2)
 
         return Sensors(
             unsprung=tuple(known(interface.facts.unsprung) for interface in self.interfaces),
-            sprung=tuple(map(known, above)),
-            names=("",) if self.is_one_gear else tuple(names),
+            sprung=(*map(known, above), *travels),
+            names=(*(("",) if self.is_one_gear else names), *(each.channel for each in self.travels)),
             leaks=tuple((side, k, tolerance) for _, side, k, tolerance in self.leaks()),
             clocks=tuple(self._clock_facts()),
         )
@@ -349,6 +360,7 @@ def study_of_gear(
     sensors: SensorPair = IDEAL_PAIR,
     axis: Axis = "up",
     piston_area_m2: float | None = None,
+    travel: TravelSensor | None = None,
     repeatability: float | None = None,
     transmissibility: TransmissibilitySettings = BY_METHOD,
     date: date | None = None,
@@ -366,6 +378,7 @@ def study_of_gear(
             acts on.
         piston_area_m2: area that the gas of the strut pushes on; None if it is not known, or if no gas carries the
             gear.
+        travel: sensor of the travel; None if there is none.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
             if they are known to be the same, None for the usual value.
         transmissibility: how the transmissibilities are estimated; the method chooses what is left out.
@@ -382,7 +395,9 @@ def study_of_gear(
     >>> study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs).fs
     512.0
     """
-    gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors, axis=axis, piston_area_m2=piston_area_m2)
+    gear = MeasuredInterface(
+        "gear", sprung, unsprung, facts=sensors, axis=axis, piston_area_m2=piston_area_m2, travel=travel
+    )
     return Study(
         title,
         (gear,),
@@ -671,3 +686,8 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             yield f"there is no channel {name!r} in its log ({nearest(name, run.recording.names)})"
         elif run.recording.unit(name) != "m/s^2":
             yield f"channel {name!r} is in {run.recording.unit(name)} where an acceleration is needed"
+    for sensor in study.travels:
+        if sensor.channel not in run.recording.names:
+            yield f"there is no channel {sensor.channel!r} in its log ({nearest(sensor.channel, run.recording.names)})"
+        elif run.recording.unit(sensor.channel) != "m":
+            yield f"channel {sensor.channel!r} is in {run.recording.unit(sensor.channel)} where a travel in m is needed"

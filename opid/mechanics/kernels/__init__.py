@@ -121,6 +121,7 @@ def predictor(
     reading: FloatArray | None = None,
     by_mass: FloatArray | None = None,
     by_reading: FloatArray | None = None,
+    of_travel: FloatArray | None = None,
     by_drive: FloatArray | None = None,
     by_measured: FloatArray | None = None,
 ) -> Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
@@ -144,6 +145,8 @@ def predictor(
         by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance; none where left out.
         by_reading: (n_directions, n_interfaces, n_interfaces) the same directions of the reading; `by_mass` where left
             out.
+        of_travel: (n_interfaces, n_interfaces) reading of the sensor of the row for a unit travel of the column, 1/s^2;
+            zero where left out.
         by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive; none where left out.
         by_measured: (n, n_directions, n_interfaces) directions of the readings; none where left out.
     """
@@ -151,6 +154,7 @@ def predictor(
     reading = accelerance if reading is None else reading
     by_mass = np.zeros((0, n, n)) if by_mass is None else by_mass
     by_reading = by_mass if by_reading is None else by_reading
+    of_travel = np.zeros((n, n)) if of_travel is None else of_travel
     # The directions are the last axis, because the innermost loops go over them.
     of_mass, of_reading = (np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading))
     by_drive = np.zeros((len(drive), 0, n)) if by_drive is None else by_drive
@@ -182,7 +186,7 @@ def predictor(
             ((0.0,) * memory_start.size or None) if single else (),
             (ground or None) if single else ground,
             (unmeasured or None) if single else unmeasured,
-            joints, accelerance, of_mass, reading, of_reading, drive, by_drive, measured, by_measured,
+            joints, accelerance, of_mass, reading, of_reading, of_travel, drive, by_drive, measured, by_measured,
             step_s, into @ start, begun, covariance, noise, correct, sensitivity,
         )  # fmt: skip
         # Samples come first in the kernel: rows of a whole record, a power of two apart, would fall on few cache lines.

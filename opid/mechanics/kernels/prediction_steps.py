@@ -5,7 +5,7 @@ The state of n interfaces has n numbers each of: z, v, [h], offset of the drive 
 where a ground spring needs the position of the body: x = z + d, and d' = e, e' = u + o, which do not depend on the law.
 w is the acceleration of the body by forces that nobody measured. From sample to sample it decays by a factor and is
 pushed at random; between two samples it is a straight line. With b = w - A F, z' = v and v' = b - u - o, a sensor reads
-b + r; a sensor that is not at its interface reads w - R F + r.
+b + r; a sensor that is not at its interface reads w - R F + S z + r. S is zero but for sensors of the travel.
 
 `small_changes` has what a step does to small changes of the state, to derivatives and to the covariance.
 
@@ -120,7 +120,7 @@ def _end_step(n, joints, travels, pulled, held, state):  # type: ignore[no-untyp
 @kernel(freedom="fused")
 def _predict_samples(  # type: ignore[no-untyped-def]
     several, remembered, ground_is_followed, unmeasured_is_followed, joints, accelerance, by_mass, reading, by_reading,
-    drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
+    of_travel, drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
 ):  # fmt: skip
     """Predict each sample from the ones before it, see `opid.mechanics.driven.predict`.
 
@@ -245,7 +245,8 @@ def _predict_samples(  # type: ignore[no-untyped-def]
             body = 0.0
             for k in range(n):
                 body -= reading[i, k] * force[seen, k]
-                by_state[i, k] = -reading[i, k] * by_z[seen, k]
+                body += of_travel[i, k] * state[k]
+                by_state[i, k] = of_travel[i, k] - reading[i, k] * by_z[seen, k]
                 by_state[i, n + k] = -reading[i, k] * by_v[seen, k]
                 if ground:
                     by_state[i, n_moving + 2 * n + k] = -reading[i, k] * linear[k, 2]

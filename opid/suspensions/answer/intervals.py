@@ -100,7 +100,7 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
     n, known, first = fit.n_data, fit.model.settings.intervals, 0
     back = posterior @ jacobian[:n].T / fit.variance
     moved = np.zeros((known.n_bootstrap, scale.size))
-    n_sensors = len(fit.model.sensors.sprung)
+    n_sensors = len(fit.model.sensors.sprung) - fit.model.compared.start
     for run, prediction in zip(fit.model.runs, fit.errors.predictions, strict=True):
         block = max(1, min(round(known.bootstrap_s * run.fs), run.n_samples))
         n_blocks = -(-run.n_samples // block)
@@ -112,7 +112,8 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
             # This is the transpose of `DrivenRun.transform`; the band holds neither the mean nor the highest line.
             influence = fft.irfft(spectrum, run.n_samples) * np.sqrt(run.n_samples / 2)
             # A block that is drawn near the end continues at the beginning.
-            around = np.append(prediction.innovation[sensor], prediction.innovation[sensor, : block - 1])
+            own = prediction.innovation[fit.model.compared][sensor]
+            around = np.append(own, own[: block - 1])
             blocks = np.lib.stride_tricks.sliding_window_view(around, block)
             for number, first_samples in enumerate(drawn):
                 moved[number] += influence @ blocks[first_samples].ravel()[: run.n_samples]
@@ -497,7 +498,7 @@ def _describe_repeatability(alike: Repeatability) -> Iterator[str]:
 def _list_remedies(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
     runs = fit.model.runs
     # With several suspensions no single number gives the ratio of a loading to the body.
-    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_attachments == 1 else [0.0]
+    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.is_one_gear else [0.0]
     fraction = (max(changes) - min(changes)) / mass
     if fraction > 0:
         yield (

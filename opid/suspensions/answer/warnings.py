@@ -414,7 +414,7 @@ def run_differences(part: FittedStructure) -> Iterator[str]:
         changes = [_Change.of(part, number, run) for run in range(1, len(part.runs))]
         for change in changes:
             yield from _warn_of_unlike_run(part, change, where)
-        is_alone = fit.model.body.n_attachments == 1 and (study is None or study.is_one_gear)
+        is_alone = fit.model.body.is_one_gear and (study is None or study.is_one_gear)
         if is_alone and changes:
             yield from _warn_of_another_mass(part, max(changes, key=lambda change: abs(change.common[0])))
 

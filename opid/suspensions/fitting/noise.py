@@ -77,10 +77,9 @@ def measure_coherence(fit: Fit) -> float:
     An error of a linear structure is coherent with that motion, an unmeasured force is not; of a missing friction about
     a tenth is coherent. NaN if the runs are too short.
     """
-    n_sensors = len(fit.model.sensors.sprung)
     power = [float(np.sum(np.abs(line) ** 2)) for line in fit.errors.lines]
     fractions = [
-        run.coherent_fraction(prediction.innovation[:n_sensors].T)
+        run.coherent_fraction(prediction.innovation[fit.model.compared].T)
         for run, prediction in zip(fit.model.runs, fit.errors.predictions, strict=True)
     ]
     return float(np.average(fractions, weights=power))
@@ -107,7 +106,7 @@ def sensor_ratio(fit: Fit, channel: int) -> float:
     """Return the residual of one sensor on the body over the assumed noise."""
     squares, count = 0.0, 0
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
-        own = line.reshape(-1, run.omega.size)[channel]
+        own = line.reshape(-1, run.omega.size)[channel - fit.model.compared.start]
         squares, count = squares + float(np.sum(np.abs(own) ** 2)), count + 2 * own.size
     return float(np.sqrt(squares / count))
 
@@ -164,33 +163,52 @@ class KnownNoise:
 
 
 def known_noise(
-    sensors: Sensors, arrays: Sequence[tuple[FloatArray, ...]], *, fs: float, settings: RunSettings
+    sensors: Sensors,
+    arrays: Sequence[tuple[FloatArray, ...]],
+    *,
+    fs: float,
+    settings: RunSettings,
+    n_travels: int = 0,
+    is_driven: bool = True,
 ) -> KnownNoise:
     """Return the noise of the sensors: as stated, else from the quieter of the two sides, because a wheel always moves.
+
+    The last `n_travels` columns on the body are travels, whose noise is their own. Where nothing drives the body that
+    was measured, `is_driven` is False, and the noise below is taken as that on the body.
 
     The noise is read where the spectra are lowest, and it is no larger than the incoherent part of the two sides in the
     band. A log that was low-pass filtered is quieter there than any sensor: then only bounds are known.
     """
     stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in (sensors.unsprung, sensors.sprung)]
     band_hz = (settings.band_hz[0], min(settings.band_hz[1], settings.highest_fraction * fs))
-    sides = []
-    for own, other in ((0, 1), (1, 0)):
+
+    def judge(pairs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, ...]:
         rows = [
             (
-                [noise_floor(channel, fs=fs) for channel in run[own].T],
-                incoherent_noise(run[own], run[other], fs=fs, band_hz=band_hz),
-                settings.least_noise_fraction * run[own].std(axis=0),
-                settings.most_noise_fraction * run[own].std(axis=0),
+                [noise_floor(channel, fs=fs) for channel in own.T],
+                incoherent_noise(own, other, fs=fs, band_hz=band_hz),
+                settings.least_noise_fraction * own.std(axis=0),
+                settings.most_noise_fraction * own.std(axis=0),
             )
-            for run in arrays
+            for own, other in pairs
         ]
         floor, bound, least, largest = np.moveaxis(np.array(rows), 1, 0).reshape(4, -1)
         credible = np.maximum(np.minimum(floor, bound), least)
         most = np.maximum(np.minimum(bound, largest), credible)
-        sides.append(tuple(mean_level(each.tolist()) for each in (credible, most, floor, least)))
+        return tuple(mean_level(each.tolist()) for each in (credible, most, floor, least))
+
+    n_above = len(sensors.sprung) - n_travels
+    below, above, travels = zip(*((run[0], run[1][:, :n_above], run[1][:, n_above:]) for run in arrays), strict=True)
+    if is_driven:
+        sides = [judge([*zip(below, above, strict=True)]), judge([*zip(above, below, strict=True)])]
+    else:
+        sides = [judge([*zip(above, travels, strict=True)])]
     level, highest, quietest, believed = min(sides)
-    levels = [np.where(np.isnan(side), level, side) for side in stated]
     is_bound = quietest < believed and any(np.isnan(side).any() for side in stated)
+    levels = [np.where(np.isnan(side), level, side) for side in stated]
+    if n_travels and np.isnan(stated[1][n_above:]).any():
+        of_travel = judge([*zip(travels, above, strict=True)])[0]
+        levels[1][n_above:] = np.where(np.isnan(stated[1][n_above:]), of_travel, stated[1][n_above:])
     return KnownNoise((levels[0], levels[1]), highest / level if is_bound else 1.0, level)
 
 
@@ -235,6 +253,9 @@ def with_own_noise(fit: Fit) -> Fit:
 
     model, theta, known = fit.model, fit.theta, fit.model.settings.intervals
     if all(any(facts.noise_m_per_s2 for facts in model.sensors.facts(side)) for side in SIDES):
+        return fit
+    if any(run.drive_step_m_per_s2 for run in model.runs):
+        # There is no sensor below, and the noise of a travel was read from its own spectrum.
         return fit
 
     def unlikely(log_ratio: float) -> float:

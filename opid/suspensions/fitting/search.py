@@ -832,9 +832,8 @@ def _reduce_rate(model: Model, theta: FloatArray) -> Model:
     if coarse is model or fastest_rate(model, theta) > known.fastest * coarse.runs[0].fs:
         return model
     predictions = model.evaluate(theta, sensitivity=False).predictions
-    n_sensors = len(model.sensors.sprung)
     folded = [
-        measure_folded_power(prediction.innovation[:n_sensors], run, thinned)
+        measure_folded_power(prediction.innovation[model.compared], run, thinned)
         for prediction, run, thinned in zip(predictions, model.runs, coarse.runs, strict=True)
     ]
     return coarse if max(folded) < known.most_folded else model

@@ -81,6 +81,8 @@ class Body:
         product: (n_dof, n_dof) matrix that the product of the first two factors multiplies; None for none.
         fall: (n_dof,) acceleration of the body in free fall, m/s^2; None if no weight acts.
         piston_area_m2: piston area of the strut of a gear alone; 0 if it is not stated.
+        of_travel: (n_sensors, n_attachments) reading of each sensor for a unit travel of each attachment, 1/s^2; None if
+            no sensor reads travel.
         prior_mass_kg: the reference mass as it is known beforehand; 0 if it is not.
         prior_tolerance_kg: its standard deviation.
     """
@@ -98,6 +100,7 @@ class Body:
     product: FloatArray | None = None
     fall: FloatArray | None = None
     piston_area_m2: float = 0.0
+    of_travel: FloatArray | None = None
     prior_mass_kg: float = 0.0
     prior_tolerance_kg: float = 0.0
 
@@ -110,6 +113,11 @@ class Body:
     def n_interfaces(self) -> int:
         """Number of attachments whose other side is measured."""
         return self.n_attachments - len(self.inside)
+
+    @property
+    def is_one_gear(self) -> bool:
+        """Whether the body is one mass on one suspension; further attachments are those of sensors."""
+        return self.n_attachments == 1 or (len(self.dof) == 1 and not self.rows[1:].any())
 
     def mass(self, theta: FloatArray, mu: float, loading: FloatArray) -> FloatArray:
         """Return M per unit of the reference mass, (n_dof, n_dof), under a loading in kg; mu in 1/kg."""

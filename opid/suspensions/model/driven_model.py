@@ -117,7 +117,9 @@ class Model(Unknowns):
         Its errors have the same unit.
         """
         below, above = self.noise
-        runs = tuple(replace(run, error_level=run.error_level / _DEAF) for run in self.runs)
+        runs = tuple(
+            replace(run, error_level=run.error_level / _DEAF, drive_step_m_per_s2=0.0) for run in self.runs
+        )
         return replace(self, runs=runs, noise=(below / _DEAF, above * _DEAF), process=NO_PROCESS_NOISE)
 
     @property
@@ -166,6 +168,16 @@ class Model(Unknowns):
         return errors * self._fades[index] if self._fades else errors
 
     @cached_property
+    def compared(self) -> slice:
+        """Sensors whose prediction errors are compared, a slice of those on the body.
+
+        Where the drive was not measured, the errors of the first sensor tell of the drive, of which nothing is assumed,
+        and those of the others, for which the first one is known, tell of the suspension.
+        """
+        is_driven = not any(run.drive_step_m_per_s2 for run in self.runs)
+        return slice(0 if is_driven else 1, len(self.sensors.sprung))
+
+    @cached_property
     def is_weighed(self) -> NDArray[np.bool_]:
         """Which departures from prior values enter the criterion of a model: all except those of initial states."""
         first = self.first_fault
@@ -211,12 +223,14 @@ class Model(Unknowns):
             # A sensor at its interface reads the acceleration there, so that the predictor need not distinguish them.
             reading=None if self._is_plain else moved.reading,
             reading_directions=None if self._is_plain else moved.by_reading[kept],
+            reading_of_travel=self._reading_of_travel,
             drive_directions=below.directions(n_attachments),
             measured_directions=above.directions(n_attachments),
             ground=self.ground,
             sensitivity=sensitivity,
         )
-        by = np.zeros((theta.size if sensitivity else 0, n_sensors, run.omega.size), dtype=np.complex128)
+        n_compared = len(range(n_sensors)[self.compared])
+        by = np.zeros((theta.size if sensitivity else 0, n_compared, run.omega.size), dtype=np.complex128)
         further = by[:0]
         if sensitivity:
             change = prediction.sensitivity[:n_sensors]
@@ -224,7 +238,8 @@ class Model(Unknowns):
                 change = change.copy()
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
-            lines = run.transform(self._fade_errors(index, change)).transpose(1, 0, 2) / self._compute_levels(index)
+            lines = run.transform(self._fade_errors(index, change[self.compared]))
+            lines = lines.transpose(1, 0, 2) / self._compute_levels(index)
             if self.n_departures:
                 add_departures(self, lines, resting, theta, index, by)
             if rest is not None:
@@ -238,8 +253,17 @@ class Model(Unknowns):
         """Whether the readings are the accelerations at the interfaces, in this order."""
         body = self.body
         return (
-            body.rows.shape == body.readings.shape and np.array_equal(body.rows, body.readings) and not body.coordinates
+            body.of_travel is None and body.rows.shape == body.readings.shape and np.array_equal(body.rows, body.readings) and not body.coordinates
         )
+
+    @cached_property
+    def _reading_of_travel(self) -> FloatArray | None:
+        """Reading of each attachment's sensor for a unit travel of each, (n_attachments, n_attachments) 1/s^2."""
+        if self.body.of_travel is None:
+            return None
+        found = np.zeros((self.body.n_attachments, self.body.n_attachments))
+        found[: len(self.body.of_travel)] = self.body.of_travel
+        return found
 
     @property
     def _n_starts(self) -> int:
@@ -272,9 +296,14 @@ class Model(Unknowns):
             n_more = n_all - level.size
             rows.append((np.append(level, [absent] * n_more), np.append(walk, [0.0] * n_more)))
         motion = np.sqrt(self.louder**2 - 1) * rows[0][0]
+        if run.drive_step_m_per_s2:
+            rows[0][1][: self.body.n_interfaces] = run.step_of_unmeasured_drive
         unmeasured = np.zeros(self.body.n_attachments)
         if self.process.fraction:
             unmeasured[: len(levels[1])] = self.process.acceleration_rms(run)
+            if self.body.of_travel is not None:
+                # No force moves a sensor of the travel.
+                unmeasured[: len(levels[1])] *= ~self.body.of_travel.any(axis=1)
         return Noise(
             rows[0][0].tolist(),
             rows[1][0].tolist(),
@@ -345,7 +374,7 @@ class Model(Unknowns):
         suspensions = self.interfaces(theta, candidates)
         for index, run in enumerate(self.runs):
             prediction, by, more = self._predict(theta, index, sensitivity, suspensions, candidates or {})
-            innovation = prediction.innovation[: len(self.sensors.sprung)]
+            innovation = prediction.innovation[: len(self.sensors.sprung)][self.compared]
             lines.append((run.transform(self._fade_errors(index, innovation)) / self._compute_levels(index)).ravel())
             predictions.append(prediction)
             if sensitivity:
@@ -363,21 +392,22 @@ class Model(Unknowns):
         The spectral density of the readings is that of both noises, the one below passed through the transmissibility
         T with the mean slopes of the laws: N_s + T N_u T^H.
         """
-        n_data = 2 * sum(line.size for line in errors.lines)
+        n_data, n_compared = 2 * sum(line.size for line in errors.lines), len(self.sensors.sprung) - self.compared.start
         cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
         spread = 0.0
         for index, (run, prediction) in enumerate(zip(self.runs, errors.predictions, strict=True)):
             below, above = self._compute_noise_of_readings(theta, run)
             straight = straighten(self, theta, index, prediction)
             ratio = transmissibility(self, straight)
-            density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
+            drive = below**2 + run.density_of_unmeasured_drive()[:, np.newaxis]
+            density = (ratio * drive[:, np.newaxis, :]) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
             if self.process.fraction:
                 density = density + spectral_density(self.process, run, straight)
             # The density is that of the readings before they were divided by their gains.
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
             spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1])))
             spread += 2 * float(
-                np.sum(np.log(np.broadcast_to(self._compute_levels(index), (above.size, run.omega.size))))
+                np.sum(np.log(np.broadcast_to(self._compute_levels(index), (n_compared, run.omega.size))))
             )
         return -0.5 * n_data * float(np.log(cost / n_data)) - spread
 
@@ -411,6 +441,9 @@ def state_at_start(unknowns: Unknowns, theta: FloatArray, index: int) -> tuple[F
     for row, facts in ((-2, unknowns.sensors.unsprung), (-1, unknowns.sensors.sprung)):
         offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
         std[row, : n if row == -2 else n_sensors] = offsets
+    if run.drive_step_m_per_s2:
+        # The offset of the drive is the drive itself.
+        std[-2, :n] = run.unsprung.std(axis=0)
     covariance = np.diag(std.ravel() ** 2)
     if unknowns.ground:
         below, near = run.ground_at_start
@@ -477,6 +510,8 @@ def transmissibility(unknowns: Unknowns, straight: Straight) -> ComplexArray:
     travel = np.asarray(np.linalg.solve(straight.system, driven[:, :, :n]), dtype=np.complex128)
     force = (straight.spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
     read = moved.reading @ force
+    if unknowns.body.of_travel is not None:
+        read[:, : len(unknowns.body.of_travel)] -= unknowns.body.of_travel @ travel
     return -read[:, : len(unknowns.sensors.sprung)]
 
 

@@ -163,6 +163,8 @@ class DrivenRun:
         error_level: size of the errors of this run relative to the others, for a wrong model. They are weighted by its
             inverse, so that no run dominates the others by its strength.
         number: number of the run in the study: clocks of recorders are known run by run.
+        drive_step_m_per_s2: rms step of an unmeasured drive from sample to sample of these arrays, a random walk that
+            begins at zero, m/s^2; `unsprung` is then derived from the travel and drives only the free motion. 0 for a measured drive.
         after_middle_s: time of the first sample after the middle of the run, s; drifts are counted from the middle.
     """
 
@@ -177,6 +179,7 @@ class DrivenRun:
     settings: RunSettings
     error_level: float = 1.0
     number: int = 0
+    drive_step_m_per_s2: float = 0.0
     after_middle_s: float = 0.0
     # stored results for these records
     _sides: dict[Side, FloatArray] = field(init=False, default_factory=dict)
@@ -303,6 +306,16 @@ class DrivenRun:
         return np.asarray(start), np.asarray(np.multiply.outer(drift_m**2, unit))
 
     @property
+    def step_of_unmeasured_drive(self) -> float:
+        """Rms step of an unmeasured drive from one step of the model to the next, m/s^2; 0 for a measured drive."""
+        return self.drive_step_m_per_s2 * float(np.sqrt(self.stride))
+
+    def density_of_unmeasured_drive(self) -> FloatArray:
+        """Return the spectral density of an unmeasured drive on the lines, (n_lines,), in the unit of `transform`."""
+        steps = np.abs(1.0 - np.exp(-1j * self.omega / self.fs)) ** 2
+        return np.asarray(self.step_of_unmeasured_drive**2 / steps)
+
+    @property
     def lines(self) -> slice:
         """Indices of the lines of the band among all lines of the transform."""
         return find_lines(self.omega, self.n_samples, self.fs)
@@ -314,8 +327,11 @@ class DrivenRun:
     def correct(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
         """Return the accelerations of a side, corrected for the faults of the sensors, whose values are given by name.
 
-        At half steps, (2 n - 1, n_interfaces), below the suspensions; at steps, (n, n_sensors), on the body.
+        At half steps, (2 n - 1, n_interfaces), below the suspensions; at steps, (n, n_sensors), on the body. A drive
+        that was not measured is zero.
         """
+        if side == "unsprung" and self.drive_step_m_per_s2:
+            return Corrected(np.zeros((2 * self.n_samples - 1, self.unsprung.shape[1])), ())
         mine: dict[int, dict[str, tuple[str, int]]] = {}
         for fault in sensors.faults:
             if fault.side == side and fault.run in (None, self.number):
@@ -452,6 +468,7 @@ def driven_run(
     leaks: ArrayLike | None = None,
     band_hz: tuple[float, float] | None = None,
     number: int = 0,
+    is_driven: bool = True,
     settings: RunSettings | None = None,
 ) -> DrivenRun:
     """Prepare one run for the model.
@@ -466,6 +483,8 @@ def driven_run(
         leaks: (n, n_leaks) further axes that leak into the sensors, m/s^2.
         band_hz: lowest and highest line to compare, Hz, cut at 0.4 fs; that of the settings if left out.
         number: number of the run in the study.
+        is_driven: whether `unsprung` was measured; otherwise it was derived from a travel that is read on the body, and
+            the drive of the model is a random walk.
         settings: how runs are prepared.
 
     Raises:
@@ -479,8 +498,10 @@ def driven_run(
             f"unsprung has shape {lower.shape}, sprung {upper.shape} and leaks {across.shape}: give runs of one length"
         )
     lines = band_lines(len(lower), fs=fs, band_hz=band_hz, settings=settings)
+    below = lines.prepare(lower)
+    step = 0.0 if is_driven else settings.drive_steps * float(np.sqrt(np.mean(np.diff(below, axis=0) ** 2)))
     return DrivenRun(
-        unsprung=lines.prepare(lower),
+        unsprung=below,
         sprung=lines.prepare(upper),
         leaks=lines.prepare(across) if across.size else np.empty((lines.n_samples * lines.finer, 0)),
         omega=lines.omega,
@@ -490,6 +511,7 @@ def driven_run(
         stride=1,
         settings=settings,
         number=number,
+        drive_step_m_per_s2=step,
         after_middle_s=-0.5 * len(lower) / fs,
     )
 

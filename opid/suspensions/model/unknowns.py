@@ -193,12 +193,12 @@ class Unknowns:
 
         It is 0 if no weight acts, and for bodies, because the fractions that their gears carry are unknown.
         """
-        return abs(self.own_load) if self.body.n_attachments == 1 else 0.0
+        return abs(self.own_load) if self.body.is_one_gear else 0.0
 
     @property
     def is_carried(self) -> bool:
         """Whether the load of a column of gas is known; the axis must count outwards, as the gas pushes."""
-        return self.body.n_attachments == 1 and self.own_load < 0.0
+        return self.body.is_one_gear and self.own_load < 0.0
 
     @cached_property
     def carriers(self) -> tuple[tuple[int, int], ...]:
@@ -385,7 +385,7 @@ class Unknowns:
 
         It is 0 for bodies, because the fractions of the weight that their gears carry are unknown.
         """
-        if not self.n_departures or self.body.n_attachments > 1:
+        if not self.n_departures or not self.body.is_one_gear:
             return 0.0
         return self.departures(theta, index)[0].spring
 
@@ -517,7 +517,7 @@ def add_rest(
         force = (1.0 + stiffer) * by_parameters(suspension, travel)
         force[2] = travel  # the departure of the strut's springs does not apply to the spring to the ground
         change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
-        if unknowns.n_departures and len(suspensions) == 1:
+        if unknowns.n_departures and number == 0 and unknowns.body.is_one_gear:
             own = suspension.stiffness * travel + float(suspension.law.static_force(travel)[0])
             by[unknowns.indices_of_run(index)[1].start] += (own + unknowns.own_load) * moved
     if unknowns.mass_free:
