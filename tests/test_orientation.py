@@ -349,7 +349,8 @@ def test_two_telephones_call_their_axes_alike(tmp_path):
     text = path.read_text()
     for stem in ("lower", "upper"):
         axes = f'axes = ["{stem}_x", "{stem}_y", "{stem}_z"]'
-        text = text.replace(axes, f'axes = ["ax", "ay", "az"]\nfile = "{{run}}_{stem}.csv"')
+        on_one_clock = "shift_tolerance_s = 0"
+        text = text.replace(axes, f'axes = ["ax", "ay", "az"]\nfile = "{{run}}_{stem}.csv"\n{on_one_clock}')
     one = opid.read_study(path)
     path.write_text(text)
     two = opid.read_study(path)

@@ -433,7 +433,9 @@ def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
 
 def _find_axes(sensor: TriaxialSensor, table: _Channel, channels: Mapping[str, _Channel]) -> dict[str, _Channel]:
     """Return the channels of a three-axis sensor: as their own entries say, or as that of the sensor says."""
-    place: dict[str, Any] = {"file": table.file, "shift_s": table.shift_s, "log": table.log}
+    place: dict[str, Any] = {
+        name: getattr(table, name) for name in ("file", "shift_s", "shift_tolerance_s", "drift_tolerance_ppm", "log")
+    }
     shared = {"axes": place | {"unit": table.unit, "scale": table.scale}, "gyroscope": place}
     found = {}
     for kind, names in (("axes", sensor.axes), ("gyroscope", sensor.rates)):

@@ -94,6 +94,9 @@ class ClockCheck:
             bridged = jumps & (steps > 0) & (lost <= STAMPS.most_bridged)
             self.n_bridged += int(lost[bridged].sum())
             jumps &= ~bridged
+            if float(np.median(np.abs(steps - self._period))) <= STAMPS.regular * self._period:
+                # A row that was written twice among regular stamps makes its surroundings unsound.
+                jumps |= steps == 0
         off = own - self._period
         self._good += np.array([off.size, off.sum(), off @ off])
         rows = np.arange(first, first + n, dtype=np.float64)
