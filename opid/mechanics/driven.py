@@ -213,8 +213,8 @@ def predict(
             interfaces make them read -R F; A where left out.
         reading_directions: (n_directions, n_interfaces, n_interfaces) changes of R that go with those of A; those of A
             where left out.
-        reading_of_travel: (n_interfaces, n_interfaces) S, 1/s^2, for sensors of the travel: it makes them read S z; zero
-            where left out.
+        reading_of_travel: (n_interfaces, n_interfaces) S, 1/s^2, for sensors of the travel, which read S z; zero where
+            left out.
         drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive, directions of differentiation.
         measured_directions: (n, n_directions, n_interfaces) changes of the readings, directions of differentiation.
         ground: whether a spring acts between body and ground, which needs the body's own displacement.
@@ -269,7 +269,9 @@ def predict(
         reading=seen,
         by_mass=by_accelerance,
         by_reading=by_reading,
-        of_travel=np.zeros((n, n)) if reading_of_travel is None else np.ascontiguousarray(reading_of_travel, dtype=float),
+        of_travel=np.zeros((n, n))
+        if reading_of_travel is None
+        else np.ascontiguousarray(reading_of_travel, dtype=float),
         by_drive=read_directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
         by_measured=read_directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
     )(first.ravel())

@@ -4,7 +4,7 @@ The predictor of `opid.mechanics.driven` knows only the readings before a sample
 after it, too (Rauch, Tung & Striebel 1965). Here the whole motion is found at once, as the minimum of a sum of squares
 (the iterated smoother is its Gauss-Newton method, Bell 1994):
 
-    readings on the body      y = -R F + w + r + noise
+    readings on the body      y = -R F + S z + w + r + noise
     readings below            z'' = -A F + w - (u + o) + noise
     unmeasured forces         w(t + 1/fs) = q w(t) + noise
 
@@ -66,6 +66,7 @@ class DrivenRecord:
             (n_sensors,), m/s^2.
         drift_m: (n_interfaces,) standard deviation of the height below each suspension about its mean; it counts where
             a spring to the ground acts.
+        of_travel: (n_sensors, n_interfaces) S, reading of each sensor for a unit travel, 1/s^2; None if none reads it.
     """
 
     interfaces: Sequence[Interface]
@@ -77,6 +78,7 @@ class DrivenRecord:
     noise: Noise
     offset_std: tuple[FloatArray, FloatArray]
     drift_m: FloatArray
+    of_travel: FloatArray | None = None
 
     @property
     def n_interfaces(self) -> int:
@@ -305,6 +307,8 @@ def _whiten(
     n = record.n_interfaces
     body = -motion.whole_force @ record.accelerance.T + motion.pushed[:, :n]
     read = -motion.whole_force @ record.reading.T + motion.pushed + constants.of_readings @ of_record
+    if record.of_travel is not None:
+        read += motion.travel @ record.of_travel.T
     kinematic = (motion.curvature - body + record.drive + constants.of_drive @ of_record) / below
     rows = [kinematic, (read - record.measured) / above]
     rms, left = noise_of.pushes
@@ -350,6 +354,9 @@ def _find_normal(record: DrivenRecord, constants: _Constants, unknowns: FloatArr
     by_force[n_interfaces:] *= -1.0
     local = np.zeros((n, n_interfaces + n_sensors, _WIDTH, n_interfaces + rms.size))
     local[..., :n_interfaces] = by_force[:, np.newaxis, :] * by_coefficient[:, np.newaxis]
+    if record.of_travel is not None:
+        direct = (record.of_travel / above[:, np.newaxis])[:, np.newaxis, :] * shapes[0][:, np.newaxis]
+        local[:, n_interfaces:, :, :n_interfaces] += direct
     for k in range(n_interfaces):
         local[:, k, :, k] += shapes[2] / below[k]
     for k in range(rms.size):

@@ -386,6 +386,7 @@ def _compute_noise_lines(fit: Fit | JointFit, index: int) -> tuple[np.ndarray, n
         frequency_hz, residual = fit.frequency_hz[index], fit.residual[index]
     else:
         frequency_hz = fit.model.runs[index].omega / (2 * np.pi)
-        residual = fit.model.level * fit.errors.lines[index].ravel() / np.sqrt(2)
+        lines = np.abs(fit.errors.lines[index].reshape(-1, frequency_hz.size))
+        residual = fit.model.level * np.sqrt(np.mean(lines**2, axis=0) / 2)
     middle, rms = smooth_lines(frequency_hz, residual, SMOOTHING_HZ)
     return middle, 1e3 * rms

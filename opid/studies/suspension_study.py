@@ -19,7 +19,9 @@ from opid.progress import Say
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
+from opid.signals.quantities import Quantity
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
+from opid.studies.quantities import convert_run, name_travel
 from opid.studies.run_files import (
     CHANNEL,
     ChannelTable,
@@ -46,7 +48,17 @@ from opid.studies.schema import (
 )
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.studies.triaxial import Mounting, TriaxialSensor, level_runs
-from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, LEAK_TOLERANCE, SIDES, Leak, SensorFacts, SensorPair, Side
+from opid.suspensions.sensor_facts import (
+    IDEAL,
+    IDEAL_PAIR,
+    LEAK_TOLERANCE,
+    SIDES,
+    Leak,
+    SensorFacts,
+    SensorPair,
+    Side,
+    TravelSensor,
+)
 from opid.suspensions.study import (
     Axis,
     BodySensor,
@@ -68,7 +80,9 @@ WEIGHED = ("weighed_mass_kg", "weighed_tolerance_kg")
 MOST_TILT_DEG = 30.0
 """The largest standard deviation of a vertical: with more of it nothing is known."""
 
-FACTS = tuple(each.name for each in fields(SensorFacts))
+FACTS = (*(each.name for each in fields(SensorFacts)), "quantity", "noise_m")
+TRAVEL = "travel"
+"""Name of the channel of a gear that reads its travel beside a sensor on either side."""
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
     "unsprung, x_m, y_m), or leave it out for one gear"
@@ -78,6 +92,8 @@ OF_ONE_GEAR = "which belongs to one gear: give it in each table [[interfaces]]"
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel(SensorFacts, ChannelTable):
+    quantity: Quantity | None = None
+    noise_m: float | None = None
     axes: tuple[str, ...] = ()
     gyroscope: tuple[str, ...] = ()
     vertical: Annotated[tuple[float, ...], "a list of three numbers, the upward direction in the axes"] = ()
@@ -86,6 +102,10 @@ class _Channel(SensorFacts, ChannelTable):
     def __post_init__(self) -> None:
         SensorFacts.__post_init__(self)
         ChannelTable.__post_init__(self)
+        if self.noise_m is not None and self.quantity not in (None, "travel"):
+            raise InputError("noise_m is given, which belongs to a travel: give quantity = 'travel', or leave it out")
+        if self.noise_m is not None and self.noise_m_per_s2 is not None:
+            raise InputError("noise_m and noise_m_per_s2 are given: give the noise of a travel by noise_m alone")
         for name in ("axes", "gyroscope"):
             given = getattr(self, name)
             if given and len(set(given)) != 3:
@@ -96,11 +116,11 @@ class _Channel(SensorFacts, ChannelTable):
             raise InputError(
                 f"tilt_tolerance_deg is {self.tilt_tolerance_deg:g}: give a positive angle up to {MOST_TILT_DEG:g}"
             )
-        for name in ("channel", "sign", "offset") if self.axes else ():
+        for name in ("channel", "sign", "offset", "quantity") if self.axes else ():
             if name in self.given:
                 raise InputError(
-                    f"{name!r} and axes are given: gravity tells which way is up, and an axis with a scale, an offset "
-                    "or a sign of its own has a table [channels.NAME] of its own"
+                    f"{name!r} and axes are given: gravity tells which way is up, axes are accelerations, and an axis "
+                    "with a scale, an offset or a sign of its own has a table [channels.NAME] of its own"
                 )
 
 
@@ -169,6 +189,7 @@ class _Interface(MeasuredInterface):
     x_m: float
     y_m: float
     facts: Annotated[SensorPair, NO_KEY] = IDEAL_PAIR
+    travel: Annotated[str, NO_KEY] = ""  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +269,7 @@ class _Gear(_Study):
             for run in self.runs
         )
         sides = {side: names[side] for side in SIDES}
-        gear = recast(_Interface, self, name="gear", x_m=0.0, y_m=0.0, **sides)
+        gear = recast(_Interface, self, name="gear", x_m=0.0, y_m=0.0, travel=names.get(TRAVEL, ""), **sides)
         return recast(_Body, self, channels=channels, sensors=_Sensors(leak=leaks), interfaces=(gear,), runs=runs)
 
 
@@ -264,7 +285,7 @@ def read_suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]
         faults.append(f"'fs_hz' in the study is {study.fs_hz}, give a positive rate in Hz")
     channels = study.channels or {}
     if isinstance(study, _Gear):
-        known, right = [str(side) for side in SIDES], "[channels.sprung] or [channels.unsprung]"
+        known, right = [*SIDES, TRAVEL], "[channels.sprung], [channels.unsprung] or [channels.travel]"
         further = [name for name in channels if name not in known]
         faults += [
             f"[channels] lacks {side!r}, give {CHANNEL}"
@@ -340,6 +361,7 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
             bring_to_one_rate(_warn_of_one_log(runs, all_files)), [files.sensors for files in all_files]
         )
         interfaces, further = _attach_mountings(interfaces, further, mountings)
+        levelled, interfaces = _read_other_quantities(study, levelled, interfaces)
     return recast(
         Study,
         study,
@@ -473,10 +495,44 @@ def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Bo
         )
         for each in study.interfaces
     )
-    return tuple(recast(MeasuredInterface, each, facts=pair) for each, pair in interfaces), tuple(
+    return tuple(recast(MeasuredInterface, each, facts=pair, travel=None) for each, pair in interfaces), tuple(
         recast(BodySensor, each, facts=find_facts(each.channel), leaks=find_leaks(sprung=each.channel))
         for each in study.body_sensors
     )
+
+
+def _read_other_quantities(
+    study: _Body, runs: Sequence[Run], interfaces: tuple[MeasuredInterface, ...]
+) -> tuple[list[Run], tuple[MeasuredInterface, ...]]:
+    """Return runs whose sensors all read accelerations, and the interfaces with the sensor of their travel."""
+
+    def find_table(channel: str) -> _Channel:
+        return tabulate_channel(_Channel, channel, study.channels.get(channel, channel))
+
+    stated = {channel: find_table(channel).quantity for channel in study.sensor_channels}
+    travels = [channel for channel, quantity in stated.items() if quantity == TRAVEL]
+    beside = study.interfaces[0].travel
+    misplaced = [channel for channel in travels if channel != study.interfaces[0].unsprung]
+    if (travels or beside) and (len(interfaces) > 1 or study.body_sensors):
+        raise InputError(
+            f"[channels.{(travels or [beside])[0]}] reads a travel, which is read for one gear alone: give a study of "
+            "that gear, or accelerations on both sides of each suspension"
+        )
+    if misplaced:
+        raise InputError(
+            f"[channels.{misplaced[0]}] reads a travel and stands for the sensor on the body: name it as the channel "
+            "unsprung if it stands for a sensor below the suspension, and as travel if it is a further one"
+        )
+    runs = [convert_run(run, stated, sprung=interfaces[0].sprung, travel=beside or None) for run in runs]
+    if not (travels or beside):
+        return runs, interfaces
+    facts = find_table(beside or travels[0])
+    sensor = TravelSensor(
+        beside or name_travel(travels[0]), facts.noise_m, facts.gain_tolerance, facts.lag_tolerance_s, not beside
+    )
+    (gear,) = interfaces
+    pair = gear.facts if beside else replace(gear.facts, unsprung=IDEAL)
+    return runs, (replace(gear, facts=pair, travel=sensor),)
 
 
 def _attach_mountings(
@@ -728,22 +784,34 @@ def _is_plain_gear(study: Study) -> bool:
     """Return whether a study file with [channels], which is that of one gear, can hold the whole study."""
     first = study.interfaces[0]
     plain = MeasuredInterface(
-        "gear", first.sprung, first.unsprung, facts=first.facts, axis=first.axis, piston_area_m2=first.piston_area_m2
+        "gear",
+        first.sprung,
+        first.unsprung,
+        facts=first.facts,
+        axis=first.axis,
+        piston_area_m2=first.piston_area_m2,
+        travel=first.travel,
     )
     return study.is_one_gear and first == plain and study.structure == StructureSettings()
 
 
 def _tabulate_gear(study: Study) -> _Gear:
     gear = study.interfaces[0]
-    channels = {"unsprung": gear.unsprung, "sprung": gear.sprung}
-    facts = gear.facts
+    channels: dict[str, str | int | _Channel] = {"unsprung": gear.unsprung, "sprung": gear.sprung}
+    facts, taken = gear.facts, [gear.unsprung, gear.sprung]
+    if gear.travel is not None:
+        # Without a sensor below, the acceleration there is derived once more when the files are read.
+        place = "unsprung" if gear.travel.is_alone else TRAVEL
+        stated = recast(_Channel, gear.travel.facts, noise_m_per_s2=None, noise_m=gear.travel.noise_m)
+        channels[place] = replace(stated, channel=gear.travel.channel, quantity="travel")
+        taken.append(gear.travel.channel)
     leaks = tuple(recast(_GearLeak, leak) for leak in facts.leaks)
     return recast(
         _Gear,
         study,
         axis=gear.axis,
         piston_area_m2=gear.piston_area_m2,
-        channels=channels | _list_further_channels(study, channels.values()),
+        channels=channels | _list_further_channels(study, taken),
         sensors=_GearSensors(unsprung=facts.unsprung, sprung=facts.sprung, leak=leaks),
         runs=tuple(_Run(**_tabulate_run(run), mass_change_kg=run.mass_change_kg) for run in study.runs),
     )

@@ -376,25 +376,26 @@ def prepare_alone(
     """
     picked, runs = list(interfaces), []
     alone, leaking = sensors.mean_of(picked), sensors.leaks_into(picked)
-    n_above, is_driven = len(sensors.sprung) - len(study.travels), not any(each.is_alone for each in study.travels)
+    n_above = len(sensors.sprung) - len(study.travels)
     if study.travels:
         more = slice(n_above, None)
-        alone = replace(alone, sprung=(*alone.sprung, *sensors.sprung[more]), names=(*alone.names, *sensors.names[more]))
+        alone = replace(
+            alone, sprung=(*alone.sprung, *sensors.sprung[more]), names=(*alone.names, *sensors.names[more])
+        )
     for number, (run, (below, above, across)) in enumerate(zip(study.runs, arrays, strict=True)):
         change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
             change = 0.0
-        alone_m_per_s2 = below[:, picked].mean(axis=1)
         runs.append(
             driven_run(
-                alone_m_per_s2,
+                below[:, picked].mean(axis=1),
                 np.column_stack([above[:, picked].mean(axis=1), *(above[:, n_above:].T)]),
                 fs=study.fs,
                 loading=change,
                 leaks=across[:, leaking] / len(picked),
                 number=number,
                 settings=settings.runs,
-                is_driven=is_driven,
+                is_driven=study.is_driven,
             )
         )
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)

@@ -128,6 +128,7 @@ def identify(
     settings = settings or Settings()
     if band_hz is not None:
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
+    settings = _limit_band(study, settings)
     kind_of_law = None if law is None else default_law(law)
     say = progress or (lambda step: None)
     study = check_study(study, settings)
@@ -139,7 +140,7 @@ def identify(
         fs=study.fs,
         settings=settings.runs,
         n_travels=len(study.travels),
-        is_driven=not any(each.is_alone for each in study.travels),
+        is_driven=study.is_driven,
     )
     options = Options(law, ground, method_of_law, library(), seed)
     # A horizontal suspension has no spring to the ground.
@@ -157,6 +158,15 @@ def identify(
     say("intervals")
     by_runs = _mass_by_runs(choice)
     return _make_answer(task, _with_weighed_mass(choice, by_runs), by_runs, options, mended)
+
+
+def _limit_band(study: Study, settings: Settings) -> Settings:
+    """Return settings that compare no line above the frequency up to which differentiated channels are useful."""
+    (low_hz, high_hz), limits = settings.runs.band_hz, [run.highest_hz for run in study.runs if run.highest_hz]
+    if not limits or min(limits) >= high_hz:
+        return settings
+    # The low-pass of a differentiated channel has begun at its corner.
+    return replace(settings, runs=replace(settings.runs, band_hz=(low_hz, 0.6 * min(limits))))
 
 
 def _mass_by_runs(choice: Choice) -> InverseMass | None:

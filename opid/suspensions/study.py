@@ -170,6 +170,8 @@ class Run:
             method "model". None if it is only to be compared.
         clocks: how the clocks of further recorders were matched to that of the first; what is left of lag and drift is
             fitted.
+        highest_hz: highest line that is compared, Hz, because a differentiated channel holds noise above; None where
+            all channels read accelerations.
     """
 
     name: str
@@ -182,6 +184,7 @@ class Run:
     weighed_mass_kg: float | None = None
     weighed_tolerance_kg: float | None = None
     clocks: tuple[ClockMatch, ...] = ()
+    highest_hz: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.loading, (int, float)):
@@ -273,6 +276,11 @@ class Study:
     def names(self) -> tuple[str, ...]:
         """Names of the interfaces."""
         return tuple(interface.name for interface in self.interfaces)
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the motion below the suspensions was measured; otherwise it is derived from a travel."""
+        return not any(each.is_alone for each in self.travels)
 
     @property
     def is_one_gear(self) -> bool:

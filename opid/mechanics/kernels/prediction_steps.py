@@ -120,7 +120,8 @@ def _end_step(n, joints, travels, pulled, held, state):  # type: ignore[no-untyp
 @kernel(freedom="fused")
 def _predict_samples(  # type: ignore[no-untyped-def]
     several, remembered, ground_is_followed, unmeasured_is_followed, joints, accelerance, by_mass, reading, by_reading,
-    of_travel, drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
+    of_travel, drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct,
+    differentiate,
 ):  # fmt: skip
     """Predict each sample from the ones before it, see `opid.mechanics.driven.predict`.
 

@@ -40,8 +40,12 @@ def _list_gear_figures(result: AnyIdentification, truth: GearTruth | None) -> It
     yield Figure(
         "accelerations",
         "What was recorded",
-        "The spindle (grey) follows the road; the airframe above the strut (in colour) moves less and slower. If "
-        "the grey signal is the quieter one, the sensors are swapped.",
+        "The spindle (grey) follows the road; the airframe above the strut (in colour) moves less and slower. "
+        + (
+            "If the grey signal is the quieter one, the sensors are swapped."
+            if result.study.is_driven
+            else "No sensor is there: its acceleration follows from the travel, up to where this sinks into its noise."
+        ),
         lambda: plots.accelerations(result),
     )
     if chain is not None:

@@ -43,6 +43,8 @@ from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import UNITS, Candidate, GearParameters, Identification, InterfaceEstimate
+from opid.suspensions.sensor_facts import TRAVEL_PER_S2
+from opid.suspensions.study import Study
 
 LABELS = {
     "suspension_stiffness_n_per_m": "stiffness K2",
@@ -82,7 +84,7 @@ def build_document(result: AnyIdentification, truth: TaxiTruth | None = None) ->
     day = f", runs of {result.date}" if result.date else ""
     return Document(
         result.title or "Identification",
-        f"{_say_kind(result)}, from accelerations alone{day}",
+        f"{_say_kind(result)}, from {_say_sources(result.study)}{day}",
         _say_answer(result),
         result.not_determined,
         tuple(_list_blocks(result, truth)),
@@ -92,6 +94,12 @@ def build_document(result: AnyIdentification, truth: TaxiTruth | None = None) ->
         reference=REFERENCE if result.study.is_one_gear else "",
         sketch=sketch_suspensions(result),
     )
+
+
+def _say_sources(study: Study) -> str:
+    if not study.travels:
+        return "accelerations alone"
+    return "accelerations and the travel" if study.is_driven else "the travel and the acceleration above"
 
 
 def _say_kind(result: AnyIdentification) -> str:
@@ -478,10 +486,20 @@ def _say_limits(result: AnyIdentification) -> str:
 def _say_limits_of_gear(result: Identification) -> str:
     evidence, lines = result.evidence[0], result.runs[0].frequency_hz
     is_white = evidence.whiteness.white
+    if result.study.is_driven:
+        follows = (
+            "the model predicts the airframe acceleration to "
+            f"{_format_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, and the sensors' noise is at most "
+            f"{_format_mm_per_s2(evidence.noise)}"
+        )
+    else:
+        noise_m = float(evidence.fit.model.noise[1][-1]) / TRAVEL_PER_S2
+        follows = (
+            "with the airframe acceleration the model predicts the travel to "
+            f"{_format_mm(evidence.fit.ratio * noise_m)} rms, and the noise of its sensor is {_format_mm(noise_m)}"
+        )
     predicted = (
-        f"{_say_runs(len(result.runs), (lines[0], lines[-1]))}the model predicts the airframe acceleration to "
-        f"{_format_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, and the sensors' noise is at most "
-        f"{_format_mm_per_s2(evidence.noise)}; the prediction errors are "
+        f"{_say_runs(len(result.runs), (lines[0], lines[-1]))}{follows}; the prediction errors are "
         f"{'white, as noise is' if is_white else 'not white'}."
     )
     if not any(estimate.interval95 for _, estimate in (*result.parameters.items(), *result.ratios.items())):
@@ -549,6 +567,10 @@ def _say_kinds(law: str | None, kinds: tuple[str, ...]) -> str:
         f" Stiffness and damping are the linear part of the force. The law is its nonlinear part, chosen among {named} "
         "and their sums; with another law both would have other values."
     )
+
+
+def _format_mm(value_m: float) -> str:
+    return f"{format_number(1e3 * value_m, 2)} mm"
 
 
 def _format_mm_per_s2(value: float) -> str:

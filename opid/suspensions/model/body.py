@@ -81,8 +81,8 @@ class Body:
         product: (n_dof, n_dof) matrix that the product of the first two factors multiplies; None for none.
         fall: (n_dof,) acceleration of the body in free fall, m/s^2; None if no weight acts.
         piston_area_m2: piston area of the strut of a gear alone; 0 if it is not stated.
-        of_travel: (n_sensors, n_attachments) reading of each sensor for a unit travel of each attachment, 1/s^2; None if
-            no sensor reads travel.
+        of_travel: (n_sensors, n_attachments) reading of each sensor for a unit travel of each attachment, 1/s^2; None
+            if no sensor reads travel.
         prior_mass_kg: the reference mass as it is known beforehand; 0 if it is not.
         prior_tolerance_kg: its standard deviation.
     """

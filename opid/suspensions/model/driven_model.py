@@ -117,9 +117,7 @@ class Model(Unknowns):
         Its errors have the same unit.
         """
         below, above = self.noise
-        runs = tuple(
-            replace(run, error_level=run.error_level / _DEAF, drive_step_m_per_s2=0.0) for run in self.runs
-        )
+        runs = tuple(replace(run, error_level=run.error_level / _DEAF, drive_step_m_per_s2=0.0) for run in self.runs)
         return replace(self, runs=runs, noise=(below / _DEAF, above * _DEAF), process=NO_PROCESS_NOISE)
 
     @property
@@ -253,7 +251,10 @@ class Model(Unknowns):
         """Whether the readings are the accelerations at the interfaces, in this order."""
         body = self.body
         return (
-            body.of_travel is None and body.rows.shape == body.readings.shape and np.array_equal(body.rows, body.readings) and not body.coordinates
+            body.of_travel is None
+            and body.rows.shape == body.readings.shape
+            and np.array_equal(body.rows, body.readings)
+            and not body.coordinates
         )
 
     @cached_property

@@ -164,7 +164,8 @@ class DrivenRun:
             inverse, so that no run dominates the others by its strength.
         number: number of the run in the study: clocks of recorders are known run by run.
         drive_step_m_per_s2: rms step of an unmeasured drive from sample to sample of these arrays, a random walk that
-            begins at zero, m/s^2; `unsprung` is then derived from the travel and drives only the free motion. 0 for a measured drive.
+            begins at zero, m/s^2; `unsprung` is then derived from the travel and drives only the free motion. 0 for a
+            measured drive.
         after_middle_s: time of the first sample after the middle of the run, s; drifts are counted from the middle.
     """
 

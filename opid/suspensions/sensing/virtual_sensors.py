@@ -516,6 +516,9 @@ def _find_contradictions(
     return np.sqrt(squares + moved), fraction
 
 
+# noise of a drive that was not measured: far more than any wheel moves
+_UNMEASURED_M_PER_S2 = 1e4
+
 _UNITS = {"travel": "m", "travel_velocity": "m/s", "acceleration": "m/s^2", "velocity": "m/s"}
 
 
@@ -531,6 +534,12 @@ def _make_record(part: _Part, theta: FloatArray) -> DrivenRecord:
         means = [_find_mean(column, run.fs) for column in side.T]
         side -= [0.0 if each.corner_hz else mean for each, (mean, _) in zip(facts, means, strict=True)]
         stds.append(np.array([coupled if each.corner_hz else std for each, (_, std) in zip(facts, means, strict=True)]))
+    n_travels = 0 if model.body.of_travel is None else int(model.body.of_travel.any(axis=1).sum())
+    if n_travels:
+        # A sensor of the travel has a zero of its own.
+        stds[1][-n_travels:] = measured[:, -n_travels:].std(axis=0)
+    if run.drive_step_m_per_s2:
+        noise, stds[0] = replace(noise, drive=_UNMEASURED_M_PER_S2, drive_walk=0.0), np.ones(n)
     return DrivenRecord(
         interfaces=model.resting_interfaces(theta, 0)[:n],
         accelerance=moved.accelerance[:n, :n],
@@ -540,11 +549,12 @@ def _make_record(part: _Part, theta: FloatArray) -> DrivenRecord:
         fs=run.fs,
         noise=replace(
             noise,
-            drive=(part.widened * np.asarray(noise.drive)).tolist(),
+            drive=np.multiply(part.widened, noise.drive).tolist(),
             measured=(part.widened * np.asarray(noise.measured)).tolist(),
         ),
         offset_std=(stds[0], stds[1]),
         drift_m=_find_drift(model),
+        of_travel=None if model.body.of_travel is None else model.body.of_travel[: measured.shape[1], :n],
     )
 
 

@@ -1,0 +1,183 @@
+"""A sensor of the travel: in the place of one below the suspension, beside it, and with faults."""
+
+import numpy as np
+import pytest
+
+import opid
+from opid.signals.logs import write_log
+from opid.signals.recording import Channel, Recording
+from opid.suspensions.sensing.settings import SensingSettings
+from opid.suspensions.sensing.virtual_sensors import sense
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
+
+TRUE_KG, NOISE_M = 1850.0, 1e-4
+ALONE = '[channels]\nsprung = "upper_z"\n[channels.unsprung]\nchannel = "pot"\nquantity = "travel"\n'
+BOTH = '[channels]\nsprung = "upper_z"\nunsprung = "lower_z"\n[channels.travel]\nchannel = "pot"\n'
+
+
+@pytest.fixture(scope="module")
+def test_runs():
+    """Two virtual taxi runs, and the noise of a potentiometer in each."""
+    rng = np.random.default_rng(5)
+    test = taxi_test(LandingGear(), rng=rng, duration_s=24.0, fs=256.0, mass_removed_kg=220.0)
+    return test, [rng.standard_normal(run.recording.n_samples) for run in test.runs]
+
+
+def write(directory, test_runs, channels, *, factor=1.0, later_s=0.0, noise_m=NOISE_M, head="repeatability = 0\n"):
+    """Write logs with a potentiometer, and the study file with some [channels]; return its path."""
+    test, noises = test_runs
+    tables = ""
+    for run, noise, name, change in zip(test.runs, noises, ("heavy", "light"), (0.0, -220.0), strict=True):
+        recording, fs = run.recording, run.recording.fs
+        time_s = np.arange(noise.size) / fs
+        travel = np.interp(time_s - later_s, time_s, run.truth.channel("travel")) + noise_m * noise
+        columns = [recording.channel("lower_z"), recording.channel("upper_z"), factor * travel]
+        units = {"lower_z": "m/s^2", "upper_z": "m/s^2", "pot": "m"}
+        whole = Recording(np.stack(columns, axis=1), fs, tuple(Channel(*each) for each in units.items()))
+        write_log(whole, directory / f"{name}.csv")
+        tables += f'[[runs]]\nname = "{name}"\nlog = "{name}.csv"\nmass_change_kg = {change}\nstart_s = 0\n'
+    (directory / "study.toml").write_text(head + channels + tables)
+    return directory / "study.toml"
+
+
+def identify(path, **options):
+    return opid.identify(opid.read_study(path), law="arctan_velocity", **options)
+
+
+def assert_holds(result):
+    estimate = result.parameters.sprung_mass_kg
+    assert abs(estimate.value - TRUE_KG) < 3 * estimate.std
+    return estimate
+
+
+def test_travel_and_airframe_give_the_mass(tmp_path, test_runs):
+    result = identify(write(tmp_path, test_runs, ALONE))
+    assert assert_holds(result).std < 0.01 * TRUE_KG
+    assert abs(result.parameters.suspension_stiffness_n_per_m.value / 3.9e5 - 1) < 0.02
+    assert result.residual_over_noise == pytest.approx(1.0, abs=0.1)
+    text = " ".join(opid.text(result).split())
+    assert "from the travel and the acceleration above" in text
+    assert "the model predicts the travel to 0.1 mm rms" in text
+
+
+def test_the_law_is_found_from_travel(tmp_path, test_runs):
+    result = opid.identify(opid.read_study(write(tmp_path, test_runs, ALONE)))
+    assert result.law.name == "arctan_velocity"
+    assert_holds(result)
+
+
+def test_a_travel_beside_both_sensors_is_read_too(tmp_path, test_runs):
+    result = identify(write(tmp_path, test_runs, BOTH))
+    (tmp_path / "without").mkdir()
+    without = identify(write(tmp_path / "without", test_runs, BOTH.split("[channels.travel]")[0]))
+    assert assert_holds(result).std < 1.1 * without.parameters.sprung_mass_kg.std
+    stiffness, alone = (each.parameters.suspension_stiffness_n_per_m for each in (result, without))
+    assert stiffness.std < 1.1 * alone.std
+
+
+def test_a_stated_lag_and_gain_widen_the_intervals(tmp_path, test_runs):
+    """A lag of the travel passes for damping, and a gain for stiffness: where they are stated, the intervals hold."""
+    late = {"later_s": 0.001, "factor": 1.02}
+    path = write(tmp_path, test_runs, ALONE + "lag_tolerance_s = 0.001\ngain_tolerance = 0.02\n", **late)
+    result = identify(path)
+    assert_holds(result)
+    for estimate, true in (
+        (result.parameters.suspension_damping_n_s_per_m, 6e3),
+        (result.parameters.suspension_stiffness_n_per_m, 3.9e5),
+    ):
+        assert abs(estimate.value - true) < 3 * estimate.std
+    assert result.parameters.suspension_stiffness_n_per_m.std > 0.01 * 3.9e5
+
+
+def test_a_stated_noise_is_taken(tmp_path, test_runs):
+    result = identify(write(tmp_path, test_runs, ALONE + "noise_m = 2e-4\n"))
+    assert result.residual_over_noise < 0.7
+
+
+def test_a_coarse_encoder_widens_the_interval(tmp_path, test_runs):
+    """Steps of 1 mm are a noise of 0.29 mm."""
+    test, noises = test_runs
+    fine = identify(write(tmp_path, test_runs, ALONE)).parameters.sprung_mass_kg
+    path = write(tmp_path, (test, noises), ALONE, noise_m=0.0)
+    for name in ("heavy", "light"):
+        log = opid.read_log(tmp_path / f"{name}.csv")
+        samples = log.samples.copy()
+        samples[:, 2] = 1e-3 * np.round(1e3 * samples[:, 2])
+        write_log(Recording(samples, log.fs, log.channels), tmp_path / f"{name}.csv")
+    coarse = assert_holds(identify(path))
+    assert coarse.std > 1.5 * fine.std
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (-1.0, "run 'heavy', channel 'unsprung': it grows as the suspension pushes .* give sign = -1"),
+        (1e3, "which no suspension has: check its unit and scale"),
+    ],
+)
+def test_a_wrong_direction_or_unit_is_refused(tmp_path, test_runs, factor, words):
+    with pytest.raises(opid.InputError, match=words):
+        opid.read_study(write(tmp_path, test_runs, ALONE, factor=factor))
+
+
+@pytest.mark.parametrize(
+    ("channels", "words"),
+    [
+        ('[channels]\nsprung = "upper_z"\nunsprung = "pot"\n', "give quantity = 'displacement' .* or 'travel'"),
+        (
+            '[channels]\nunsprung = "lower_z"\n[channels.sprung]\nchannel = "pot"\nquantity = "travel"\n',
+            "stands for the sensor on the body: name it as the channel unsprung",
+        ),
+        (
+            BOTH.replace('travel]\nchannel = "pot"', 'travel]\nunit = "g"\nchannel = "pot"'),
+            "its quantity is 'travel' and its unit",
+        ),
+        (ALONE.replace('quantity = "travel"', 'quantity = "way"'), "quantity"),
+        (
+            ALONE.replace('quantity = "travel"', 'quantity = "displacement"\nnoise_m = 1e-4'),
+            "noise_m is given, which belongs",
+        ),
+    ],
+)  # fmt: skip
+def test_bad_tables_are_refused(tmp_path, test_runs, channels, words):
+    with pytest.raises(opid.InputError, match=words):
+        opid.read_study(write(tmp_path, test_runs, channels))
+
+
+def test_a_study_with_travel_is_written_and_read_back(tmp_path, test_runs):
+    for number, channels in enumerate((ALONE, BOTH)):
+        (tmp_path / f"{number}").mkdir()
+        study = opid.read_study(write(tmp_path, test_runs, channels))
+        opid.write_study(study, tmp_path / f"{number}" / "again.toml")
+        again = opid.read_study(tmp_path / f"{number}" / "again.toml")
+        assert again.is_driven == study.is_driven
+        for side in ("sprung", "unsprung"):
+            for one, other in zip(study.channels(side), again.channels(side), strict=True):
+                assert np.allclose(
+                    study.runs[0].recording.channel(one), again.runs[0].recording.channel(other), atol=1e-5
+                )
+
+
+@pytest.mark.parametrize("channels", [ALONE, BOTH])
+def test_derivatives_of_the_model_are_those_of_differences(tmp_path, test_runs, channels):
+    """Up to those of the gain of the filter, which prediction errors multiply."""
+    fit = identify(write(tmp_path, test_runs, channels)).evidence[0].fit
+    exact = fit.model.evaluate(fit.theta).jacobian
+    for index, step in enumerate(1e-6 * np.maximum(np.abs(fit.theta), 1e-3)):
+        ahead, behind = fit.theta.copy(), fit.theta.copy()
+        ahead[index] += step
+        behind[index] -= step
+        stacked = [fit.model.evaluate(each, sensitivity=False).stacked for each in (ahead, behind)]
+        slope = (stacked[0] - stacked[1]) / (2 * step)
+        assert np.linalg.norm(exact[:, index] - slope) < 0.1 * np.linalg.norm(slope)
+
+
+@pytest.mark.parametrize("channels", [ALONE, BOTH])
+def test_virtual_sensors_smooth_the_travel(tmp_path, test_runs, channels):
+    study = opid.read_study(write(tmp_path, test_runs, channels))
+    found = sense(study, opid.identify(study, law="arctan_velocity"), "heavy", settings=SensingSettings(n_draws=40))
+    travel = found.sensor("travel")
+    error = travel.value - test_runs[0].runs[0].truth.channel("travel")[: travel.value.size]
+    assert np.std(error) < 0.2 * NOISE_M
+    assert 0.88 < np.mean(np.abs(error) < 1.96 * travel.std) < 0.998
