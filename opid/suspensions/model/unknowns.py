@@ -285,7 +285,11 @@ class Unknowns:
         farthest = self.settings.fit.farthest_std
         for k, fault in enumerate(self.faults, start=self.first_fault):
             lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
-            if fault.kind == "gain":
+            if fault.kind == "gain" and any(run.drive_step_m_per_s2 for run in self.runs):
+                # Without a measured drive a gain is the same as another stiffness, damping and law. What little tells
+                # them apart is what is assumed of the drive: the gain stays as stated, and only widens the intervals.
+                lower[k] = upper[k] = fault.nominal
+            elif fault.kind == "gain":
                 lower[k] = max(lower[k], self.settings.faults.least_gain)
             elif fault.kind == "corner":
                 # Even if a corner is stated with a small standard deviation, the sensor may have none.
