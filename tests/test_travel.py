@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import integrate
 
 import opid
 from opid.signals.logs import write_log
@@ -181,3 +182,24 @@ def test_virtual_sensors_smooth_the_travel(tmp_path, test_runs, channels):
     error = travel.value - test_runs[0].runs[0].truth.channel("travel")[: travel.value.size]
     assert np.std(error) < 0.2 * NOISE_M
     assert 0.88 < np.mean(np.abs(error) < 1.96 * travel.std) < 0.998
+
+
+def test_velocities_are_differentiated(tmp_path, test_runs):
+    """Two geophones: their noise of 0.02 mm/s bounds the band, and the interval holds."""
+    tables, rng = "", np.random.default_rng(8)
+    for run, name, change in zip(test_runs[0].runs, ("heavy", "light"), (0.0, -220.0), strict=True):
+        fs, columns = run.recording.fs, []
+        for channel in ("lower_z", "upper_z"):
+            velocity = integrate.cumulative_trapezoid(run.truth.channel(channel), dx=1 / fs, initial=0.0)
+            columns.append(velocity + 2e-5 * rng.standard_normal(velocity.size))
+        channels = tuple(Channel(each, "m/s") for each in ("lower", "upper"))
+        write_log(Recording(np.stack(columns, axis=1), fs, channels), tmp_path / f"{name}.csv")
+        tables += f'[[runs]]\nname = "{name}"\nlog = "{name}.csv"\nmass_change_kg = {change}\nstart_s = 0\n'
+    head = 'repeatability = 0\n[channels]\nsprung = "upper"\nunsprung = "lower"\n'
+    (tmp_path / "study.toml").write_text(head + tables)
+    study = opid.read_study(tmp_path / "study.toml")
+    assert 10.0 < study.runs[0].highest_hz < 80.0
+    assert 0.001 < study.interfaces[0].facts.sprung.noise_m_per_s2 < 0.02
+    result = opid.identify(study, law="arctan_velocity")
+    assert result.runs[0].frequency_hz[-1] <= study.runs[0].highest_hz
+    assert_holds(result)

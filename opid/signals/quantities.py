@@ -33,6 +33,7 @@ class QuantitySettings:
     Args:
         above_noise: a channel is differentiated up to the highest frequency at which its spectral density exceeds that
             of its noise by this factor: there, a fifth of its amplitude is noise.
+        compared_fraction: lines above this fraction of that frequency are not compared: the low-pass begins there.
         least_hz: lowest such frequency that is of any use, Hz: a suspension moves at 1 to 3 Hz.
         steepness: exponent of the low-pass at that frequency: an ideal edge would ring, a gentle one would let noise
             through.
@@ -45,6 +46,7 @@ class QuantitySettings:
     """
 
     above_noise: float = 25.0
+    compared_fraction: float = 0.6
     least_hz: float = 2.0
     steepness: int = 8
     least_slope_hz: float = 0.1
@@ -148,6 +150,30 @@ def accelerate(
     found = fft.irfft(fft.rfft(odd) * (2j * np.pi * frequency_hz) ** n_derivatives * low_pass, odd.size)[:n]
     found = found + line if n_derivatives == 0 else found  # The derivatives of a line have no motion.
     return np.asarray(found - found.mean())
+
+
+def differentiated_noise(
+    samples: ArrayLike, *, fs: float, n_derivatives: int, highest_hz: float, settings: QuantitySettings = DEFAULTS
+) -> float:
+    """Return the noise of a channel once it is differentiated, as white noise of the same power in the compared band.
+
+    Args:
+        samples: (n,) the channel, not yet differentiated.
+        fs: sampling rate, Hz.
+        n_derivatives: 1 for a velocity, 2 for a displacement.
+        highest_hz: as for `accelerate`.
+        settings: how much of the band is compared.
+
+    Returns:
+        Standard deviation, m/s^2.
+
+    >>> noise = 1e-4 * np.random.default_rng(0).standard_normal(20000)
+    >>> round(differentiated_noise(noise, fs=200.0, n_derivatives=2, highest_hz=20.0), 1)
+    0.3
+    """
+    highest = 2 * np.pi * settings.compared_fraction * highest_hz
+    # The mean of omega^(2 n) from zero to the highest line.
+    return noise_floor(samples, fs=fs) * float(highest**n_derivatives / np.sqrt(2 * n_derivatives + 1))
 
 
 def acceleration_below(travel: ArrayLike, sprung: ArrayLike, *, fs: float) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +10,21 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.clock_matching import ClockMatch
 from opid.signals.quantities import (
+    DEFAULTS,
     Quantity,
     accelerate,
     acceleration_below,
     check_travel,
+    differentiated_noise,
     highest_useful_hz,
     quantity_of,
 )
 from opid.signals.recording import Channel, Recording
 from opid.studies.schema import prefix_errors
 from opid.suspensions.study import Run
+
+N_DERIVATIVES: dict[Quantity, int] = {"acceleration": 0, "velocity": 1, "displacement": 2, "travel": 0}
+"""How often a channel is differentiated to become an acceleration; a travel stays a travel."""
 
 
 def name_travel(channel: str) -> str:
@@ -43,32 +48,67 @@ def convert_run(run: Run, stated: Mapping[str, Quantity | None], *, sprung: str,
         InputError: a channel in a unit that does not go with its quantity, one that is noise, or a travel that counts
             in the wrong direction.
     """
-    recording, clocks, highest = run.recording, run.clocks, [] if run.highest_hz is None else [run.highest_hz]
-    for channel, quantity in sorted(stated.items(), key=lambda each: each[1] == "travel"):
+    recording, clocks, read = run.recording, run.clocks, dict[str, Quantity]()
+    highest = dict[str, float]()
+    for channel, quantity in stated.items():
         if channel not in recording.names:
             continue  # The study names the channel that is missing.
         with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
-            read = quantity_of(recording.unit(channel), quantity)
-            if read in ("velocity", "displacement"):
-                recording, highest_hz = _differentiate(recording, channel, read)
-                highest.append(highest_hz)
-            elif read == "travel":
-                recording = _derive_below(recording, channel, sprung)
-                clocks = tuple(_rename(match, channel) for match in clocks)
+            read[channel] = quantity_of(recording.unit(channel), quantity)
+            if read[channel] in ("velocity", "displacement"):
+                highest[channel] = highest_useful_hz(recording.channel(channel), fs=recording.fs)
+    highest_hz = min(highest.values(), default=None)
+    if highest_hz is not None:
+        # One low-pass for all channels: no ratio between them changes.
+        for channel in read:
+            recording = _differentiate(recording, channel, read[channel], highest_hz)
+    for channel in [each for each, quantity in read.items() if quantity == "travel"]:
+        with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
+            recording = _derive_below(recording, channel, sprung)
+            clocks = tuple(_rename(match, channel) for match in clocks)
     if travel is not None and travel in recording.names:
         with prefix_errors(f"run {run.name!r}, channel {travel!r}: "):
             quantity_of(recording.unit(travel), "travel")
             check_travel(recording.channel(travel), recording.channel(sprung), fs=recording.fs)
-    return replace(run, recording=recording, clocks=clocks, highest_hz=min(highest, default=None))
+    if highest_hz is not None:
+        highest_hz *= DEFAULTS.compared_fraction
+    return replace(run, recording=recording, clocks=clocks, highest_hz=highest_hz)
 
 
-def _differentiate(recording: Recording, channel: str, quantity: Quantity) -> tuple[Recording, float]:
-    """Return the recording with a channel as an acceleration, and the frequency up to which it is one."""
+def differentiated_noises(runs: Sequence[Run], stated: Mapping[str, Quantity | None]) -> dict[str, float]:
+    """Return the noise of each channel that is differentiated, the largest of all runs, m/s^2.
+
+    Args:
+        runs: the runs before they were converted.
+        stated: what the user states that each sensor reads, by its channel.
+    """
+    found: dict[str, float] = {}
+    for run in runs:
+        recording = run.recording
+        orders = {
+            channel: N_DERIVATIVES[quantity_of(recording.unit(channel), quantity)]
+            for channel, quantity in stated.items()
+            if channel in recording.names
+        }
+        columns = {channel: recording.channel(channel) for channel, order in orders.items() if order}
+        limits = [highest_useful_hz(each, fs=recording.fs) for each in columns.values()]
+        for channel, samples in columns.items():
+            noise = differentiated_noise(
+                samples, fs=recording.fs, n_derivatives=orders[channel], highest_hz=min(limits)
+            )
+            found[channel] = max(noise, found.get(channel, 0.0))
+    return found
+
+
+def _differentiate(recording: Recording, channel: str, quantity: Quantity, highest_hz: float) -> Recording:
+    """Return the recording with a channel as an acceleration up to a frequency; a travel stays as it is."""
+    if quantity == "travel":
+        return recording
     samples, fs = recording.channel(channel), recording.fs
-    highest_hz = highest_useful_hz(samples, fs=fs)
-    found = accelerate(samples, fs=fs, n_derivatives=1 if quantity == "velocity" else 2, highest_hz=highest_hz)
-    words = f"{channel}: a {quantity}, differentiated up to {highest_hz:.3g} Hz, where it sinks into its noise"
-    return _with_channel(recording, channel, found, words), highest_hz
+    found = accelerate(samples, fs=fs, n_derivatives=N_DERIVATIVES[quantity], highest_hz=highest_hz)
+    what = "low-passed at" if quantity == "acceleration" else f"a {quantity}, differentiated up to"
+    words = f"{channel}: {what} {highest_hz:.3g} Hz, where the noisiest channel sinks into its noise"
+    return _with_channel(recording, channel, found, words)
 
 
 def _derive_below(recording: Recording, channel: str, sprung: str) -> Recording:

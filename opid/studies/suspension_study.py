@@ -21,7 +21,7 @@ from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.quantities import Quantity
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
-from opid.studies.quantities import convert_run, name_travel
+from opid.studies.quantities import convert_run, differentiated_noises, name_travel
 from opid.studies.run_files import (
     CHANNEL,
     ChannelTable,
@@ -523,16 +523,29 @@ def _read_other_quantities(
             f"[channels.{misplaced[0]}] reads a travel and stands for the sensor on the body: name it as the channel "
             "unsprung if it stands for a sensor below the suspension, and as travel if it is a further one"
         )
-    runs = [convert_run(run, stated, sprung=interfaces[0].sprung, travel=beside or None) for run in runs]
+    converted = [convert_run(run, stated, sprung=interfaces[0].sprung, travel=beside or None) for run in runs]
+    noises = differentiated_noises(runs, stated)
+    interfaces = tuple(_with_noises(each, noises) for each in interfaces)
     if not (travels or beside):
-        return runs, interfaces
+        return converted, interfaces
     facts = find_table(beside or travels[0])
     sensor = TravelSensor(
         beside or name_travel(travels[0]), facts.noise_m, facts.gain_tolerance, facts.lag_tolerance_s, not beside
     )
     (gear,) = interfaces
     pair = gear.facts if beside else replace(gear.facts, unsprung=IDEAL)
-    return runs, (replace(gear, facts=pair, travel=sensor),)
+    return converted, (replace(gear, facts=pair, travel=sensor),)
+
+
+def _with_noises(interface: MeasuredInterface, noises: Mapping[str, float]) -> MeasuredInterface:
+    """Return an interface with the noise of its channels that are differentiated, where none is stated."""
+
+    def change(facts: SensorFacts, channel: str) -> SensorFacts:
+        return replace(facts, noise_m_per_s2=facts.noise_m_per_s2 or noises.get(channel))
+
+    facts = interface.facts
+    below, above = change(facts.unsprung, interface.unsprung), change(facts.sprung, interface.sprung)
+    return replace(interface, facts=replace(facts, unsprung=below, sprung=above))
 
 
 def _attach_mountings(

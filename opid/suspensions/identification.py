@@ -165,8 +165,7 @@ def _limit_band(study: Study, settings: Settings) -> Settings:
     (low_hz, high_hz), limits = settings.runs.band_hz, [run.highest_hz for run in study.runs if run.highest_hz]
     if not limits or min(limits) >= high_hz:
         return settings
-    # The low-pass of a differentiated channel has begun at its corner.
-    return replace(settings, runs=replace(settings.runs, band_hz=(low_hz, 0.6 * min(limits))))
+    return replace(settings, runs=replace(settings.runs, band_hz=(low_hz, min(limits))))
 
 
 def _mass_by_runs(choice: Choice) -> InverseMass | None:

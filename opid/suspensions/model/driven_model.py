@@ -344,7 +344,7 @@ class Model(Unknowns):
         n_sensors, gains = len(self.sensors.sprung), self.gains(theta)
         own = (self._compute_noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
         if run.drive_step_m_per_s2:
-            # No gain acts on a drive that was not measured: a gain on a reading scales its errors, whatever their origin.
+            # No gain acts on a drive that was not measured: one on a reading scales its errors, whatever their origin.
             own = np.ones_like(own)
         for row, (name, channel, _) in enumerate(by_fault):
             fault = kinds[name]
