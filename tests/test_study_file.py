@@ -168,7 +168,7 @@ def test_a_study_of_a_body(read):
     assert [run.mass_change_kg for run in study.runs] == [0.0, 279.5]
     # the channel is called as the study calls it, and means what the study says
     assert set(study.runs[0].recording.names) == {*BODY_NAMES[:6], "tail_z"}
-    with pytest.raises(InputError, match="'tail_z' is in m where an acceleration is needed"):
+    with pytest.raises(InputError, match=r"'tail_z': it is in m: give quantity = 'displacement' if"):
         read(BODY.replace('unit = "g"', 'unit = "mm"'))
 
 
@@ -502,7 +502,7 @@ GEAR_FAULTS = [
     ("upper_z", "uper_z", "there is no channel 'uper_z' in .*heavy.csv: did you mean 'upper_z'"),
     ("start_s = 0.5", "start_s = 5", r"run 'light': start_s is 5 and stop_s 1.5: give a stop after"),
     ("start_s = 0.5", "start_s = 1.4", r"run 'light': it has 51 samples .* 256 are needed"),
-    ("[channels]", "[channels]\nx = {channel = 'upper_x', corner_hz = 1}", r"give it in \[channels.sprung\] or"),
+    ("[channels]", "[channels]\nx = {channel = 'upper_x', corner_hz = 1}", r"give it in \[channels.sprung\], \[channels.unsprung\] or"),
     ("title", "date = '1 March'\ntitle", "'date' in the study is '1 March', give a date without quotes"),
     (
         "title",

@@ -510,6 +510,8 @@ def _read_other_quantities(
         return tabulate_channel(_Channel, channel, study.channels.get(channel, channel))
 
     stated = {channel: find_table(channel).quantity for channel in study.sensor_channels}
+    if not interfaces:
+        return list(runs), interfaces  # The study says that there are none.
     travels = [channel for channel, quantity in stated.items() if quantity == TRAVEL]
     beside = study.interfaces[0].travel
     misplaced = [channel for channel in travels if channel != study.interfaces[0].unsprung]
