@@ -86,3 +86,4 @@ from .updating import (
     reduction_figure as reduction_figure,
     running_moments as running_moments,
 )
+from .wheel import force_spectra as force_spectra

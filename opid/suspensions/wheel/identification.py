@@ -1,6 +1,6 @@
 """Unsprung mass, tyre and road of a gear from the same runs as its suspension, without a measured road.
 
-The equations of wheel and sprung mass added (Iwaniec & Uhl 2007, eq. 1) hold whatever the law of the strut between them,
+The equations of wheel and sprung mass added (Iwaniec & Uhl 2007, eq. 1) hold whatever the law of the strut,
 
     M1 x1'' + C1 x1' + K1 x1 + M2 x2'' = K1 xb + C1 xb' = w,
 
@@ -9,11 +9,11 @@ ISO 8608 with its roughness and slope, Gd(n) = Gd(n0) (n/n0)^-w at n = f/v cycle
 the tyre, sin(pi n L)^2/(pi n L)^2. So each line of w, in each block of a run, is a complex normal number whose
 variance S is known but for a few numbers, and the likeliest of them are found (Whittle, Ark. Mat. 2 (1953) 423).
 
-The wheel moves by w, so that the density of the measured lines is that of the lines of w times the determinant of the
-map between them. Its derivative is the trace of dD/dp R, D = M1 - K1/omega^2 + C1/(i omega), R the mean response of x1''
-to a small force at the wheel along the measured motion. For a linear strut R = 1/(D + M2 x2''/x1''). For a nonlinear
-one the equation E[w* x1''] = S E[R] (Stein, Ann. Stat. 9 (1981) 1135) makes the derivative of the likelihood unbiased
-with this R, and with no other: the mean slopes of a strut with friction bias M1 and C1 by three standard deviations. R is
+The density of the measured lines is that of the lines of w times the determinant of the map between them. Its
+derivative is the trace of dD/dp R, D = M1 - K1/omega^2 + C1/(i omega), R the mean response of x1'' to a small force at
+the wheel along the measured motion. For a linear strut R = 1/(D + M2 x2''/x1''). For a nonlinear one the equation
+E[w* x1''] = S E[R] (Stein, Ann. Stat. 9 (1981) 1135) makes the mean derivative of the likelihood zero with this R, and
+with no other: with the mean slopes of a strut with friction it was off by three standard deviations in M1 and C1. R is
 computed from the tangent of the identified strut along its motion, driven by random forces.
 """
 
@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammainc, gammaincc
 
 from opid.errors import InputError, NotDeterminedError
@@ -82,8 +83,8 @@ def identify_wheel(
     say = progress or (lambda step: None)
     if not study.is_one_gear:
         raise InputError(
-            "wheel and tyre are identified for one gear, whose sensor on the airframe shows all that the wheel carries: "
-            "give the study of each gear alone, with its two channels in [channels]"
+            "wheel and tyre are identified for one gear, whose sensor on the airframe shows all that its wheel carries: "
+            "give the study of a gear alone, with its two channels in [channels]"
         )
     if study.interfaces[0].axis == "horizontal":
         raise InputError("the axis is 'horizontal', along which no road pushes a wheel: give runs of vertical motion")
@@ -108,7 +109,7 @@ def identify_wheel(
     n_lines = sum(int(gear.is_used.sum()) for gear in gears)
     if n_lines < known.least_lines:
         raise InputError(
-            f"only {n_lines} lines of all blocks belong to waves longer than {known.shortest_wave_m:g} m in the band of "
+            f"only {n_lines} lines of all blocks belong to waves of {known.shortest_wave_m:g} m or more in the band of "
             f"{known.band_hz[0]:g} to {known.band_hz[1]:g} Hz: give longer or faster runs, and check the speed (m/s)"
         )
     why = _find_obstacle(fit, gears, known)
@@ -160,6 +161,7 @@ class Blocks:
         terms: (4, n_blocks, n_lines) jerk, acceleration and velocity of the wheel, and the rate of the force of the
             sprung mass; the mean square of a line is a one-sided spectral density.
         speed: (n_blocks, n_speeds) speeds within each block, m/s.
+        speed_of_samples: (n,) speed at each sample, m/s.
         ends_m_per_s: speed at the beginning, mean speed, and speed at the end.
         is_used: (n_blocks, n_lines) whether a line belongs to waves that are long enough.
         window: (n_block,) window.
@@ -176,8 +178,9 @@ class Blocks:
     frequency_hz: FloatArray
     terms: ComplexArray
     speed: FloatArray
+    speed_of_samples: FloatArray
     ends_m_per_s: tuple[float, float, float]
-    is_used: FloatArray
+    is_used: NDArray[np.bool_]
     window: FloatArray
     stiffness: FloatArray
     damping: FloatArray
@@ -190,7 +193,7 @@ class Blocks:
         return 2 * np.pi * self.frequency_hz
 
     @property
-    def starts(self) -> FloatArray:
+    def starts(self) -> NDArray[np.int64]:
         """(n_blocks,) first sample of each block."""
         return np.arange(self.speed.shape[0]) * (self.window.size // 2)
 
@@ -227,7 +230,7 @@ def _cut_into_blocks(known: KnownModel, run: Run, speed: FloatArray, settings: W
         raise InputError(f"run {run.name!r} lasts {n / fs:.3g} s: give at least {2 * settings.block_s:g} s")
     window = np.hanning(n_block + 1)[:n_block]
     starts = np.arange(0, n - n_block + 1, n_block // 2)
-    frequency = np.fft.rfftfreq(n_block, 1 / fs)
+    frequency = np.asarray(np.fft.rfftfreq(n_block, 1 / fs), dtype=np.float64)
     low, high = settings.band_hz[0], min(settings.band_hz[1], settings.highest_fraction * fs)
     kept = (frequency >= low) & (frequency <= high)
     omega, dt = 2 * np.pi * frequency[kept], 1 / fs
@@ -253,6 +256,8 @@ def _cut_into_blocks(known: KnownModel, run: Run, speed: FloatArray, settings: W
     )
     at = (np.arange(settings.n_speeds) + 0.5) / settings.n_speeds * n_block
     speeds = np.maximum(speed[(starts[:, np.newaxis] + at).astype(int)], 1e-3)
+    # In a block that ends far slower than it begins, the road is not one random process.
+    slowest = np.where(speeds.min(axis=1) >= settings.least_steady * speeds.max(axis=1), speeds.min(axis=1), 0.0)
     suspension = model.resting_interfaces(theta, 0)[0]
     assert isinstance(suspension.law, Law)  # without candidates
     by_travel, by_velocity = suspension.law.gradient(travel[:n], velocity[:n])
@@ -264,8 +269,9 @@ def _cut_into_blocks(known: KnownModel, run: Run, speed: FloatArray, settings: W
         frequency_hz=frequency[kept],
         terms=terms,
         speed=speeds,
+        speed_of_samples=np.maximum(speed, 1e-3),
         ends_m_per_s=(float(speed[0]), float(speed.mean()), float(speed[-1])),
-        is_used=frequency[kept] * settings.shortest_wave_m <= speeds.min(axis=1)[:, np.newaxis],
+        is_used=frequency[kept] * settings.shortest_wave_m <= slowest[:, np.newaxis],
         window=window,
         stiffness=suspension.stiffness + np.broadcast_to(by_travel, n),
         damping=suspension.damping + np.broadcast_to(by_velocity, n),
@@ -284,7 +290,9 @@ def _find_obstacle(fit: StoredFit, gears: Sequence[Blocks], settings: WheelSetti
     if any(gear.has_ground for gear in gears):
         return "a spring from the airframe to the ground carries a part of the force that the tyre would carry"
     if any(gear.has_memory for gear in gears):
-        return "the law of the strut has memory, so that its mean response to a small force along the motion is not known"
+        return (
+            "the law of the strut has memory, so that its mean response to a small force along the motion is not known"
+        )
     return None
 
 
@@ -298,7 +306,8 @@ class Lines:
     Args:
         ratio: (n_blocks, n_lines) squared magnitude over its expectation.
         log_density: (n_blocks, n_lines) logarithm of the expectation.
-        response: (n_lines,) or (n_blocks, n_lines) mean response R of the acceleration of the wheel to a force, per unit of mass.
+        response: (n_lines,) or (n_blocks, n_lines) mean response R of the acceleration of the wheel to a force, per
+            unit of mass.
         score: (n_unknowns, n_blocks, n_lines) derivative of minus the logarithm of the likelihood of each line.
         slopes: (n_unknowns, n_blocks, n_lines) derivative of the logarithm of the spectrum of the wheel, whose squares
             sum to the Fisher information.
@@ -392,7 +401,7 @@ def evaluate_lines(
     m1, c1 = np.exp(vector[_MASS]), vector[_DAMPING]
     change = 0.0 if column is None else vector[-1] * column[:, np.newaxis]
     k1 = np.exp(vector[_STIFFNESS] + change)
-    omega, frequency = gear.omega, gear.frequency_hz
+    omega = gear.omega
     jerk, acceleration, velocity, carried = gear.terms
     error = m1 * jerk + c1 * acceleration + k1 * velocity + carried
     by = (m1 * jerk, k1 * velocity, acceleration)
@@ -469,7 +478,9 @@ def _tangent_strut(gear: Blocks, vector: FloatArray, settings: WheelSettings, se
     excited = (frequency >= low / settings.probe_margin) & (frequency <= high * settings.probe_margin)
     lines = np.zeros((frequency.size, settings.n_probes), dtype=np.complex128)
     lines[excited] = np.exp(2j * np.pi * rng.random((int(excited.sum()), settings.n_probes)))
-    force = np.fft.irfft(lines, n, axis=0)
+    # A road on which the vehicle brakes pushes less and less, also within a block.
+    fade = gear.speed_of_samples ** (0.5 * (vector[_SLOPE] - 1.0))
+    force = fade[:, np.newaxis] * np.fft.irfft(lines, n, axis=0)
     pushed = steps[:, :4, 4, np.newaxis] * force[:-1, np.newaxis]
     pushed += steps[:, :4, 5, np.newaxis] * np.diff(force, axis=0)[:, np.newaxis]
     turn = np.ascontiguousarray(steps[:, :4, :4])
@@ -481,18 +492,20 @@ def _tangent_strut(gear: Blocks, vector: FloatArray, settings: WheelSettings, se
 
     n_block = gear.window.size
     kept = np.round(gear.frequency_hz * n_block * dt).astype(int)
-    crossed, power = np.zeros(kept.size, dtype=np.complex128), np.zeros(kept.size)
+    crossed, total = np.zeros(kept.size, dtype=np.complex128), np.zeros(kept.size)
     for first, used in zip(gear.starts, gear.is_used, strict=True):
         seen, by = (
             np.fft.rfft(gear.window[:, np.newaxis] * each[first : first + n_block], axis=0)[kept]
             for each in (own, force)
         )
-        crossed += used * np.sum(seen * by.conj(), axis=1)
-        power += used * np.sum(np.abs(by) ** 2, axis=1)
-    is_seen = power > 0.0
+        power = np.sum(np.abs(by) ** 2, axis=1)
+        weight = used / power.mean()
+        crossed += weight * np.sum(seen * by.conj(), axis=1)
+        total += weight * power
+    is_seen = total > 0.0
     # A force that goes linearly between samples has this much less at each frequency.
     smoothed = np.sinc(gear.frequency_hz * dt) ** 2
-    response = (1.0 + crossed / np.where(is_seen, power, 1.0) / smoothed) / m1
+    response = (1.0 + crossed / np.where(is_seen, total, 1.0) / smoothed) / m1
     dynamic = m1 - k1 / gear.omega**2 + c1 / (1j * gear.omega)
     return np.where(is_seen, 1.0 / response - dynamic, _straight_strut(gear))
 
@@ -536,16 +549,13 @@ def _fit(problem: _Problem, seed: int) -> _Found:
     known = problem.settings
     struts = tuple(map(_straight_strut, problem.gears))
     vector = _search_start(problem, struts)
-    is_linear = all(np.ptp(gear.stiffness) == 0.0 == np.ptp(gear.damping) for gear in problem.gears)
     for _ in range(known.most_rounds):
         before = vector
         vector, lines = _climb(problem, vector, struts)
         std = np.sqrt(np.diag(np.linalg.inv(problem.fisher(lines))))
-        if is_linear or (np.abs(vector - before) < known.settled_std * std).all():
+        if (np.abs(vector - before) < known.settled_std * std).all():
             break
-        struts = tuple(
-            _tangent_strut(gear, vector, known, seed + number) for number, gear in enumerate(problem.gears)
-        )
+        struts = tuple(_tangent_strut(gear, vector, known, seed + number) for number, gear in enumerate(problem.gears))
     else:
         raise NotDeterminedError("the response of the strut and the parameters of the tyre do not settle")
     covariance = _find_covariance(problem, vector, lines, struts)
@@ -566,7 +576,9 @@ def _search_start(problem: _Problem, struts: Sequence[ComplexArray]) -> FloatArr
     return min(found, key=lambda each: each[0])[1]
 
 
-def _climb(problem: _Problem, vector: FloatArray, struts: Sequence[ComplexArray]) -> tuple[FloatArray, tuple[Lines, ...]]:
+def _climb(
+    problem: _Problem, vector: FloatArray, struts: Sequence[ComplexArray]
+) -> tuple[FloatArray, tuple[Lines, ...]]:
     """Return the vector of least cost for given struts, by Fisher scoring, and its lines."""
     lines = problem.evaluate(vector, struts)
     cost = problem.cost(lines, vector)
@@ -717,6 +729,7 @@ def _refuse(
         ),
         stiffening=Estimate(),
         stiffer_by_load=Estimate(),
+        bounds=None,
         unusual=float("nan"),
         n_lines=sum(int(gear.is_used.sum()) for gear in gears),
         not_determined=why,
@@ -735,9 +748,9 @@ def _build_answer(
     if unusual < known.rejected_p:
         return _refuse(
             study, gears, fit, known, seed,
-            f"the spectrum of the force through the tyre is not that of a rough road under a linear tyre: at {where} it "
-            f"differs by more than chance allows (probability {unusual:.1g}); look for a bump, slabs, a wrong speed or "
-            "another force there, and leave that stretch out",
+            f"the spectrum of the force through the tyre is not that of a rough road under a linear tyre: at {where} "
+            f"it differs by more than chance allows (probability {unusual:.1g}); look for a bump, slabs, a wrong speed "
+            "or another force there, and leave that stretch out",
         )  # fmt: skip
     vector, std = found.vector, np.sqrt(np.diag(found.covariance))
     parameters = _estimate_parameters(found, unit_kg, unit_std)
@@ -753,6 +766,7 @@ def _build_answer(
         roads=roads,
         stiffening=by_speed,
         stiffer_by_load=by_load,
+        bounds=_find_bounds(found),
         unusual=unusual,
         n_lines=sum(int(gear.is_used.sum()) for gear in gears),
         not_determined=None,
@@ -833,6 +847,16 @@ def _describe_road(gear: Blocks, lines: Lines, log_level: float, std: float, uni
     )
 
 
+def _find_bounds(found: _Found) -> tuple[float, float, float] | None:
+    """Return the relative standard deviations of M1, K1 and C1 by Fisher information; None for no damping."""
+    problem, vector = found.problem, found.vector
+    if vector[_DAMPING] <= 0.0:
+        return None
+    lines = problem.evaluate(vector, tuple(map(_straight_strut, problem.gears)))
+    std = np.sqrt(np.diag(np.linalg.inv(problem.fisher(lines))))
+    return float(std[_MASS]), float(std[_STIFFNESS]), float(std[_DAMPING] / vector[_DAMPING])
+
+
 def _measure_speed_change(found: _Found) -> Estimate:
     """Return the relative change of the tyre stiffness for a doubled speed; empty at a steady speed."""
     columns = [np.log2(gear.speed.mean(axis=1)) for gear in found.problem.gears]
@@ -845,15 +869,14 @@ def _measure_speed_change(found: _Found) -> Estimate:
 
 
 def _measure_load_change(found: _Found) -> Estimate:
-    """Return the relative change of the tyre stiffness by the most unlike loading; empty without one."""
-    changes = np.array([gear.mass - 1.0 for gear in found.problem.gears])
-    most = changes[np.argmax(np.abs(changes - changes.mean()))]
-    if np.ptp(changes) < 1e-3 or most == 0.0:
+    """Return the relative change of the tyre stiffness by the loading most unlike that of the first run."""
+    gears = found.problem.gears
+    changes = np.array([gear.mass - gears[0].mass for gear in gears])
+    most = float(changes[np.argmax(np.abs(changes))])
+    if abs(most) < 1e-3:
         return Estimate()
-    return _measure_change(
-        found,
-        [np.full(gear.speed.shape[0], change / most) for gear, change in zip(found.problem.gears, changes, strict=True)],
-    )
+    columns = [np.full(gear.speed.shape[0], change / most) for gear, change in zip(gears, changes, strict=True)]
+    return _measure_change(found, columns)
 
 
 def _warn(

@@ -85,8 +85,10 @@ class WheelIdentification(Result):
         parameters: wheel, tyre and slope of the road.
         roads: the road of each run.
         stiffening: relative change of the tyre stiffness for a doubled speed; empty at a steady speed.
-        stiffer_by_load: tyre stiffness of the most unlike loading over that of the reference, less 1; empty if all
-            runs have one loading.
+        stiffer_by_load: relative change of the tyre stiffness from the loading of the first run to that most unlike it;
+            empty if all runs have one loading.
+        bounds: relative standard deviations of M1, K1 and C1 below which no estimator comes on a Gaussian road under a
+            linear strut (Cramer and Rao); friction in the strut tells a little more. None if nothing is determined.
         unusual: probability of the most unusual part of the normalised periodogram, times the number of parts.
         n_lines: number of lines that were compared, over all blocks and runs.
         not_determined: why nothing is given; None if something is.
@@ -102,6 +104,7 @@ class WheelIdentification(Result):
     roads: tuple[RunRoad, ...]
     stiffening: Estimate
     stiffer_by_load: Estimate
+    bounds: tuple[float, float, float] | None
     unusual: float
     n_lines: int
     not_determined: str | None
@@ -149,6 +152,7 @@ class WheelIdentification(Result):
                 "roads": [asdict(each) for each in self.roads],
                 "stiffening": asdict(self.stiffening),
                 "stiffer_by_load": asdict(self.stiffer_by_load),
+                "bounds": self.bounds,
                 "unusual": self.unusual,
                 "n_lines": self.n_lines,
                 "not_determined": self.not_determined,

@@ -18,6 +18,7 @@ class WheelSettings:
             there.
         shortest_wave_m: shorter waves of the road are not compared: the tyre bridges them, and how it does so is known
             by one number, its footprint, only well above the footprint.
+        least_steady: a block is left out if its lowest speed is less than this fraction of its highest one.
         n_speeds: number of speeds at which the spectrum of the road is averaged within a block.
         least_lines: a study with fewer lines below this wave length is refused.
         slope: usual slope of the spectrum of a road, that of ISO 8608 ...
@@ -46,6 +47,7 @@ class WheelSettings:
     band_hz: tuple[float, float] = (1.0, 40.0)
     highest_fraction: float = 0.4
     shortest_wave_m: float = 0.4
+    least_steady: float = 0.5
     n_speeds: int = 8
     least_lines: int = 200
     slope: float = 2.0
