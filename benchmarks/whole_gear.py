@@ -15,7 +15,7 @@ speed that reads 10 % too much (`fast clock`), a braking run that is said to be 
 change stated 10 % too large (`wrong mass`), which no check can see.
 
 For M1, K1 and C1: error, median / worst, %; how many of the 95 % intervals hold; and the median of the Cramer-Rao
-bound, %, and of the stated standard deviation, %. Values count however uncertain they are.
+bound, %, and of the stated standard deviation, %.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.suspensions.study import Study
 from opid.suspensions.wheel.identification import identify_wheel
 from opid.suspensions.wheel.result import WheelIdentification
-from opid.suspensions.wheel.settings import WheelSettings
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import decimate
 from opid.virtual.taxi_tests.taxiing import taxi_run
@@ -43,7 +42,6 @@ from opid.virtual.taxi_tests.taxiing import taxi_run
 NAMES = ("unsprung_mass_kg", "tyre_stiffness_n_per_m", "tyre_damping_n_s_per_m")
 BRAKING, STEADY = (18.0, 0.5), (9.0, 9.0)
 FS, DURATION_S, SUBSTEPS, LEAD_IN_S = 512.0, 40.0, 8, 4.0
-LOOSE = replace(WheelSettings(), loosely_known=1e9)
 FOOTPRINT_M, CLASS_B_M3 = 0.3, 64e-6
 
 
@@ -218,7 +216,7 @@ def try_seed(job: tuple[str, int]) -> Score:
     case = world.case(seed)
     study, nothing = record(world, case, seed), (np.nan,) * 3
     try:
-        found = identify_wheel(study, identify(study, law=case.gear.law.name), settings=LOOSE)
+        found = identify_wheel(study, identify(study, law=case.gear.law.name))
     except (InputError, NotDeterminedError) as error:
         return Score(name, seed, nothing, (), nothing, nothing, "", str(error))
     if found.not_determined:

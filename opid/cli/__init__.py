@@ -5,7 +5,7 @@ Exit status 0: done. 1: the data do not determine the answer (what was determine
 Heavy imports stand inside the commands, so that help and usage errors come at once.
 """
 
-from opid.cli import campaign, logs, modal, plan, sensing, suspensions, update, virtual_structures, virtual_tests, wheel
+from opid.cli import campaign, logs, modal, plan, sensing, suspensions, update, virtual_structures, virtual_tests
 from opid.cli.group import main
 
 # Importing the other modules adds their commands to `main`.
@@ -20,5 +20,4 @@ __all__ = [
     "update",
     "virtual_structures",
     "virtual_tests",
-    "wheel",
 ]

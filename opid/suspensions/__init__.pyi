@@ -146,5 +146,7 @@ from .study import (
 )
 from .weighing import WeighedMass as WeighedMass
 from .wheel.identification import identify_wheel as identify_wheel
-from .wheel.result import WheelIdentification as WheelIdentification
-from .wheel.settings import WheelSettings as WheelSettings
+from .wheel.result import (
+    WheelIdentification as WheelIdentification,
+    WheelSettings as WheelSettings,
+)

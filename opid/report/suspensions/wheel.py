@@ -31,7 +31,7 @@ def build_document(result: WheelIdentification) -> Document:
         Table(
             build_columns("quantity", "value", "95 % interval", "unit", left=(0, 3)),
             tuple((_NAMES[name], *_write_cells(each), units[name]) for name, each in found.items()),
-            note="± is one standard deviation. Where only an interval stands, the runs determine no value.",
+            note="± is one standard deviation.",
             legend=_LEGEND,
         ),
         Table(
@@ -45,8 +45,8 @@ def build_document(result: WheelIdentification) -> Document:
     return Document(
         result.title or "Wheel, tyre and road",
         "wheel, tyre and road",
-        f"The unsprung mass is {_write(mass, units['unsprung_mass_kg'])}, and the tyre has "
-        f"{_write(tyre, units['tyre_stiffness_n_per_m'])}.",
+        f"The unsprung mass is {with_std(mass.value, mass.std)} {units['unsprung_mass_kg']}, and the tyre has "
+        f"{with_std(tyre.value, tyre.std)} {units['tyre_stiffness_n_per_m']}.",
         result.not_determined,
         () if result.not_determined else blocks,
         lambda: () if result.not_determined else _list_figures(result),
@@ -57,12 +57,7 @@ def build_document(result: WheelIdentification) -> Document:
 def _write_cells(estimate: Estimate) -> tuple[str, str]:
     ends, std = estimate.interval95, estimate.std
     between = "-" if ends is None else f"{rounded(ends[0], std)} .. {rounded(ends[1], std)}"
-    return with_std(estimate.value, std) if estimate.value is not None else "-", between
-
-
-def _write(estimate: Estimate, unit: str) -> str:
-    value, between = _write_cells(estimate)
-    return f"{value if estimate.value is not None else between.replace('..', 'to')} {unit}"
+    return with_std(estimate.value, std), between
 
 
 def _list_roads(result: WheelIdentification) -> Iterator[Row]:
