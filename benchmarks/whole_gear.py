@@ -41,7 +41,7 @@ from opid.virtual.taxi_tests.taxiing import taxi_run
 
 NAMES = ("unsprung_mass_kg", "tyre_stiffness_n_per_m", "tyre_damping_n_s_per_m")
 BRAKING, STEADY = (18.0, 0.5), (9.0, 9.0)
-FS, DURATION_S, SUBSTEPS, LEAD_IN_S = 512.0, 40.0, 8, 4.0
+FS, DURATION_S, SUBSTEPS, LEAD_IN_S = 512.0, 40.0, 4, 4.0
 FOOTPRINT_M, CLASS_B_M3 = 0.3, 64e-6
 
 
@@ -231,7 +231,10 @@ def compare_with_truth(name: str, seed: int, found: WheelIdentification, gear: L
     given = {each: getattr(found.parameters, each) for each in NAMES}
     bounds = found.bounds or (np.nan,) * 3
     classes = ", ".join(road.road_class for road in found.roads)
-    slope, unequal = found.parameters.road_slope, [found.stiffening, found.stiffer_by_load]
+    slope, unequal = (
+        found.parameters.road_slope,
+        [found.stiffer_by_speed, found.stiffer_by_load, found.stiffer_by_force],
+    )
     scores = [f"{each.value / each.std:+.1f}" for each in unequal if each.value is not None and each.std]
     return Score(
         name,
@@ -240,7 +243,7 @@ def compare_with_truth(name: str, seed: int, found: WheelIdentification, gear: L
         tuple(given[each].holds(truth[each]) for each in NAMES),
         tuple(100 * (given[each].std or np.nan) / truth[each] for each in NAMES),
         tuple(100 * each for each in bounds),
-        f"slope {slope.value:.2f} ({slope.std:.2f}), {classes}, K1 by speed and load {' '.join(scores)} std, "
+        f"slope {slope.value:.2f} ({slope.std:.2f}), {classes}, K1 by speed, load and force {' '.join(scores)} std, "
         f"unusual {found.unusual:.2g}",
     )
 

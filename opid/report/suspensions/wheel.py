@@ -80,8 +80,9 @@ def _say_quality(result: WheelIdentification) -> Iterator[str]:
             f"{mass}, {stiffness} and {damping} % if the strut is linear (Cramer and Rao)."
         )
     for change, words in (
-        (result.stiffening, "for a doubled speed"),
+        (result.stiffer_by_speed, "for a doubled speed"),
         (result.stiffer_by_load, "by the change of load"),
+        (result.stiffer_by_force, "at the rms of its force"),
     ):
         if change.value is not None:
             percent = with_std(100 * change.value, None if change.std is None else 100 * change.std)

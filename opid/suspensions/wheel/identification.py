@@ -28,11 +28,13 @@ from opid.suspensions.wheel.likelihood import (
     Lines,
     WheelFit,
     WheelProblem,
+    cut,
     cut_into_blocks,
     find_covariance,
     find_curvature,
     fit_wheel,
     straighten_strut,
+    transform_blocks,
 )
 from opid.suspensions.wheel.result import (
     RunRoad,
@@ -216,6 +218,31 @@ def _measure_change(found: WheelFit, columns: Sequence[FloatArray]) -> Estimate:
     return Estimate.normal(float(step[-1]), float(np.sqrt(covariance[-1, -1])))
 
 
+def _measure_cubic(found: WheelFit) -> Estimate:
+    """Return the relative change of the tangent stiffness of the tyre at its rms force, from its mean stiffness.
+
+    A tyre of force K1 d + k d^3 adds e F^3 to the equation of motion, F its force M1 x1'' + M2 x2'' and e = k/K1^3. Of
+    that, F^3 - 3 s^2 F is what no linear tyre can replace: s is the rms of F, and for a Gaussian force it has neither a
+    linear part nor a mean response. Its coherence with the force of the road is zero under a linear tyre.
+    """
+    slope, information, spread, square, n_blocks = 0.0, 0.0, 0.0, 0.0, 0.0
+    for gear, each in zip(found.problem.gears, found.lines, strict=True):
+        force = cut(np.exp(found.vector[MASS]) * gear.wheel + gear.mass * gear.body, gear.window)
+        size = np.sqrt((force**2) @ gear.window**2 / np.sum(gear.window**2))[:, np.newaxis]
+        lines = transform_blocks(force**3 - 3 * size**2 * force, gear.window, gear.fs)
+        first = round(gear.frequency_hz[0] * gear.window.size / gear.fs)
+        by = -1j * gear.omega * lines[:, first : first + gear.omega.size]
+        weight = np.where(gear.is_used, gear.information * np.exp(-each.log_density), 0.0)
+        scores = np.sum(2 * np.real(each.error.conj() * by) * weight, axis=1)
+        slope += float(scores.sum())
+        spread += float(np.sum(scores**2))
+        information += float(np.sum(2 * np.abs(by) ** 2 * weight))
+        square += float(size[:, 0] @ size[:, 0])
+        n_blocks += size.size
+    at_rms = 3 * square / n_blocks / information
+    return Estimate.normal(-slope * at_rms, float(np.sqrt(spread)) * at_rms)
+
+
 # ---- answer ----------------------------------------------------------------------------------------
 
 
@@ -230,8 +257,9 @@ def _refuse(
         roads=tuple(
             RunRoad(gear.run, gear.ends_m_per_s, Estimate(), "", nothing, nothing, nothing, nothing) for gear in gears
         ),
-        stiffening=Estimate(),
+        stiffer_by_speed=Estimate(),
         stiffer_by_load=Estimate(),
+        stiffer_by_force=Estimate(),
         bounds=None,
         unusual=float("nan"),
         n_lines=sum(int(gear.is_used.sum()) for gear in gears),
@@ -261,19 +289,20 @@ def _build_answer(
         _describe_road(gear, lines, vector[FIRST_ROAD + k], std[FIRST_ROAD + k], unit_kg)
         for k, (gear, lines) in enumerate(zip(gears, found.lines, strict=True))
     )
-    by_speed, by_load = _measure_speed_change(found), _measure_load_change(found)
+    by_speed, by_load, by_force = _measure_speed_change(found), _measure_load_change(found), _measure_cubic(found)
     return WheelIdentification(
         title=study.title,
         per_mass=not fit.has_mass,
         parameters=parameters,
         roads=roads,
-        stiffening=by_speed,
+        stiffer_by_speed=by_speed,
         stiffer_by_load=by_load,
+        stiffer_by_force=by_force,
         bounds=_find_bounds(found),
         unusual=unusual,
         n_lines=sum(int(gear.is_used.sum()) for gear in gears),
         not_determined=None,
-        warnings=tuple(_warn(parameters, by_speed, by_load, known, per_mass=not fit.has_mass)),
+        warnings=tuple(_warn(parameters, (by_speed, by_load, by_force), known, per_mass=not fit.has_mass)),
         settings=known,
         seed=seed,
         files=study.files,
@@ -381,7 +410,11 @@ def _measure_load_change(found: WheelFit) -> Estimate:
 
 
 def _warn(
-    parameters: WheelParameters, by_speed: Estimate, by_load: Estimate, settings: WheelSettings, *, per_mass: bool
+    parameters: WheelParameters,
+    changes: tuple[Estimate, Estimate, Estimate],
+    settings: WheelSettings,
+    *,
+    per_mass: bool,
 ) -> Iterator[str]:
     loose = [
         words
@@ -397,7 +430,8 @@ def _warn(
             f"{' and '.join(loose)} are known to no better than {100 * settings.loosely_known:g} %: take their "
             "intervals, which become narrower with the root of the total length of the runs"
         )
-    for change, words in ((by_speed, "with the speed"), (by_load, "with the load")):
+    words_of_changes = ("for a doubled speed", "with the load", "at the rms of its force")
+    for change, words in zip(changes, words_of_changes, strict=True):
         if change.value is not None and change.std and abs(change.value) > settings.unequal_std * change.std:
             percent = format_number(100 * change.value, 2)
             yield (

@@ -61,6 +61,8 @@ class Blocks:
         ends_m_per_s: speed at the beginning, mean speed, and speed at the end.
         is_used: (n_blocks, n_lines) whether a line belongs to waves that are long enough.
         window: (n_block,) window.
+        wheel: (n,) acceleration of the wheel, m/s^2.
+        body: (n,) acceleration of the sprung mass, m/s^2.
         stiffness: (n,) tangent stiffness of the strut along its motion, 1/s^2.
         damping: (n,) tangent damping, 1/s.
         has_memory: whether the law of the strut has memory.
@@ -78,6 +80,8 @@ class Blocks:
     ends_m_per_s: tuple[float, float, float]
     is_used: NDArray[np.bool_]
     window: FloatArray
+    wheel: FloatArray
+    body: FloatArray
     stiffness: FloatArray
     damping: FloatArray
     has_memory: bool
@@ -147,8 +151,7 @@ def cut_into_blocks(known: KnownModel, run: Run, speed: FloatArray, settings: Wh
     mass = 1.0 + model.inverse_mass(theta) * float(driven.loading[0, 0])
 
     def transform(samples: FloatArray) -> ComplexArray:
-        cut = np.stack([samples[first : first + n_block] for first in starts])
-        return np.asarray(np.fft.rfft(window * cut)[:, kept] * np.sqrt(2 * dt / np.sum(window**2)))
+        return transform_blocks(cut(samples, window), window, fs)[:, kept]
 
     # Differences and the trapezoidal rule are exact derivatives and integrals of each line once their gain is removed.
     by_difference = omega * dt / np.sin(omega * dt)
@@ -180,11 +183,30 @@ def cut_into_blocks(known: KnownModel, run: Run, speed: FloatArray, settings: Wh
         ends_m_per_s=(float(speed[0]), float(speed.mean()), float(speed[-1])),
         is_used=frequency[kept] * settings.shortest_wave_m <= slowest[:, np.newaxis],
         window=window,
+        wheel=wheel,
+        body=body,
         stiffness=suspension.stiffness + np.broadcast_to(by_travel, n),
         damping=suspension.damping + np.broadcast_to(by_velocity, n),
         has_memory=suspension.law.has_memory,
         has_ground=suspension.ground_stiffness != 0.0,
     )
+
+
+def cut(samples: FloatArray, window: FloatArray) -> FloatArray:
+    """Return blocks of samples that overlap by half, (n_blocks, n_block)."""
+    every = np.lib.stride_tricks.sliding_window_view(samples, window.size)
+    return np.asarray(every[:: window.size // 2])
+
+
+def transform_blocks(blocks: FloatArray, window: FloatArray, fs: float) -> ComplexArray:
+    """Return the lines of blocks under a window; the mean square of each is a one-sided spectral density.
+
+    Args:
+        blocks: (n_blocks, n_block) samples.
+        window: (n_block,) window.
+        fs: sampling rate, Hz.
+    """
+    return np.asarray(np.fft.rfft(window * blocks) * np.sqrt(2 / (fs * np.sum(window**2))))
 
 
 # ---- likelihood ------------------------------------------------------------------------------------
@@ -195,7 +217,8 @@ class Lines:
     """The lines of one run at a vector of unknowns.
 
     Args:
-        ratio: (n_blocks, n_lines) squared magnitude over its expectation.
+        error: (n_blocks, n_lines) rate of the force of the road through the tyre.
+        ratio: (n_blocks, n_lines) its squared magnitude over the expectation.
         log_density: (n_blocks, n_lines) logarithm of the expectation.
         response: (n_lines,) or (n_blocks, n_lines) mean response R of the acceleration of the wheel to a force, per
             unit of mass.
@@ -204,6 +227,7 @@ class Lines:
             sum to the Fisher information.
     """
 
+    error: ComplexArray
     ratio: FloatArray
     log_density: FloatArray
     response: ComplexArray
@@ -317,7 +341,7 @@ def evaluate_lines(
         slopes[k] -= by_map
     if column is not None:
         score[-1], slopes[-1] = (each[STIFFNESS] * column[:, np.newaxis] for each in (score, slopes))
-    return Lines(ratio, log_density, response, score, slopes)
+    return Lines(error, ratio, log_density, response, score, slopes)
 
 
 def _average_road(gear: Blocks, slope: float, footprint_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:

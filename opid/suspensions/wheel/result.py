@@ -85,7 +85,7 @@ class WheelSettings:
     rejected_p: float = 1e-3
     bands_per_octave: float = 2.0
     loosely_known: float = 0.25
-    unequal_std: float = 3.5
+    unequal_std: float = 2.5
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,10 @@ class WheelIdentification(Result):
         per_mass: whether mass, stiffness and damping are per kg of the sprung mass, which is not determined.
         parameters: wheel, tyre and slope of the road.
         roads: the road of each run.
-        stiffening: relative change of the tyre stiffness for a doubled speed; empty at a steady speed.
+        stiffer_by_speed: relative change of the tyre stiffness for a doubled speed; empty at a steady speed.
         stiffer_by_load: relative change of the tyre stiffness from the loading of the first run to that most unlike it;
             empty if all runs have one loading.
+        stiffer_by_force: relative change of the tangent stiffness of the tyre at the rms of its force, by a cubic term.
         bounds: relative standard deviations of M1, K1 and C1 below which no estimator comes on a Gaussian road under a
             linear strut (Cramer and Rao); friction in the strut tells a little more. None if nothing is determined.
         unusual: probability of the most unusual part of the normalised periodogram, times the number of parts.
@@ -163,8 +164,9 @@ class WheelIdentification(Result):
     per_mass: bool
     parameters: WheelParameters
     roads: tuple[RunRoad, ...]
-    stiffening: Estimate
+    stiffer_by_speed: Estimate
     stiffer_by_load: Estimate
+    stiffer_by_force: Estimate
     bounds: tuple[float, float, float] | None
     unusual: float
     n_lines: int
@@ -211,8 +213,9 @@ class WheelIdentification(Result):
                     name: asdict(estimate) | {"unit": units[name]} for name, estimate in self.parameters.items()
                 },
                 "roads": [asdict(each) for each in self.roads],
-                "stiffening": asdict(self.stiffening),
+                "stiffer_by_speed": asdict(self.stiffer_by_speed),
                 "stiffer_by_load": asdict(self.stiffer_by_load),
+                "stiffer_by_force": asdict(self.stiffer_by_force),
                 "bounds": self.bounds,
                 "unusual": self.unusual,
                 "not_determined": self.not_determined,
