@@ -216,27 +216,22 @@ def test_forces_beside_the_strut_are_refused(braking, identified):
 
 
 def test_a_run_without_speed_is_refused(identified):
-    with pytest.raises(InputError, match="run 'heavy' has no speed, .* give speed_m_per_s"):
+    with pytest.raises(InputError, match=r"run 'heavy' has no speed, .* give speed_m_per_s"):
         identify_wheel(identified.result.study, identified.result)
 
 
 def test_runs_too_slow_are_refused(identified):
     slow = at_speed(identified.result.study, (0.3, 0.3))
-    with pytest.raises(InputError, match="only 0 lines .* check the speed"):
+    with pytest.raises(InputError, match=r"only 0 lines .* check the speed"):
         identify_wheel(slow, identified.result)
 
 
 def test_a_body_and_horizontal_motion_are_refused(braking, identified):
     first = braking.runs[0].recording
-    third = replace(
-        first, samples=first.samples[:, [0, 1, 1]], channels=(*first.channels[:2], Channel("tail", "m/s^2"))
-    )
-    body = Study(
-        "body",
-        (MeasuredInterface("main", "upper_z", "lower_z"),),
-        (Run("one", third),),
-        sensors=(BodySensor("tail", 0.0, 0.0),),
-    )
+    tail = Channel("tail", "m/s^2")
+    third = replace(first, samples=first.samples[:, [0, 1, 1]], channels=(*first.channels[:2], tail))
+    gears = (MeasuredInterface("main", "upper_z", "lower_z"),)
+    body = Study("body", gears, (Run("one", third),), sensors=(BodySensor("tail", 0.0, 0.0),))
     with pytest.raises(InputError, match="are identified for one gear"):
         identify_wheel(body, identified.result)
     flat = replace(braking, interfaces=(replace(braking.interfaces[0], axis="horizontal"),))
@@ -268,7 +263,8 @@ def test_a_speed_that_is_none_is_refused(braking, speed, words):
 def folders(braking, identified, tmp_path_factory):
     """A study with a speed in its logs, and the result of its identification."""
     folder = tmp_path_factory.mktemp("wheel")
-    write_study(braking, folder / "study")
+    (folder / "study").mkdir()
+    write_study(braking, folder / "study" / "study.toml")
     (folder / "result").mkdir()
     (folder / "result" / "result.json").write_text(json.dumps(identified.result.to_dict()), encoding="utf-8")
     return folder
