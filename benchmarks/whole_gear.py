@@ -37,7 +37,7 @@ from opid.suspensions.wheel.identification import identify_wheel
 from opid.suspensions.wheel.result import WheelIdentification
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import decimate
-from opid.virtual.taxi_tests.taxiing import taxi_run
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 NAMES = ("unsprung_mass_kg", "tyre_stiffness_n_per_m", "tyre_damping_n_s_per_m")
 BRAKING, STEADY = (18.0, 0.5), (9.0, 9.0)
@@ -188,13 +188,17 @@ def record(world: World, case: Case, seed: int) -> Study:
     """Return the study of a seed."""
     gear, runs = case.gear, []
     settings = {"speed_m_per_s": world.speed, "duration_s": DURATION_S, **case.run}
-    for k, rng in enumerate(np.random.default_rng([seed, 19]).spawn(world.n_runs)):
-        change = -case.mass_removed_kg * (k % 2)
-        loaded = replace(gear, sprung_mass_kg=gear.sprung_mass_kg + change)
+    pairs = np.random.default_rng([seed, 19]).spawn((world.n_runs + 1) // 2)
+    for k in range(world.n_runs):
+        change, rng = -case.mass_removed_kg * (k % 2), pairs[k // 2]
         if world.make is None:
-            recording = taxi_run(loaded, rng=rng, pushed_fraction=world.push, **settings).recording
+            if k % 2 == 0:
+                test = taxi_test(
+                    gear, rng=rng, mass_removed_kg=case.mass_removed_kg, pushed_fraction=world.push, **settings
+                )
+            recording = (test.light if k % 2 else test.heavy).recording
         else:
-            samples = world.make(loaded, world.speed, rng)
+            samples = world.make(replace(gear, sprung_mass_kg=gear.sprung_mass_kg + change), world.speed, rng)
             samples = samples + 0.005 * rng.standard_normal(samples.shape)
             recording = recording_from_arrays(samples.T, ["lower_z", "upper_z"], fs=FS)
         speed = np.linspace(*world.speed, recording.n_samples)
@@ -239,9 +243,9 @@ def compare_with_truth(name: str, seed: int, found: WheelIdentification, gear: L
     return Score(
         name,
         seed,
-        tuple(100 * ((given[each].value or np.nan) / truth[each] - 1) for each in NAMES),
+        tuple(100 * (given[each].value / truth[each] - 1) for each in NAMES),
         tuple(given[each].holds(truth[each]) for each in NAMES),
-        tuple(100 * (given[each].std or np.nan) / truth[each] for each in NAMES),
+        tuple(100 * given[each].std / truth[each] for each in NAMES),
         tuple(100 * each for each in bounds),
         f"slope {slope.value:.2f} ({slope.std:.2f}), {classes}, K1 by speed, load and force {' '.join(scores)} std, "
         f"unusual {found.unusual:.2g}",
