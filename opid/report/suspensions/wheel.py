@@ -68,10 +68,9 @@ def _list_roads(result: WheelIdentification) -> Iterator[Row]:
 
 
 def _say_quality(result: WheelIdentification) -> Iterator[str]:
-    lines = format_count(result.n_lines, "line")
     yield (
-        f"{lines} of all blocks were compared. The most unusual part of the spectrum has a probability of "
-        f"{format_number(result.unusual, 2)} after division by the number of parts."
+        f"{format_count(result.n_lines, 'line')} of all blocks were compared. The least probable part of their spectra "
+        f"has a probability of {format_number(result.unusual, 2)}, multiplied by the number of parts."
     )
     if result.bounds is not None:
         mass, stiffness, damping = (format_number(100 * each, 2) for each in result.bounds)
@@ -79,14 +78,18 @@ def _say_quality(result: WheelIdentification) -> Iterator[str]:
             "On a random road these runs tell M1, K1 and C1 no better than to standard deviations of "
             f"{mass}, {stiffness} and {damping} % if the strut is linear (Cramer and Rao)."
         )
-    for change, words in (
+    changes = (
         (result.stiffer_by_speed, "for a doubled speed"),
         (result.stiffer_by_load, "by the change of load"),
         (result.stiffer_by_force, "at the rms of its force"),
-    ):
-        if change.value is not None:
-            percent = with_std(100 * change.value, None if change.std is None else 100 * change.std)
-            yield f"The tyre stiffness changes by {percent} % {words}."
+    )
+    told = [
+        f"{with_std(100 * each.value, 100 * each.std)} % {words}"
+        for each, words in changes
+        if each.value is not None and each.std is not None
+    ]
+    if told:
+        yield f"The tyre becomes stiffer by {', '.join(told)}."
 
 
 def _list_figures(result: WheelIdentification) -> Iterable[Figure]:

@@ -419,16 +419,16 @@ def _warn(
     loose = [
         words
         for words, each in (
-            ("unsprung mass", parameters.unsprung_mass_kg),
-            ("tyre stiffness", parameters.tyre_stiffness_n_per_m),
-            ("tyre damping", parameters.tyre_damping_n_s_per_m),
+            ("the unsprung mass", parameters.unsprung_mass_kg),
+            ("the tyre stiffness", parameters.tyre_stiffness_n_per_m),
+            ("the tyre damping", parameters.tyre_damping_n_s_per_m),
         )
         if (each.std or 0.0) > settings.loosely_known * (each.value or 0.0)
     ]
     if loose:
         yield (
-            f"{' and '.join(loose)} are known to no better than {100 * settings.loosely_known:g} %: take their "
-            "intervals, which become narrower with the root of the total length of the runs"
+            f"these runs tell {' and '.join(loose)} no better than to {100 * settings.loosely_known:g} %: use the "
+            "interval, which becomes narrower with the root of the total length of the runs"
         )
     words_of_changes = ("for a doubled speed", "with the load", "at the rms of its force")
     for change, words in zip(changes, words_of_changes, strict=True):
