@@ -151,7 +151,8 @@ class WheelIdentification(Result):
         stiffer_by_force: relative change of the tangent stiffness of the tyre at the rms of its force, by a cubic term.
         bounds: relative standard deviations of M1, K1 and C1 below which no estimator comes on a Gaussian road under a
             linear strut (Cramer and Rao); friction in the strut tells a little more. None if nothing is determined.
-        unusual: probability of the least probable block, band or line of the normalised spectra, times their number; at most 1.
+        unusual: probability of the least probable block, band or line of the normalised spectra, times their number, at
+            most 1.
         n_lines: number of lines that were compared, over all blocks and runs.
         not_determined: why nothing is given; None if something is.
         warnings: the warnings, one sentence each.
