@@ -237,7 +237,7 @@ def compare_with_truth(name: str, seed: int, found: WheelIdentification, gear: L
     classes = ", ".join(road.road_class for road in found.roads)
     slope, unequal = (
         found.parameters.road_slope,
-        [found.stiffer_by_speed, found.stiffer_by_load, found.stiffer_by_force],
+        [found.stiffer_by_load, found.stiffer_by_force],
     )
     scores = [f"{each.value / each.std:+.1f}" for each in unequal if each.value is not None and each.std]
     return Score(
@@ -247,7 +247,7 @@ def compare_with_truth(name: str, seed: int, found: WheelIdentification, gear: L
         tuple(given[each].holds(truth[each]) for each in NAMES),
         tuple(100 * given[each].std / truth[each] for each in NAMES),
         tuple(100 * each for each in bounds),
-        f"slope {slope.value:.2f} ({slope.std:.2f}), {classes}, K1 by speed, load and force {' '.join(scores)} std, "
+        f"slope {slope.value:.2f} ({slope.std:.2f}), {classes}, K1 by load and force {' '.join(scores)} std, "
         f"unusual {found.unusual:.2g}",
     )
 

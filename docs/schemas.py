@@ -255,7 +255,7 @@ def _sensing() -> Json:
 
 def _wheel() -> Json:
     estimate = keys(fields_of(Estimate) | {"unit": TEXT})
-    own = ("title", "per_mass", "roads", "stiffer_by_speed", "stiffer_by_load", "bounds", "unusual", "n_lines")
+    own = ("title", "per_mass", "roads", "stiffer_by_load", "bounds", "unusual", "n_lines")
     return fields_of(WheelIdentification, *own, "stiffer_by_force", "not_determined", "warnings", "seed") | {
         "parameters": table(estimate),
         "settings": {"type": "object"},

@@ -157,7 +157,7 @@ def test_the_wheel_hops_at_its_frequency(found):
 
 
 def test_a_linear_tyre_is_called_linear(found):
-    changes = (found.stiffer_by_speed, found.stiffer_by_load, found.stiffer_by_force)
+    changes = (found.stiffer_by_load, found.stiffer_by_force)
     assert all(abs(change.value) < 3 * change.std for change in changes)
     assert not any("not linear" in warning for warning in found.warnings)
 

@@ -79,7 +79,6 @@ def _say_quality(result: WheelIdentification) -> Iterator[str]:
             f"{mass}, {stiffness} and {damping} % if the strut is linear (Cramer and Rao)."
         )
     changes = (
-        (result.stiffer_by_speed, "for a doubled speed"),
         (result.stiffer_by_load, "by the change of load"),
         (result.stiffer_by_force, "at the rms of its force"),
     )

@@ -257,7 +257,6 @@ def _refuse(
         roads=tuple(
             RunRoad(gear.run, gear.ends_m_per_s, Estimate(), "", nothing, nothing, nothing, nothing) for gear in gears
         ),
-        stiffer_by_speed=Estimate(),
         stiffer_by_load=Estimate(),
         stiffer_by_force=Estimate(),
         bounds=None,
@@ -289,20 +288,19 @@ def _build_answer(
         _describe_road(gear, lines, vector[FIRST_ROAD + k], std[FIRST_ROAD + k], unit_kg)
         for k, (gear, lines) in enumerate(zip(gears, found.lines, strict=True))
     )
-    by_speed, by_load, by_force = _measure_speed_change(found), _measure_load_change(found), _measure_cubic(found)
+    by_load, by_force = _measure_load_change(found), _measure_cubic(found)
     return WheelIdentification(
         title=study.title,
         per_mass=not fit.has_mass,
         parameters=parameters,
         roads=roads,
-        stiffer_by_speed=by_speed,
         stiffer_by_load=by_load,
         stiffer_by_force=by_force,
         bounds=_find_bounds(found),
         unusual=unusual,
         n_lines=sum(int(gear.is_used.sum()) for gear in gears),
         not_determined=None,
-        warnings=tuple(_warn(parameters, (by_speed, by_load, by_force), known, per_mass=not fit.has_mass)),
+        warnings=tuple(_warn(parameters, (by_load, by_force), known, per_mass=not fit.has_mass)),
         settings=known,
         seed=seed,
         files=study.files,
@@ -387,17 +385,6 @@ def _find_bounds(found: WheelFit) -> tuple[float, float, float] | None:
     return float(std[MASS]), float(std[STIFFNESS]), float(std[DAMPING] / vector[DAMPING])
 
 
-def _measure_speed_change(found: WheelFit) -> Estimate:
-    """Return the relative change of the tyre stiffness for a doubled speed; empty at a steady speed."""
-    columns = [np.log2(gear.speed.mean(axis=1)) for gear in found.problem.gears]
-    used = np.concatenate(
-        [column[gear.is_used.any(axis=1)] for column, gear in zip(columns, found.problem.gears, strict=True)]
-    )
-    if np.ptp(used) < 1.0:
-        return Estimate()
-    return _measure_change(found, [column - used.mean() for column in columns])
-
-
 def _measure_load_change(found: WheelFit) -> Estimate:
     """Return the relative change of the tyre stiffness by the loading most unlike that of the first run."""
     gears = found.problem.gears
@@ -411,7 +398,7 @@ def _measure_load_change(found: WheelFit) -> Estimate:
 
 def _warn(
     parameters: WheelParameters,
-    changes: tuple[Estimate, Estimate, Estimate],
+    changes: Sequence[Estimate],
     settings: WheelSettings,
     *,
     per_mass: bool,
@@ -430,7 +417,7 @@ def _warn(
             f"these runs tell {' and '.join(loose)} no better than to {100 * settings.loosely_known:g} %: use the "
             "interval, which becomes narrower with the root of the total length of the runs"
         )
-    words_of_changes = ("for a doubled speed", "with the load", "at the rms of its force")
+    words_of_changes = ("with the load", "at the rms of its force")
     for change, words in zip(changes, words_of_changes, strict=True):
         if change.value is not None and change.std and abs(change.value) > settings.unequal_std * change.std:
             percent = format_number(100 * change.value, 2)

@@ -145,7 +145,6 @@ class WheelIdentification(Result):
         per_mass: whether mass, stiffness and damping are per kg of the sprung mass, which is not determined.
         parameters: wheel, tyre and slope of the road.
         roads: the road of each run.
-        stiffer_by_speed: relative change of the tyre stiffness for a doubled speed; empty at a steady speed.
         stiffer_by_load: relative change of the tyre stiffness from the loading of the first run to that most unlike it;
             empty if all runs have one loading.
         stiffer_by_force: relative change of the tangent stiffness of the tyre at the rms of its force, by a cubic term.
@@ -165,7 +164,6 @@ class WheelIdentification(Result):
     per_mass: bool
     parameters: WheelParameters
     roads: tuple[RunRoad, ...]
-    stiffer_by_speed: Estimate
     stiffer_by_load: Estimate
     stiffer_by_force: Estimate
     bounds: tuple[float, float, float] | None
@@ -214,7 +212,6 @@ class WheelIdentification(Result):
                     name: asdict(estimate) | {"unit": units[name]} for name, estimate in self.parameters.items()
                 },
                 "roads": [asdict(each) for each in self.roads],
-                "stiffer_by_speed": asdict(self.stiffer_by_speed),
                 "stiffer_by_load": asdict(self.stiffer_by_load),
                 "stiffer_by_force": asdict(self.stiffer_by_force),
                 "bounds": self.bounds,
