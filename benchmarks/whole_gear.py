@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from estimator import gear_study, identify
-from harness import quantiles, read_names, run_all, seeds_parser, short, table_head, table_row
+from harness import quantiles, read_names, run_all, seeds_parser, table_head, table_row
 from scenarios import random_case
 from trials import Case
 
@@ -280,10 +280,8 @@ def main() -> None:
         cells = []
         for k in range(3):
             held = f"{sum(each.holds[k] for each in told)} of {len(told)}" if told else "-"
-            medians = (
-                np.nanmedian([getattr(each, name)[k] for each in told]) if told else np.nan for name in ("std", "bound")
-            )
-            cells += [quantiles((each.error[k] for each in told), 0.5, 1.0), held, *(short(each) for each in medians)]
+            medians = (quantiles((getattr(each, name)[k] for each in told), 0.5) for name in ("std", "bound"))
+            cells += [quantiles((each.error[k] for each in told), 0.5, 1.0), held, *medians]
         print(table_row(world, f"{len(told)} of {len(own)}", *cells))
 
 
