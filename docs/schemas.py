@@ -58,6 +58,7 @@ from opid.suspensions.result import (
     SpringEstimate,
 )
 from opid.suspensions.sensing.result import SCHEMA as SENSING, Sensing, VirtualSensor
+from opid.suspensions.wheel.result import SCHEMA as WHEEL, WheelIdentification
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
 from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, LinearPosterior, Updating
@@ -252,6 +253,15 @@ def _sensing() -> Json:
     }
 
 
+def _wheel() -> Json:
+    estimate = keys(fields_of(Estimate) | {"unit": TEXT})
+    own = ("title", "per_mass", "roads", "stiffer_by_load", "bounds", "unusual", "n_lines")
+    return fields_of(WheelIdentification, *own, "stiffer_by_force", "not_determined", "warnings", "seed") | {
+        "parameters": table(estimate),
+        "settings": {"type": "object"},
+    }
+
+
 def _comparison() -> Json:
     flight = keys({"name": TEXT, "path": TEXT, "date": or_null(TEXT) | {"format": "date"}, "method": TEXT})
     what = {"gear": TEXT, "quantity": TEXT, "kind": TEXT}
@@ -386,6 +396,7 @@ FILES = (
     (STRUCTURE, "a structure of your own (opid.suspensions.identify_structure)", _structure, ()),
     (BENCH, "the law of a damper or spring on a test bench (opid law)", _bench, ()),
     (SENSING, "forces and motion along a log (opid sense)", _sensing, ()),
+    (WHEEL, "unsprung mass, tyre and road of a gear (opid wheel)", _wheel, ()),
     (COMPARISON, "what changed from flight to flight (opid compare)", _comparison, ()),
     (CAMPAIGN, "what became of each of many flights (opid campaign)", _campaign, ()),
     (FLEET, "which struts of a fleet changed (opid compare CAMPAIGN)", _fleet, ()),

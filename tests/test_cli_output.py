@@ -28,6 +28,7 @@ GIVEN = {
     "sense": ("study.toml", "study_result", "--out"),
     "simulate": (),
     "update": ("study.toml", "--out"),
+    "wheel": ("study.toml", "study_result", "--out"),
 }
 OLDER = {"inspect": "log.png", "compare": "comparison.json", "simulate": "truth.json"}
 

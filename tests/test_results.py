@@ -41,6 +41,8 @@ from opid.suspensions.planning.search import PlanSettings, plan_runs
 from opid.suspensions.result import SpringEstimate
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
+from opid.suspensions.wheel.identification import identify_wheel
+from opid.suspensions.wheel.result import WheelSettings
 
 
 def gear(request, folder):
@@ -100,6 +102,13 @@ def virtual_sensors(request, folder):
     return sense(found.study, found, unsprung_mass_kg=Estimate.normal(105.0, 2.0), settings=few)
 
 
+def wheel(request, folder):
+    found = request.getfixturevalue("identified").result
+    runs = tuple(replace(run, speed_m_per_s=9.0) for run in found.study.runs)
+    few = WheelSettings(rejected_p=0.0, n_probes=2)
+    return identify_wheel(replace(found.study, runs=runs), found, settings=few)
+
+
 def planned(request, folder):
     found = request.getfixturevalue("identified").result
     return plan_runs(found, ["sprung_mass=0.05%"], settings=PlanSettings(n_draws=4, n_quick_draws=2))
@@ -133,7 +142,7 @@ def inspection(request, folder):
     return Inspection((health(request, folder), replace(sound_health(), log="light.csv")), ("heavy taxi", "light"))
 
 
-OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, planned, flights, campaign, fleet)
+OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, wheel, planned, flights, campaign, fleet)
 MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, modal, updating)
 
 

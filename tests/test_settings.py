@@ -22,6 +22,7 @@ from opid.suspensions.planning.search import PlanSettings
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.settings import RegressionSettings, RunSettings, Settings, Verdicts
 from opid.suspensions.study import StructureSettings
+from opid.suspensions.wheel.result import WheelSettings
 
 ROOM = Path(settings.__file__).parent
 
@@ -76,8 +77,9 @@ def parts_of(record):
 
 
 def test_every_record_of_the_wing_can_be_passed_and_is_printed():
-    """It is part of the settings of the estimator, the paper's chain, the bench, flights, plans or virtual sensors."""
+    """It is part of the settings of the estimator, the paper's chain, bench, flights, plans, sensing or the wheel."""
     own = (Settings, PaperSettings, BenchSettings, FlightSettings, FleetSettings, PlanSettings, SensingSettings)
+    own += (WheelSettings,)
     reached, waiting = set(), [record() for record in own]
     while waiting:
         record = waiting.pop()

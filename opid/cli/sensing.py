@@ -1,4 +1,4 @@
-"""Virtual sensors: `opid sense` gives the forces and motion of an identified body along a log."""
+"""What follows from an identification: `opid sense` gives forces and motion along a log, `opid wheel` what is below."""
 
 from __future__ import annotations
 
@@ -161,3 +161,29 @@ def _read_masses(given: tuple[tuple[str, float, float], ...]) -> Estimate | dict
             "--unsprung-mass is given with and without a name: name an interface in each, or in none"
         )
     return named.get("", named or None)
+
+
+@main.command(epilog=example("opid wheel study.toml result --out wheel"))
+@click.argument("study", type=PATH, metavar="STUDY.toml | DIR")
+@click.argument("result", type=PATH, metavar="RESULT")
+@out_option("Folder for result.json and report.  [default: NAME_wheel]")
+@with_output
+def wheel(study: Path, result: Path, output: Output) -> None:
+    """Identify unsprung mass, tyre and road of a gear from the same runs.
+
+    RESULT is the result.json of `opid identify` of this STUDY, or its folder. Each run of the study needs its speed,
+    speed_m_per_s: a number in m/s, or the name of a channel, as a GPS receiver gives it. The road is not measured: its
+    spectrum is fitted, with its roughness, its slope and its class by ISO 8608.
+    """
+    from opid.studies.stored_fits import read_fits
+    from opid.studies.study_file import read_study
+    from opid.suspensions.study import Study
+    from opid.suspensions.wheel.identification import identify_wheel
+
+    file = study / "study.toml" if (study / "study.toml").is_file() else study
+    output = output.reserve(default=f"{result_name(file)}_wheel")
+    with output.progress() as say:
+        fits = read_fits(result)
+        found = identify_wheel(read_study(file, kind=Study, progress=say), fits, progress=say)
+        notes = output.write(found, command=["opid", "wheel", str(file), str(result)], progress=say)
+    output.show(found, notes=notes)

@@ -67,6 +67,7 @@ from .runs import (
     transmissibilities as transmissibilities,
 )
 from .sensing import (
+    force_spectra as force_spectra,
     rainflow_cycles as rainflow_cycles,
     sensed_histories as sensed_histories,
 )

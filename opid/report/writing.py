@@ -57,6 +57,7 @@ KINDS = (
     KindOfResult("suspensions.own_structure.StructureIdentification", "suspensions.structure"),
     KindOfResult("suspensions.bench.law.BenchLaw", "suspensions.bench"),
     KindOfResult("suspensions.sensing.result.Sensing", "suspensions.sensing"),
+    KindOfResult("suspensions.wheel.result.WheelIdentification", "suspensions.wheel"),
     KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
     KindOfResult("suspensions.flights.campaign.Campaign", "suspensions.campaign"),
     KindOfResult("suspensions.flights.fleet.Fleet", "suspensions.fleet"),

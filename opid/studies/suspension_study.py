@@ -75,8 +75,8 @@ from opid.suspensions.study import (
 LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")
 """The columns of a loading table."""
 
-WEIGHED = ("weighed_mass_kg", "weighed_tolerance_kg")
-"""The keys of a run that say what a scale read."""
+FACTS_OF_RUN = ("weighed_mass_kg", "weighed_tolerance_kg", "speed_m_per_s")
+"""The keys of a run that a record of it keeps as they are: what a scale read, and how fast the vehicle was."""
 MOST_TILT_DEG = 30.0
 """The largest standard deviation of a vertical: with more of it nothing is known."""
 
@@ -137,6 +137,7 @@ class _Run:
     stop_s: float | None = None
     weighed_mass_kg: float | None = None
     weighed_tolerance_kg: float | None = None
+    speed_m_per_s: Annotated[float | str | None, "a number in m/s, or the name of a channel in quotes"] = None
     channels: _Channels = field(default_factory=dict)
 
 
@@ -353,8 +354,8 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
                 loading = tuple(PointMass(*row) for row in rows)
         with collect_faults(faults, f"run {files.name!r}: "):
             run = read_run(files, fs_hz=study.fs_hz, progress=say)
-            weighed = {name: getattr(each, name) for name in WEIGHED}
-            runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside), **weighed))
+            stated = {name: getattr(each, name) for name in FACTS_OF_RUN}
+            runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside), **stated))
     refuse(faults, source)
     with prefix_errors(f"{source}: "):
         levelled, mountings = level_runs(
@@ -839,8 +840,8 @@ def _list_further_channels(study: Study, used: Collection[str]) -> dict[str, str
 
 def _tabulate_run(run: Run) -> dict[str, Any]:
     # With a start the whole log is read back; without one a stretch would be searched.
-    weighed = {name: getattr(run, name) for name in WEIGHED}
-    return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s, **weighed}
+    stated = {name: getattr(run, name) for name in FACTS_OF_RUN}
+    return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s, **stated}
 
 
 def _tabulate_body(study: Study) -> _Body:

@@ -145,3 +145,8 @@ from .study import (
     study_of_gear as study_of_gear,
 )
 from .weighing import WeighedMass as WeighedMass
+from .wheel.identification import identify_wheel as identify_wheel
+from .wheel.result import (
+    WheelIdentification as WheelIdentification,
+    WheelSettings as WheelSettings,
+)

@@ -68,6 +68,9 @@ MOST_UNLIKE = 0.2
 LARGEST_MASS_KG = 1e6
 """The largest mass that a run can be stated to have weighed: no aircraft has 1000 t."""
 
+LARGEST_SPEED_M_PER_S = 150.0
+"""The largest speed that a run can be stated to have: no vehicle rolls faster."""
+
 ONE_PLACE_M = 0.05
 """Interfaces that are nearer to each other than this are at the same position."""
 
@@ -172,6 +175,8 @@ class Run:
             fitted.
         highest_hz: highest line that is compared, Hz, because a differentiated channel holds noise above; None where
             all channels read accelerations.
+        speed_m_per_s: speed of the vehicle, a number or the name of a channel of the recording, as a GPS receiver gives
+            it; None if it is not known. Only wheel and tyre need it.
     """
 
     name: str
@@ -185,6 +190,7 @@ class Run:
     weighed_tolerance_kg: float | None = None
     clocks: tuple[ClockMatch, ...] = ()
     highest_hz: float | None = None
+    speed_m_per_s: float | str | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.loading, (int, float)):
@@ -645,6 +651,22 @@ def _weighing_faults(study: Study, run: Run) -> Iterator[str]:
         )
 
 
+def _speed_faults(run: Run) -> Iterator[str]:
+    """Yield the errors of the speed that is stated of a run."""
+    speed, names = run.speed_m_per_s, run.recording.names
+    if isinstance(speed, str):
+        if speed not in names:
+            yield f"speed_m_per_s names the channel {speed!r}, which is not in its log ({nearest(speed, names)})"
+        elif run.recording.unit(speed) != "m/s":
+            yield f"speed_m_per_s names {speed!r}, which is in {run.recording.unit(speed)}: name a channel with a speed"
+        return
+    if speed is not None and not (_is_within(speed, 0.0, LARGEST_SPEED_M_PER_S) and speed):
+        yield (
+            f"speed_m_per_s is {speed!r}, give the speed in m/s, more than 0 and at most {LARGEST_SPEED_M_PER_S:g}, or "
+            "the name of a channel in quotes"
+        )
+
+
 def rigid_faults(study: Study) -> Iterator[str]:
     """Yield the reasons why interfaces or sensors cannot describe a rigid body in heave, roll and pitch."""
     for what, places in (
@@ -682,6 +704,7 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
         elif abs(each.x_m) > FARTHEST_M or abs(each.y_m) > FARTHEST_M:
             yield f"the loading of {each.mass_kg:g} kg is at ({each.x_m:g}, {each.y_m:g}) m, give its place in m"
     yield from _weighing_faults(study, run)
+    yield from _speed_faults(run)
     if run.recording.n_samples < MINIMUM_SAMPLES:
         yield (
             f"it has {run.recording.n_samples} samples ({run.recording.duration_s:.3g} s) and at least "

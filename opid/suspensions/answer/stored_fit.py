@@ -96,6 +96,20 @@ def store_fits(result: Identification) -> tuple[StoredFit, ...]:
     return tuple(_store_fit(result, each) for each in result.evidence)
 
 
+def take_fits(
+    result: Identification | Sequence[StoredFit], estimator: Settings | None
+) -> tuple[tuple[StoredFit, ...], Settings]:
+    """Return the fits of an identification, or those of a result.json, and the settings that they were made with.
+
+    Args:
+        result: an identification by the model, or its fits.
+        estimator: the settings if they are known; those of the identification, or the usual ones, if not.
+    """
+    if isinstance(result, Identification):
+        return store_fits(result), estimator or result.settings
+    return tuple(result), estimator or Settings()
+
+
 def _store_fit(result: Identification, evidence: Evidence) -> StoredFit:
     fit, model = evidence.fit, evidence.fit.model
     below, above = (tuple(np.atleast_1d(side).tolist()) for side in model.noise)

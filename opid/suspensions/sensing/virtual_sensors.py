@@ -19,7 +19,7 @@ from opid.progress import Say
 from opid.signals.health.inspection import findings_in_words
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray
-from opid.suspensions.answer.stored_fit import KnownModel, StoredFit, restore_model, store_fits
+from opid.suspensions.answer.stored_fit import KnownModel, StoredFit, restore_model, take_fits
 from opid.suspensions.fitting.fit import NO_FIT, minimize
 from opid.suspensions.identification import check_study, collect_arrays
 from opid.suspensions.model.body import mobility, vertical
@@ -79,10 +79,7 @@ def sense(
     """
     known = settings or SensingSettings()
     say = progress or (lambda step: None)
-    if isinstance(result, Identification):
-        fits, usual = store_fits(result), estimator or result.settings
-    else:
-        fits, usual = tuple(result), estimator or Settings()
+    fits, usual = take_fits(result, estimator)
     if not fits:
         raise InputError(
             "the result gives no number with an interval, so that it predicts no force: see its warnings, and identify "

@@ -1,0 +1,1 @@
+"""What is below the suspension of a gear: unsprung mass, tyre, and the road that it rolls on."""
