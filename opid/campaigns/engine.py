@@ -41,8 +41,8 @@ class EngineSettings:
         connection_s: a scheduler that does not answer within this time is not there.
         kept_bytes: a worker keeps freed memory up to this size. Dask tells the C library to give back all above 64 KiB.
         largest_kept_bytes: a worker takes arrays up to this size from what it keeps, and asks the system for larger
-            ones. With the settings of Dask it asks for each array of more than 128 KiB: a tenth of the processor time of
-            a flight. With 256 MiB for both, workers grew to 650 MB.
+            ones. With the settings of Dask it asks for each array of more than 128 KiB: a tenth of the processor time
+            of a flight. With 256 MiB for both, workers grew to 650 MB.
     """
 
     flights_per_part: int = 1000

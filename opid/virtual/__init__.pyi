@@ -44,6 +44,7 @@ from .taxi_tests.road import (
     track_correlation as track_correlation,
 )
 from .taxi_tests.sensors import (
+    Mounting as Mounting,
     Sensor as Sensor,
     decimate as decimate,
     measure as measure,
