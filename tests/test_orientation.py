@@ -358,6 +358,24 @@ def test_two_telephones_call_their_axes_alike(tmp_path):
         assert np.allclose(one.runs[0].recording.channel(side), two.runs[0].recording.channel(side), atol=1e-6)
 
 
+def test_what_is_left_of_the_clocks_of_two_telephones_is_fitted(tmp_path):
+    """Their match names the axes of a telephone; the lag and the drift that are fitted are those of its vertical."""
+    _, path = taxied(tmp_path)
+    for name in ("heavy", "light"):
+        whole = opid.read_log(tmp_path / f"{name}.csv")
+        for stem in ("lower", "upper"):
+            columns = [whole.channel(f"{stem}_{axis}") for axis in "xyz"]
+            write_log(recording_from_arrays(columns, list("xyz"), fs=whole.fs), tmp_path / f"{name}_{stem}.csv")
+    text = path.read_text()
+    for stem in ("lower", "upper"):
+        axes = f'axes = ["{stem}_x", "{stem}_y", "{stem}_z"]'
+        text = text.replace(axes, f'axes = ["x", "y", "z"]\nfile = "{{run}}_{stem}.csv"')
+    path.write_text(text)
+    clocks = opid.read_study(path).sensor_facts().clocks
+    assert [(each.run_name, each.side) for each in clocks] == [("heavy", "sprung"), ("light", "sprung")]
+    assert all(1e-4 < each.lag_std_s < 0.02 for each in clocks)
+
+
 def test_one_sensor_of_an_aircraft_has_three_axes(tmp_path):
     run = taxi_run(
         default_aircraft(),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.errors import InputError
+from opid.signals.clock_matching import ClockMatch
 from opid.signals.health.gravity import find_orientation
 from opid.signals.health.result import Finding, Health
 from opid.signals.orientation import (
@@ -150,6 +151,7 @@ def level_runs(
                 levelled[k],
                 recording=_level(levelled[k].recording, sensor, orientation, own[k], list(leaks)),
                 orientations={**levelled[k].orientations, name: orientation},
+                clocks=tuple(_name_in_match(match, sensor) for match in levelled[k].clocks),
             )
             if not is_one:
                 words = (
@@ -161,6 +163,14 @@ def level_runs(
         off = max(abs(each.gain_error) for each in used)
         mountings[name] = Mounting(tuple(leaks.items()), off if off > ORIENTATION.gain_error else 0.0)
     return levelled, mountings
+
+
+def _name_in_match(match: ClockMatch, sensor: TriaxialSensor) -> ClockMatch:
+    """Return a match of clocks that names a sensor in the place of its axes: what is left of its lag is fitted."""
+    if not {*sensor.axes} <= {*match.channels}:
+        return match
+    gone = {*sensor.axes, *(sensor.rates if sensor.has_gyroscope else ())}
+    return replace(match, channels=(sensor.name, *(each for each in match.channels if each not in gone)))
 
 
 def _level(
