@@ -639,3 +639,15 @@ def test_a_missing_or_unreadable_study(tmp_path):
         read_study(tmp_path / "studdy.toml")
     with pytest.raises(InputError, match="is not UTF-8 text"):
         read_study(tmp_path / "study.toml")
+
+
+def test_a_speed_is_named_by_its_key_or_as_the_log_calls_it(tmp_path):
+    samples = [*np.random.default_rng(0).standard_normal((3, 4096)), [0.0], [0.0], [30.0]]
+    units = ("m/s^2", "m/s^2", "m/s")
+    write_log(recording_from_arrays(samples, ["low", "up", "GPS speed"], fs=128.0, unit=units), tmp_path / "run.csv")
+    for name in ("speed", "GPS speed"):
+        text = f'[[runs]]\nname = "run"\nlog = "run.csv"\nmass_change_kg = 0\nstart_s = 0\nspeed_m_per_s = "{name}"\n'
+        channels = '[channels]\nunsprung = "low"\nsprung = "up"\nspeed = "GPS speed"\n'
+        (tmp_path / "study.toml").write_text(channels + text)
+        run = read_study(tmp_path / "study.toml").runs[0]
+        assert run.recording.channel(run.speed_m_per_s).mean() == pytest.approx(30.0, abs=0.1)

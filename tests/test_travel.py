@@ -174,6 +174,12 @@ def test_derivatives_of_the_model_are_those_of_differences(tmp_path, test_runs, 
         assert np.linalg.norm(exact[:, index] - slope) < 0.1 * np.linalg.norm(slope)
 
 
+def test_wheel_and_tyre_need_a_sensor_below(tmp_path, test_runs):
+    study = opid.read_study(write(tmp_path, test_runs, ALONE))
+    with pytest.raises(opid.InputError, match="here it was derived from the travel: give runs with a sensor there"):
+        opid.suspensions.identify_wheel(study, opid.identify(study, law="arctan_velocity"))
+
+
 @pytest.mark.parametrize("channels", [ALONE, BOTH])
 def test_virtual_sensors_smooth_the_travel(tmp_path, test_runs, channels):
     study = opid.read_study(write(tmp_path, test_runs, channels))

@@ -266,6 +266,9 @@ class _Gear(_Study):
                 mass_change_kg=0.0,
                 loading=((run.mass_change_kg, 0.0, 0.0),) if run.mass_change_kg else (),
                 channels={names.get(key, key): entry for key, entry in run.channels.items()},
+                speed_m_per_s=names.get(run.speed_m_per_s, run.speed_m_per_s)
+                if isinstance(run.speed_m_per_s, str)
+                else run.speed_m_per_s,
             )
             for run in self.runs
         )

@@ -80,6 +80,11 @@ def identify_wheel(
             "wheel and tyre are identified for one gear, whose sensor on the airframe shows all that the wheel bears: "
             "give the study of a gear alone, with its two channels in [channels]"
         )
+    if not study.is_driven:
+        raise InputError(
+            "wheel and tyre need the acceleration below the suspension as a sensor reads it, and here it was derived "
+            "from the travel: give runs with a sensor there"
+        )
     if study.interfaces[0].axis == "horizontal":
         raise InputError("the axis is 'horizontal', along which no road pushes a wheel: give runs of vertical motion")
     fits, usual = take_fits(result, estimator)
