@@ -642,7 +642,7 @@ def test_a_missing_or_unreadable_study(tmp_path):
 
 
 def test_a_speed_is_named_by_its_key_or_as_the_log_calls_it(tmp_path):
-    samples = [*np.random.default_rng(0).standard_normal((3, 4096)), [0.0], [0.0], [30.0]]
+    samples = np.random.default_rng(0).standard_normal((3, 4096)) + np.array([[0.0], [0.0], [30.0]])
     units = ("m/s^2", "m/s^2", "m/s")
     write_log(recording_from_arrays(samples, ["low", "up", "GPS speed"], fs=128.0, unit=units), tmp_path / "run.csv")
     for name in ("speed", "GPS speed"):
