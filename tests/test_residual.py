@@ -19,7 +19,7 @@ FREQUENCY_HZ = np.arange(0.3, 40.0, 0.05)
 def residual_of(lines):
     """As much of a fit as the test of whiteness looks at: (n_runs, n_sensors, n_lines)."""
     run = SimpleNamespace(omega=2 * np.pi * FREQUENCY_HZ)
-    model = SimpleNamespace(settings=Settings(), runs=(run,) * len(lines))
+    model = SimpleNamespace(settings=Settings(), runs=(run,) * len(lines), compared=slice(0, None))
     return SimpleNamespace(model=model, errors=SimpleNamespace(lines=tuple(each.ravel() for each in lines)))
 
 

@@ -1,5 +1,7 @@
 """A sensor of the travel: in the place of one below the suspension, beside it, and with faults."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import integrate
@@ -7,12 +9,14 @@ from scipy import integrate
 import opid
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording
+from opid.studies.suspension_study import read_further_run
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_test
 
 TRUE_KG, NOISE_M = 1850.0, 1e-4
+EXACT = "gain_tolerance = 0.0\nlag_tolerance_s = 0.0\n"
 ALONE = '[channels]\nsprung = "upper_z"\n[channels.unsprung]\nchannel = "pot"\nquantity = "travel"\n'
 BOTH = '[channels]\nsprung = "upper_z"\nunsprung = "lower_z"\n[channels.travel]\nchannel = "pot"\n'
 
@@ -53,7 +57,7 @@ def assert_holds(result):
 
 
 def test_travel_and_airframe_give_the_mass(tmp_path, test_runs):
-    result = identify(write(tmp_path, test_runs, ALONE))
+    result = identify(write(tmp_path, test_runs, ALONE + EXACT))
     assert assert_holds(result).std < 0.01 * TRUE_KG
     assert abs(result.parameters.suspension_stiffness_n_per_m.value / 3.9e5 - 1) < 0.02
     assert result.residual_over_noise == pytest.approx(1.0, abs=0.1)
@@ -72,9 +76,22 @@ def test_a_travel_beside_both_sensors_is_read_too(tmp_path, test_runs):
     result = identify(write(tmp_path, test_runs, BOTH))
     (tmp_path / "without").mkdir()
     without = identify(write(tmp_path / "without", test_runs, BOTH.split("[channels.travel]")[0]))
-    assert assert_holds(result).std < 1.1 * without.parameters.sprung_mass_kg.std
+    assert assert_holds(result).std < 1.25 * without.parameters.sprung_mass_kg.std
     stiffness, alone = (each.parameters.suspension_stiffness_n_per_m for each in (result, without))
-    assert stiffness.std < 1.1 * alone.std
+    assert stiffness.std < 1.25 * alone.std
+
+
+@pytest.mark.parametrize("head", ["repeatability = 0\n", ""])
+def test_a_travel_of_which_nothing_is_stated_has_the_usual_tolerances(tmp_path, test_runs, head):
+    """One per cent of gain is one of stiffness, half a millisecond of lag passes for damping, whether runs are alike or not."""
+    late = {"later_s": 0.0005, "factor": 1.01, "head": head}
+    result = identify(write(tmp_path, test_runs, ALONE, **late))
+    assert_holds(result)
+    stiffness, damping = result.parameters.suspension_stiffness_n_per_m, result.parameters.suspension_damping_n_s_per_m
+    assert stiffness.std > 0.0095 * 3.9e5
+    assert abs(stiffness.value - 3.9e5) < 3 * stiffness.std
+    assert damping.std > 150.0
+    assert abs(damping.value - 6e3) < 3 * damping.std
 
 
 def test_a_stated_lag_and_gain_widen_the_intervals(tmp_path, test_runs):
@@ -113,7 +130,7 @@ def test_a_coarse_encoder_widens_the_interval(tmp_path, test_runs):
 @pytest.mark.parametrize(
     ("factor", "words"),
     [
-        (-1.0, "run 'heavy', channel 'unsprung': it grows as the suspension pushes .* give sign = -1"),
+        (-1.0, "run 'heavy', channel 'unsprung': it grows where the acceleration above does, .* give sign = -1"),
         (1e3, "which no suspension has: check its unit and scale"),
     ],
 )
@@ -135,6 +152,9 @@ def test_a_wrong_direction_or_unit_is_refused(tmp_path, test_runs, factor, words
             "its quantity is 'travel' and its unit",
         ),
         (ALONE.replace('quantity = "travel"', 'quantity = "way"'), "quantity"),
+        (ALONE + "corner_hz = 0.1\n", "states corner_hz, which is that of an accelerometer"),
+        (ALONE + '[channels.travel]\nchannel = "pot"\n', "both channel 'pot'|both read the travel"),
+        (BOTH + 'quantity = "displacement"\n', "has the quantity 'displacement'"),
         (
             ALONE.replace('quantity = "travel"', 'quantity = "displacement"\nnoise_m = 1e-4'),
             "noise_m is given, which belongs",
@@ -172,6 +192,39 @@ def test_derivatives_of_the_model_are_those_of_differences(tmp_path, test_runs, 
         stacked = [fit.model.evaluate(each, sensitivity=False).stacked for each in (ahead, behind)]
         slope = (stacked[0] - stacked[1]) / (2 * step)
         assert np.linalg.norm(exact[:, index] - slope) < 0.1 * np.linalg.norm(slope)
+
+
+@pytest.mark.parametrize("method", ["classical", "paper"])
+def test_the_chain_of_the_paper_needs_a_sensor_below(tmp_path, test_runs, method):
+    study = opid.read_study(write(tmp_path, test_runs, ALONE))
+    with pytest.raises(opid.InputError, match="here it follows from the travel: leave the method out"):
+        opid.identify(study, method=method)
+
+
+def test_a_further_log_is_refused(tmp_path, test_runs):
+    study = opid.read_study(write(tmp_path, test_runs, ALONE))
+    with pytest.raises(opid.InputError, match="add the log to it as a run"):
+        read_further_run(study, tmp_path / "light.csv")
+
+
+def test_the_axis_down_turns_the_travel_too(tmp_path, test_runs):
+    """All channels count downward: a travel then counts compression."""
+    turned = '[channels.sprung]\nchannel = "upper_z"\nsign = -1\n' + ALONE.partition('"upper_z"\n')[2] + "sign = -1\n"
+    assert_holds(identify(write(tmp_path, test_runs, 'axis = "down"\n' + turned)))
+
+
+def test_a_pushed_run_is_sensed(tmp_path, test_runs):
+    """An unmeasured force moves the body and no sensor of the travel."""
+    test, noises = test_runs
+    study = opid.read_study(write(tmp_path, (test, noises), BOTH))
+    result, run = opid.identify(study, law="arctan_velocity"), study.runs[0]
+    samples = run.recording.samples.copy()
+    pushed = 0.05 * np.random.default_rng(3).standard_normal(len(samples))
+    samples[:, run.recording.index("upper_z")] += pushed
+    further = replace(run, name="pushed", recording=replace(run.recording, samples=samples))
+    found = sense(study, result, further, settings=SensingSettings(n_draws=20))
+    assert np.isfinite(found.sensor("travel").value).all()
+    assert np.isfinite(found.sensor("strut_force").std).all()
 
 
 def test_wheel_and_tyre_need_a_sensor_below(tmp_path, test_runs):

@@ -104,7 +104,9 @@ class DrivenRecord:
         """
         table = self.noise.table(max(self.n_interfaces, self.n_sensors))
         rms = table[5, : self.n_sensors]
-        return (rms if rms.any() else rms[:0]), float(np.exp(-table[6, 0] / self.fs))
+        # A sensor that no force moves, like that of a travel, is as good as still.
+        pushed = np.maximum(rms, 1e-6 * rms.max()) if rms.any() else rms[:0]
+        return pushed, float(np.exp(-table[6, 0] / self.fs))
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ from .orientation import (
     align_sensors as align_sensors,
     follow_attitude as follow_attitude,
 )
+from .quantities import acceleration_below as acceleration_below
 from .recording import (
     Channel as Channel,
     recording_from_arrays as recording_from_arrays,

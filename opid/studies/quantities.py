@@ -60,8 +60,10 @@ def convert_run(run: Run, stated: Mapping[str, Quantity | None], *, sprung: str,
     highest_hz = min(highest.values(), default=None)
     if highest_hz is not None:
         # One low-pass for all channels: no ratio between them changes.
-        for channel in read:
-            recording = _differentiate(recording, channel, read[channel], highest_hz)
+        for channel, own in read.items():
+            recording = _differentiate(recording, channel, own, highest_hz)
+        if travel is not None and travel in recording.names:
+            recording = _differentiate(recording, travel, "travel", highest_hz)
     for channel in [each for each, quantity in read.items() if quantity == "travel"]:
         with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
             recording = _derive_below(recording, channel, sprung)
@@ -101,14 +103,13 @@ def differentiated_noises(runs: Sequence[Run], stated: Mapping[str, Quantity | N
 
 
 def _differentiate(recording: Recording, channel: str, quantity: Quantity, highest_hz: float) -> Recording:
-    """Return the recording with a channel as an acceleration up to a frequency; a travel stays as it is."""
-    if quantity == "travel":
-        return recording
-    samples, fs = recording.channel(channel), recording.fs
-    found = accelerate(samples, fs=fs, n_derivatives=N_DERIVATIVES[quantity], highest_hz=highest_hz)
-    what = "low-passed at" if quantity == "acceleration" else f"a {quantity}, differentiated up to"
+    """Return the recording with a channel as an acceleration up to a frequency; a travel stays a travel."""
+    samples, fs, n_derivatives = recording.channel(channel), recording.fs, N_DERIVATIVES[quantity]
+    found = accelerate(samples, fs=fs, n_derivatives=n_derivatives, highest_hz=highest_hz)
+    what = f"a {quantity}, differentiated up to" if n_derivatives else "low-passed at"
     words = f"{channel}: {what} {highest_hz:.3g} Hz, where the noisiest channel sinks into its noise"
-    return _with_channel(recording, channel, found, words)
+    unit = "m" if quantity == "travel" else "m/s^2"
+    return _with_channel(recording, channel, found + samples.mean() * (quantity == "travel"), words, unit)
 
 
 def _derive_below(recording: Recording, channel: str, sprung: str) -> Recording:
@@ -133,10 +134,10 @@ def _rename(match: ClockMatch, channel: str) -> ClockMatch:
     return replace(match, channels=tuple(name_travel(each) if each == channel else each for each in match.channels))
 
 
-def _with_channel(recording: Recording, channel: str, acceleration: np.ndarray, words: str) -> Recording:
-    """Return the recording with an acceleration in the place of a channel."""
+def _with_channel(recording: Recording, channel: str, values: np.ndarray, words: str, unit: str = "m/s^2") -> Recording:
+    """Return the recording with other samples in the place of a channel."""
     samples, index = recording.samples.copy(), recording.index(channel)
-    samples[:, index] = acceleration
+    samples[:, index] = values
     channels = list(recording.channels)
-    channels[index] = Channel(channel, "m/s^2")
+    channels[index] = Channel(channel, unit)
     return replace(recording, samples=samples, channels=tuple(channels), history=(*recording.history, words))

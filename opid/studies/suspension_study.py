@@ -534,13 +534,41 @@ def _read_other_quantities(
     interfaces = tuple(_with_noises(each, noises) for each in interfaces)
     if not (travels or beside):
         return converted, interfaces
-    facts = find_table(beside or travels[0])
-    sensor = TravelSensor(
-        beside or name_travel(travels[0]), facts.noise_m, facts.gain_tolerance, facts.lag_tolerance_s, not beside
-    )
+    name = beside or travels[0]
+    facts = find_table(name)
+    _require_facts_of_travel(name, facts, runs, is_alone=not beside, is_second=bool(beside and travels))
+    stated_facts = {each: getattr(facts, each) for each in ("gain_tolerance", "lag_tolerance_s") if each in facts.given}
+    sensor = TravelSensor(beside or name_travel(name), noise_m=facts.noise_m, is_alone=not beside, **stated_facts)
     (gear,) = interfaces
     pair = gear.facts if beside else replace(gear.facts, unsprung=IDEAL)
     return converted, (replace(gear, facts=pair, travel=sensor),)
+
+
+def _require_facts_of_travel(
+    name: str, facts: _Channel, runs: Sequence[Run], *, is_alone: bool, is_second: bool
+) -> None:
+    """Refuse what is stated of a travel and cannot be used.
+
+    Raises:
+        InputError: a second travel, another quantity, a fact of an accelerometer, or a travel in the place of a sensor
+            below whose clock is known only by its motion.
+    """
+    if is_second:
+        raise InputError("[channels.unsprung] and [channels.travel] both read the travel: leave one of them out")
+    if facts.quantity not in (None, TRAVEL):
+        raise InputError(f"[channels.{name}] has the quantity {facts.quantity!r}: leave it out, or call it otherwise")
+    for fact in ("noise_m_per_s2", "corner_hz", "corner_tolerance"):
+        if fact in facts.given:
+            raise InputError(
+                f"[channels.{name}] reads a travel and states {fact}, which is that of an accelerometer: give noise_m, "
+                "gain_tolerance and lag_tolerance_s alone"
+            )
+    for run in runs if is_alone else ():
+        if run.clocks:
+            raise InputError(
+                f"run {run.name!r}: the clock of the travel was matched by its motion, and what is left of its lag "
+                "passes for damping: record both channels by one recorder, or state shift_s and shift_tolerance_s = 0"
+            )
 
 
 def _with_noises(interface: MeasuredInterface, noises: Mapping[str, float]) -> MeasuredInterface:
@@ -757,6 +785,11 @@ def read_further_run(
     if study.source is None:
         raise InputError("the study was not read from a file, so that nothing says how to read the log: give a Run")
     names = [run.name for run in study.runs]
+    if any(run.highest_hz for run in study.runs) or study.travels:
+        raise InputError(
+            f"{study.source} has sensors of velocity, displacement or travel: add the log to it as a run, and name "
+            "the run"
+        )
     if like is not None and like not in names:
         raise InputError(f"{study.source} has no run {like!r}: {nearest(like, names)}")
     if mass_change_kg is not None and not study.is_one_gear:

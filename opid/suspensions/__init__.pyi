@@ -116,6 +116,7 @@ from .sensor_facts import (
     Leak as Leak,
     SensorFacts as SensorFacts,
     SensorPair as SensorPair,
+    TravelSensor as TravelSensor,
 )
 from .settings import (
     FaultSettings as FaultSettings,

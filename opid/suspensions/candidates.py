@@ -198,8 +198,10 @@ class FittedStructure:
 
     @property
     def level(self) -> float:
-        """Noise known beforehand, as white noise of one level on all sensors, m/s^2."""
-        return noise_level(self.noise)
+        """Noise known beforehand, as white noise of one level on all accelerometers, m/s^2."""
+        below, above = self.noise
+        n_travels = 0 if self.task.study is None else len(self.task.study.travels)
+        return noise_level((below, above[: above.size - n_travels]))
 
     @property
     def law_is_given(self) -> bool:
@@ -395,6 +397,7 @@ def prepare_alone(
                 leaks=across[:, leaking] / len(picked),
                 number=number,
                 settings=settings.runs,
+                n_travels=len(study.travels),
                 is_driven=study.is_driven,
             )
         )

@@ -106,6 +106,11 @@ def identify(
     if method_of_law not in METHODS_OF_LAW:
         raise InputError(f"laws cannot be searched by {method_of_law!r}: {nearest(method_of_law, METHODS_OF_LAW)}")
     if method != "model":
+        if not study.is_driven:
+            raise InputError(
+                f"the method {method!r} needs the acceleration below the suspension as a sensor reads it, and here it "
+                "follows from the travel: leave the method out"
+            )
         if not study.is_one_gear:
             raise InputError(f"the method {method!r} is for one gear: leave it out for a body on several suspensions")
         for name, value, usual in (
@@ -145,7 +150,8 @@ def identify(
     options = Options(law, ground, method_of_law, library(), seed)
     # A horizontal suspension has no spring to the ground.
     grounded = ground and any(each.axis != "horizontal" for each in study.interfaces)
-    question = Question(kind_of_law is not None, grounded, True, method_of_law, options.kinds)
+    # Faults that nobody states are searched among accelerometers: a gain or a lag of a travel passes for a suspension.
+    question = Question(kind_of_law is not None, grounded, not study.travels, method_of_law, options.kinds)
     names = tuple(run.name for run in study.runs)
     task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say, names, study.repeatability)
     tried = _fit_structures(task)
@@ -513,10 +519,10 @@ def _build_runs(study: Study, parts: Sequence[FittedStructure], arrays: Arrays) 
             fit = part.fit
             used, line = fit.model.runs[index], fit.errors.lines[index]
             read = fit.model.correct(fit.theta, index)[1].value
-            n_sensors = read.shape[1]
+            n_sensors = read.shape[1] - used.n_travels
             residual += list(np.abs(line.reshape(-1, used.omega.size)) / np.sqrt(2))
             steps = slice(shown.start * used.finer, shown.stop * used.finer, used.finer)
-            measured += list(read[steps].T)
+            measured += list(read[steps, :n_sensors].T)
             predicted += list(fit.errors.predictions[index].acceleration[steps, :n_sensors].T)
         used = parts[0].fit.model.runs[index]
         n = min(len(each) for each in measured)

@@ -83,6 +83,13 @@ TRAVEL_PER_S2 = 100.0
 """A travel of 1 m is read as so many m/s^2, so that usual noises of travel and acceleration are of one size."""
 
 
+USUAL_GAIN_TOLERANCE = 0.01
+"""Standard deviation of the gain of a travel where nobody states it: potentiometers are good to a per cent."""
+
+USUAL_LAG_TOLERANCE_S = 5e-4
+"""The same of its delay, s: the filters of two channels of one recorder differ by some tenths of a millisecond."""
+
+
 @dataclass(frozen=True)
 class TravelSensor:
     """A sensor of the travel of a suspension: a potentiometer, an encoder.
@@ -91,7 +98,7 @@ class TravelSensor:
         channel: its channel, m; it grows as the suspension extends.
         noise_m: rms of its white noise, m; None to estimate it.
         gain_tolerance: standard deviation of the gain, relative; 0 if the gain is exact.
-        lag_tolerance_s: standard deviation of its delay behind the sensor on the body, s.
+        lag_tolerance_s: standard deviation of its delay behind the sensor on the body, s; 0 if there is none.
         is_alone: whether no sensor is below the suspension; the acceleration there is then derived from this sensor.
 
     Raises:
@@ -100,8 +107,8 @@ class TravelSensor:
 
     channel: str
     noise_m: float | None = None
-    gain_tolerance: float = 0.0
-    lag_tolerance_s: float = 0.0
+    gain_tolerance: float = USUAL_GAIN_TOLERANCE
+    lag_tolerance_s: float = USUAL_LAG_TOLERANCE_S
     is_alone: bool = False
 
     def __post_init__(self) -> None:

@@ -81,12 +81,6 @@ class Fit:
         # The size of the errors does not change how well something was known before.
         weight = np.concatenate([np.full(n, self.weight), np.ones(self.errors.stacked.size - n)])
         jacobian = self.errors.jacobian * np.sqrt(weight)[:, np.newaxis]
-        lower, upper = self.model.bounds()
-        held = lower == upper
-        if held.any():
-            # What could not move tells nothing, and is as uncertain as before: the others answer for all of its effect.
-            others, data = jacobian[:n, ~held], jacobian[:n, held]
-            jacobian[:n, held] = others @ np.linalg.lstsq(others, data, rcond=1e-10)[0]
         size = np.linalg.norm(jacobian, axis=0)
         size = np.where(size > 0.0, size, 1.0)
         scaled = jacobian / size

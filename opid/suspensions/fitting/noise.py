@@ -204,12 +204,18 @@ def known_noise(
     else:
         sides = [judge([*zip(above, travels, strict=True)])]
     level, highest, quietest, believed = min(sides)
-    is_bound = quietest < believed and any(np.isnan(side).any() for side in stated)
+    is_bound = quietest < believed and any(np.isnan(side).any() for side in (stated[0], stated[1][:n_above]))
+    most = highest / level
     levels = [np.where(np.isnan(side), level, side) for side in stated]
-    if n_travels and np.isnan(stated[1][n_above:]).any():
-        of_travel = judge([*zip(travels, above, strict=True)])[0]
-        levels[1][n_above:] = np.where(np.isnan(stated[1][n_above:]), of_travel, stated[1][n_above:])
-    return KnownNoise((levels[0], levels[1]), highest / level if is_bound else 1.0, level)
+    if n_travels:
+        of_travel, highest, quietest, believed = judge([*zip(travels, above, strict=True)])
+        is_unknown = np.isnan(stated[1][n_above:])
+        levels[1][n_above:] = np.where(is_unknown, of_travel, stated[1][n_above:])
+        if not is_driven:
+            # Only the errors of the travel are compared.
+            levels[0][:] = levels[1][:n_above].mean()
+            is_bound, most = quietest < believed and bool(is_unknown.any()), highest / of_travel
+    return KnownNoise((levels[0], levels[1]), most if is_bound else 1.0, level)
 
 
 def is_noise_above_stated(fit: Fit, known: KnownNoise) -> bool:
@@ -254,8 +260,8 @@ def with_own_noise(fit: Fit) -> Fit:
     model, theta, known = fit.model, fit.theta, fit.model.settings.intervals
     if all(any(facts.noise_m_per_s2 for facts in model.sensors.facts(side)) for side in SIDES):
         return fit
-    if any(run.drive_step_m_per_s2 for run in model.runs):
-        # There is no sensor below, and the noise of a travel was read from its own spectrum.
+    if any(run.n_travels for run in model.runs):
+        # The noise of a travel was read from its own spectrum, or stated, and has no ratio to those of accelerations.
         return fit
 
     def unlikely(log_ratio: float) -> float:

@@ -56,8 +56,10 @@ class ProcessNoise:
     levels: tuple[FloatArray, ...] = ()
 
     def acceleration_rms(self, run: DrivenRun) -> FloatArray:
-        """Return its rms acceleration at each sensor on the body in a run, m/s^2."""
-        return self.fraction * run.sprung.std(axis=0)
+        """Return its rms acceleration at each sensor on the body in a run, m/s^2; no force moves that of a travel."""
+        rms = self.fraction * run.sprung.std(axis=0)
+        rms[rms.size - run.n_travels :] = 0.0
+        return np.asarray(rms)
 
 
 NO_PROCESS_NOISE = ProcessNoise()
@@ -122,8 +124,9 @@ class Model(Unknowns):
 
     @property
     def level(self) -> float:
-        """The assumed noise, as white noise of one level on all sensors, m/s^2."""
-        return noise_level(self.noise)
+        """The assumed noise, as white noise of one level on all accelerometers, m/s^2."""
+        below, above = self.noise
+        return noise_level((below, above[: above.size - self.runs[0].n_travels]))
 
     @property
     def n_known_of_laws(self) -> int:
@@ -174,6 +177,12 @@ class Model(Unknowns):
         """
         is_driven = not any(run.drive_step_m_per_s2 for run in self.runs)
         return slice(0 if is_driven else 1, len(self.sensors.sprung))
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """Which entries of the vector cannot move, and only widen the intervals of the others."""
+        lower, upper = self.bounds()
+        return np.asarray(lower == upper)
 
     @cached_property
     def is_weighed(self) -> NDArray[np.bool_]:
@@ -302,9 +311,6 @@ class Model(Unknowns):
         unmeasured = np.zeros(self.body.n_attachments)
         if self.process.fraction:
             unmeasured[: len(levels[1])] = self.process.acceleration_rms(run)
-            if self.body.of_travel is not None:
-                # No force moves a sensor of the travel.
-                unmeasured[: len(levels[1])] *= ~self.body.of_travel.any(axis=1)
         return Noise(
             rows[0][0].tolist(),
             rows[1][0].tolist(),
@@ -387,6 +393,8 @@ class Model(Unknowns):
         departure, by_prior = compare_with_prior(self, theta, is_held=self.is_held)
         stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
         jacobian = np.concatenate([*blocks, by_prior if sensitivity else by_prior[:0]])
+        if sensitivity:
+            _release_held(jacobian[: len(jacobian) - len(by_prior)], self.held)
         columns = np.concatenate(further) if further else np.empty((0, 0))
         return Errors(stacked, jacobian, tuple(lines), tuple(predictions), columns)
 
@@ -407,9 +415,11 @@ class Model(Unknowns):
             density = (ratio * drive[:, np.newaxis, :]) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
             if self.process.fraction:
                 density = density + spectral_density(self.process, run, straight)
-            # The density is that of the readings before they were divided by their gains.
+            # The density is that of the readings before they were divided by their gains, the others given.
+            given = self.compared.start
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
-            spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1])))
+            spread -= float(np.sum(np.linalg.slogdet(density[:, :given, :given])[1])) if given else 0.0
+            spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1][given:])))
             spread += 2 * float(
                 np.sum(np.log(np.broadcast_to(self._compute_levels(index), (n_compared, run.omega.size))))
             )
@@ -426,6 +436,16 @@ def _widen(samples: FloatArray, n_attachments: int) -> FloatArray:
     if samples.shape[1] == n_attachments:
         return samples
     return np.concatenate([samples, np.zeros((len(samples), n_attachments - samples.shape[1]))], axis=1)
+
+
+def _release_held(jacobian: FloatArray, held: NDArray[np.bool_]) -> None:
+    """Replace the derivatives of the data by entries that are held by their projection on those of the others.
+
+    The data then tell nothing of an entry that is held, and its whole effect is one of the others.
+    """
+    if held.any():
+        others = jacobian[:, ~held]
+        jacobian[:, held] = others @ np.linalg.lstsq(others, jacobian[:, held], rcond=1e-10)[0]
 
 
 def _stack_real_rows(by: ComplexArray) -> list[FloatArray]:
@@ -472,6 +492,7 @@ class Straight:
         spring: (n_lines, n_attachments) force on the body by travel, with the mean slopes of the laws.
         ground: (n_attachments,) stiffness of the springs to the ground.
         system: (n_lines, n_attachments, n_attachments) matrix that relates travel to accelerations.
+        of_travel: (n_sensors, n_attachments) reading of each sensor for a unit travel, 1/s^2; None if none reads it.
     """
 
     omega: FloatArray
@@ -479,6 +500,7 @@ class Straight:
     spring: ComplexArray
     ground: FloatArray
     system: ComplexArray
+    of_travel: FloatArray | None = None
 
 
 def straighten(unknowns: Unknowns, theta: FloatArray, index: int, prediction: Prediction) -> Straight:
@@ -499,7 +521,7 @@ def straighten(unknowns: Unknowns, theta: FloatArray, index: int, prediction: Pr
     square = (omega**2)[:, np.newaxis, np.newaxis]
     # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
     system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(suspensions))
-    return Straight(omega, moved, spring, ground, system)
+    return Straight(omega, moved, spring, ground, system, unknowns.body.of_travel)
 
 
 def transmissibility(unknowns: Unknowns, straight: Straight) -> ComplexArray:
@@ -525,6 +547,8 @@ def spectral_density(process: ProcessNoise, run: DrivenRun, straight: Straight) 
     n = rms.size
     travel = np.linalg.solve(straight.system, np.broadcast_to(np.eye(len(ground))[:, :n], (omega.size, len(ground), n)))
     read = np.eye(len(ground))[:, :n] - straight.moved.reading @ ((straight.spring + ground)[:, :, np.newaxis] * travel)
+    if straight.of_travel is not None:
+        read[:, : len(straight.of_travel)] += straight.of_travel @ travel
     decay = np.exp(-2 * np.pi * process.corner_hz / run.fs)
     shape = (1 - decay**2) / np.abs(1 - decay * np.exp(-1j * omega / run.fs)) ** 2
     density = (read[:, :n] * rms**2) @ read[:, :n].conj().transpose(0, 2, 1)

@@ -163,6 +163,7 @@ class DrivenRun:
         error_level: size of the errors of this run relative to the others, for a wrong model. They are weighted by its
             inverse, so that no run dominates the others by its strength.
         number: number of the run in the study: clocks of recorders are known run by run.
+        n_travels: number of the last columns on the body that are travels, in the unit of `TRAVEL_PER_S2`.
         drive_step_m_per_s2: rms step of an unmeasured drive from sample to sample of these arrays, a random walk that
             begins at zero, m/s^2; `unsprung` is then derived from the travel and drives only the free motion. 0 for a
             measured drive.
@@ -180,6 +181,7 @@ class DrivenRun:
     settings: RunSettings
     error_level: float = 1.0
     number: int = 0
+    n_travels: int = 0
     drive_step_m_per_s2: float = 0.0
     after_middle_s: float = 0.0
     # stored results for these records
@@ -250,6 +252,7 @@ class DrivenRun:
             leaks=sample_finer(self.leaks, by) if self.leaks.size else np.empty((by * len(self.leaks), 0)),
             recorded_fs=by * self.recorded_fs,
             finer=by * self.finer,
+            drive_step_m_per_s2=self.drive_step_m_per_s2 / np.sqrt(by),
         )
 
     def split(self, n_pieces: int) -> tuple[DrivenRun, ...]:
@@ -469,6 +472,7 @@ def driven_run(
     leaks: ArrayLike | None = None,
     band_hz: tuple[float, float] | None = None,
     number: int = 0,
+    n_travels: int = 0,
     is_driven: bool = True,
     settings: RunSettings | None = None,
 ) -> DrivenRun:
@@ -484,6 +488,7 @@ def driven_run(
         leaks: (n, n_leaks) further axes that leak into the sensors, m/s^2.
         band_hz: lowest and highest line to compare, Hz, cut at 0.4 fs; that of the settings if left out.
         number: number of the run in the study.
+        n_travels: number of the last columns of `sprung` that are travels, times `TRAVEL_PER_S2`.
         is_driven: whether `unsprung` was measured; otherwise it was derived from a travel that is read on the body, and
             the drive of the model is a random walk.
         settings: how runs are prepared.
@@ -512,6 +517,7 @@ def driven_run(
         stride=1,
         settings=settings,
         number=number,
+        n_travels=n_travels,
         drive_step_m_per_s2=step,
         after_middle_s=-0.5 * len(lower) / fs,
     )

@@ -50,7 +50,13 @@ def measure_information(fit: Fit, motion: int, *, loading: FloatArray, road_fact
         UnboundedResponseError: springs that cannot carry the loading, or a motion that grows without bound.
     """
     model, recorded = fit.model, fit.model.runs[motion]
-    run = replace(recorded, unsprung=road_factor * recorded.unsprung, loading=loading, error_level=1.0)
+    run = replace(
+        recorded,
+        unsprung=road_factor * recorded.unsprung,
+        drive_step_m_per_s2=road_factor * recorded.drive_step_m_per_s2,
+        loading=loading,
+        error_level=1.0,
+    )
     planned = replace(
         model,
         runs=(run,),

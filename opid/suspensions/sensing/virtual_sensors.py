@@ -323,11 +323,12 @@ def _add_unmeasured(model: Model, theta: FloatArray, settings: SensingSettings) 
                 (prediction,) = trial.evaluate(theta, sensitivity=False).predictions
             except NO_FIT:
                 continue
-            seen = slice(len(model.sensors.sprung))
+            seen = model.compared
             likely = -float(np.sum(0.5 * prediction.innovation[seen] ** 2 + np.log(prediction.spread[seen])))
             if likely > highest:
                 likeliest, highest = trial, likely
-    return likeliest, float(np.sqrt(np.mean(likeliest.process.acceleration_rms(model.runs[0]) ** 2)))
+    rms, n_travels = likeliest.process.acceleration_rms(model.runs[0]), model.runs[0].n_travels
+    return likeliest, float(np.sqrt(np.mean(rms[: rms.size - n_travels] ** 2)))
 
 
 # ---- the band --------------------------------------------------------------------------------------
