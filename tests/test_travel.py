@@ -209,7 +209,8 @@ def test_a_further_log_is_refused(tmp_path, test_runs):
 
 def test_the_axis_down_turns_the_travel_too(tmp_path, test_runs):
     """All channels count downward: a travel then counts compression."""
-    turned = '[channels.sprung]\nchannel = "upper_z"\nsign = -1\n' + ALONE.partition('"upper_z"\n')[2] + "sign = -1\n"
+    below = ALONE.partition('"upper_z"\n')[2]
+    turned = '[channels.sprung]\nchannel = "upper_z"\nsign = -1\n' + below + "sign = -1\n"
     assert_holds(identify(write(tmp_path, test_runs, 'axis = "down"\n' + turned)))
 
 
