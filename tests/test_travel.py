@@ -83,7 +83,7 @@ def test_a_travel_beside_both_sensors_is_read_too(tmp_path, test_runs):
 
 @pytest.mark.parametrize("head", ["repeatability = 0\n", ""])
 def test_a_travel_of_which_nothing_is_stated_has_the_usual_tolerances(tmp_path, test_runs, head):
-    """One per cent of gain is one of stiffness, half a millisecond of lag passes for damping, whether runs are alike or not."""
+    """One per cent of gain is one of stiffness, and a lag of half a millisecond passes for damping."""
     late = {"later_s": 0.0005, "factor": 1.01, "head": head}
     result = identify(write(tmp_path, test_runs, ALONE, **late))
     assert_holds(result)
