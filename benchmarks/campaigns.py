@@ -204,10 +204,13 @@ def main() -> None:
                 )
             own, beside = found[part], compare_with_others(part, found)
             undisturbed = next((each for each in ("two", "one") if each in found), None)
-            if part == "killed" and undisturbed is not None:
-                is_equal = read_rows(base / part) == read_rows(base / undisturbed)
-                words = "equal" if is_equal else "NOT EQUAL"
-                beside = f"{len(own.worker_s) - 2} killed, dataset {words} to that of the undisturbed run"
+            if part == "killed":
+                rows = read_rows(base / part)
+                done = len({row["flight"] for row in rows if row["verdict"] != "failed"})
+                beside = f"{len(own.worker_s) - 2} killed, {done} of {n} flights done"
+                if undisturbed is not None:
+                    words = "equal" if rows == read_rows(base / undisturbed) else "NOT EQUAL"
+                    beside += f", dataset {words} to that of the undisturbed run"
             memory = ", ".join(f"{each:.0f}" for each in own.memory_mb)
             row = (PARTS[part], f"{own.seconds:.1f}", f"{own.cpu_s:.1f}", f"{own.cpu_s / n:.3f}", memory, beside)
             print(f"| {' | '.join(row)} |", flush=True)
