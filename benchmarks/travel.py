@@ -1,7 +1,7 @@
 """A potentiometer in the place of a sensor below the suspension, or beside it: masses, stiffness, and their intervals.
 
     python benchmarks/travel.py --seeds 20 --jobs 2
-    python benchmarks/travel.py --worlds "alone,lag 1 ms" --seeds 10
+    python benchmarks/travel.py --worlds "alone,lag 0.5 ms" --seeds 10
 
 Each seed draws a gear (`scenarios.random_case`) and its two runs. The potentiometer has white noise of 0.1 mm, and its
 gain and lag have the usual tolerances where the world states none. The law is searched. No seed is dropped.
