@@ -45,6 +45,16 @@ def test_help_comes_without_heavy_imports():
     assert "version 0" in opid("--version").output
 
 
+def test_an_identification_with_its_page_loads_only_what_it_needs(tmp_path, field_test):
+    """SciPy's signals and statistics take half a second, as long as the law search of two short runs."""
+    code = "import sys; from opid.cli import main; main(sys.argv[1:], standalone_mode=False); print(*sys.modules)"
+    command = [sys.executable, "-c", code, "identify", str(field_test / "study.toml"), "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    loaded = done.stdout.splitlines()[-1].split()
+    assert {"opid.report.writing", "scipy.fft"} <= set(loaded)
+    assert {"scipy.signal", "scipy.stats", "pysindy", "sklearn", "pandas"} & set(loaded) == set()
+
+
 @pytest.mark.parametrize("words", [words for words, _ in commands()], ids=" ".join)
 def test_every_help_ends_with_an_example_that_is_read(words):
     *_, title, example = opid(*words[1:], "--help").output.splitlines()

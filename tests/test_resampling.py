@@ -7,7 +7,7 @@ from scipy import signal
 
 from opid.errors import InputError
 from opid.signals.recording import Recording, recording_from_arrays
-from opid.signals.resampling import PASS, STOP, on_common_clock, resampled
+from opid.signals.resampling import PASS, STOP, design_low_pass, on_common_clock, resampled
 
 
 def tone(frequency_hz, fs, *, start_s=0.0, duration_s=8.0, name="a"):
@@ -20,6 +20,17 @@ def error(recording, frequency_hz):
     truth = np.cos(2 * np.pi * frequency_hz * recording.time_s + 0.3)
     edge = round(max(100, 10 * recording.fs / frequency_hz))
     return np.abs(recording.samples[:, 0] - truth)[edge:-edge].max()
+
+
+@pytest.mark.parametrize(
+    ("pass_hz", "stop_hz", "stop_db"), [(40.0, 60.0, 80.0), (199.0, 205.0, 60.0), (1.0, 9.0, 51.0)]
+)
+def test_the_low_pass_filter_is_that_of_scipy(pass_hz, stop_hz, stop_db):
+    n_taps, beta = signal.kaiserord(stop_db, 2 * (stop_hz - pass_hz) / 500)
+    expected = signal.firwin(n_taps | 1, (pass_hz + stop_hz) / 2, window=("kaiser", beta), fs=500)
+    np.testing.assert_allclose(
+        design_low_pass(pass_hz, stop_hz, fs=500, stop_db=stop_db), expected, rtol=1e-10, atol=1e-14
+    )
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from opid.errors import InputError
-from opid.signals.spectra import cross_spectra, noise_floor, transmissibility
+from opid.signals.spectra import cross_spectra, noise_floor, sample_window, transmissibility
 
 FS = 256.0
 
@@ -14,6 +14,12 @@ def _pair(seed=0, n=2**15):
     x = np.random.default_rng(seed).standard_normal(n)
     y = signal.lfilter(*signal.butter(2, 10, fs=FS), x)
     return x, y
+
+
+@pytest.mark.parametrize("n_samples", [2, 7, 1024])
+@pytest.mark.parametrize("name", ["hann", "flattop", ("tukey", 0.3)])
+def test_windows_are_those_of_scipy(name, n_samples):
+    np.testing.assert_allclose(sample_window(name, n_samples), signal.get_window(name, n_samples), atol=1e-15)
 
 
 @pytest.mark.parametrize("window", ["hann", "flattop", ("tukey", 0.3), "boxcar"])

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from opid.errors import InputError
 from opid.signals.spectra import transmissibility
 from opid.suspensions.paper.transmissibility import (
+    _find_prominent_maxima,
     suspension_transmissibility,
     transmissibility_peaks,
     transmissibility_without_force,
@@ -68,6 +70,15 @@ def test_a_suspension_has_one_peak_and_it_is_found(run):
     assert abs(strongest.frequency_hz - expected) < 0.15
     # blocks of 16 s blunt a peak that is half a hertz wide, they never sharpen it
     assert 0.75 < strongest.magnitude / np.abs(true).max() < 1.02
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_prominent_maxima_are_those_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    height, least = rng.standard_normal(200).cumsum(), rng.uniform(0.1, 5, 200)
+    expected, _ = signal.find_peaks(height, prominence=least)
+    assert _find_prominent_maxima(height, least) == expected.tolist()
+    assert expected.size > 3
 
 
 def test_white_noise_has_no_peaks():

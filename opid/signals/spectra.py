@@ -18,6 +18,11 @@ Estimator = Literal["H1", "H2", "Hv"]
 ESTIMATORS: tuple[Estimator, ...] = ("H1", "H2", "Hv")
 WINDOWS = ("hann", "hamming", "blackman", "blackmanharris", "nuttall", "flattop", "boxcar", "bartlett", "cosine")
 """Names of the windows that a study can state."""
+# the windows that the methods use unasked are sums of these cosines: 0, 1, ... periods in a block
+_COSINES: dict[Window, tuple[float, ...]] = {
+    "hann": (0.5, 0.5),
+    "flattop": (0.21557895, 0.41663158, 0.277263158, 0.083578947, 0.006947368),
+}
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,7 @@ def cross_spectra(
     >>> spectra.density.shape, spectra.n_blocks
     ((257, 2, 2), 15)
     """
-    from scipy import fft, signal
+    from scipy import fft
 
     samples = np.asarray(signals, dtype=np.float64)
     if samples.ndim != 2:
@@ -161,7 +166,7 @@ def cross_spectra(
         )
     if not 0 <= overlap < block:
         raise InputError(f"noverlap is {overlap}: give a number from 0 to below nperseg = {block}")
-    taper = signal.get_window(window, block)
+    taper = sample_window(window, block)
     blocks = np.lib.stride_tricks.sliding_window_view(samples, block, axis=0)[:: block - overlap]
     lines = fft.rfft((blocks - blocks.mean(axis=-1, keepdims=True)) * taper).transpose(2, 1, 0)
     density = lines.conj() @ lines.transpose(0, 2, 1) / (blocks.shape[0] * fs * float(taper @ taper))
@@ -231,6 +236,23 @@ def transmissibility(
     )
 
 
+def sample_window(name: Window, n_samples: int) -> FloatArray:
+    """Return a window of blocks, one period of it as spectra need it.
+
+    `scipy.signal` takes longer to load than most spectra to compute: the usual windows need none of it.
+
+    Args:
+        name: any name that scipy.signal.get_window takes.
+        n_samples: number of samples.
+    """
+    if name in _COSINES:
+        angle = np.linspace(-np.pi, np.pi, n_samples + 1)[:-1]
+        return np.asarray(sum(each * np.cos(k * angle) for k, each in enumerate(_COSINES[name])))
+    from scipy import signal
+
+    return np.asarray(signal.get_window(name, n_samples))
+
+
 def noise_floor(samples: ArrayLike, *, fs: float) -> float:
     """Estimate the rms of the white noise of a channel from the quietest tenth of its spectrum.
 
@@ -248,13 +270,9 @@ def noise_floor(samples: ArrayLike, *, fs: float) -> float:
     >>> bool(abs(noise_floor(0.01 * rng.standard_normal(20000), fs=500.0) / 0.01 - 1) < 0.1)
     True
     """
-    from scipy import signal
-
-    channel = np.asarray(samples, dtype=np.float64)
-    nperseg = min(channel.size, round(2 * fs))
-    frequency_hz, density = signal.welch(channel, fs, nperseg=nperseg)
-    n_blocks = max(1, (channel.size - nperseg // 2) // (nperseg - nperseg // 2))
-    return white_noise_rms(frequency_hz, density, n_blocks, fs=fs)
+    channel = np.asarray(samples, dtype=np.float64)[:, np.newaxis]
+    spectra = cross_spectra(channel, fs=fs, nperseg=min(channel.size, round(2 * fs)))
+    return white_noise_rms(spectra.frequency_hz, spectra.density[:, 0, 0].real, spectra.n_blocks, fs=fs)
 
 
 def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_hz: tuple[float, float]) -> FloatArray:

@@ -128,9 +128,8 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
 
 def _color_labels(axis: Any, texts: Sequence[str]) -> list[str]:
     """The numbers or names at an axis; those in a colour keep it, for it says which one is chosen."""
-    labels = axis.get_ticklabels()
-    if len(labels) != len(texts):
-        return [format_html(text) for text in texts]
+    # `get_ticklabels` would place every tick of the picture that nobody draws
+    labels = [tick.label1 for tick in axis.get_major_ticks(len(texts))]
     found = []
     for text, label in zip(texts, labels, strict=True):
         words, color = format_bold(format_html(text), label), label.get_color()

@@ -298,13 +298,15 @@ def independent_samples(residual: FloatArray) -> float:
     >>> bool(17000 < independent_samples(white) <= 20000), bool(1700 < independent_samples(slow) < 2300)
     (True, True)
     """
-    from scipy import signal
+    from scipy import fft
 
     centred = residual - residual.mean()
     power = float(centred @ centred)
     if power == 0 or residual.size < 4:
         return float(residual.size)
-    correlation = signal.correlate(centred, centred, method="fft")[residual.size - 1 :] / power
+    # Zeros behind the residual keep its end apart from its start.
+    n_lines = fft.next_fast_len(2 * residual.size, real=True)
+    correlation = fft.irfft(np.abs(fft.rfft(centred, n_lines)) ** 2, n_lines)[: residual.size] / power
     negative = np.flatnonzero(correlation < 0)
     stop = int(negative[0]) if negative.size else residual.size
     return float(residual.size / max(1.0, 1 + 2 * float(np.sum(correlation[1:stop]))))

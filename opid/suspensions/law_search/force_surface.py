@@ -115,7 +115,7 @@ def force_points(fit: Fit, attachment: int) -> ForcePoints:
 
 def force_surface(fit: Fit, attachment: int) -> ForceSurface:
     """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law."""
-    from scipy import stats
+    from scipy import special
 
     settings = fit.model.settings.surface
     n_cells = settings.n_cells
@@ -146,7 +146,7 @@ def force_surface(fit: Fit, attachment: int) -> ForceSurface:
         along_velocity=_cut_section(points, law, 1, edges[1], noise, settings),
         largest_standard_errors=float(np.max(np.abs(departure[known]), initial=0.0)),
         largest_percent=100 * float(np.max(np.abs((mean - fitted)[seen]), initial=0.0)) / rms,
-        expected_standard_errors=float(stats.norm.isf(0.5 * (1 - 0.95 ** (1 / max(int(known.sum()), 1))))),
+        expected_standard_errors=float(-special.ndtri(0.5 * (1 - 0.95 ** (1 / max(int(known.sum()), 1))))),
     )
 
 

@@ -13,11 +13,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft, integrate, interpolate, ndimage, signal
+from scipy import fft, integrate, interpolate, ndimage
 
 from opid.errors import InputError
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
+from opid.signals.resampling import design_low_pass
 from opid.signals.spectra import ComplexArray, coherent_fraction
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
@@ -109,6 +110,8 @@ def band_indices(omega: FloatArray, per_octave: float, least_lines: int) -> NDAr
 
 def sample_finer(samples: FloatArray, by: int) -> FloatArray:
     """Return a record with more samples, band-limited between the given ones."""
+    from scipy import signal
+
     return np.asarray(signal.resample_poly(samples, by, 1, axis=0, padtype="line"))
 
 
@@ -456,9 +459,8 @@ class DrivenRun:
         if self.stride == 1:
             return half_steps(samples)
         highest_hz, width_hz = float(self.omega[-1]) / (2 * np.pi), self.settings.stop_width * self.fs
-        n_taps, beta = signal.kaiserord(self.settings.stop_db, 2 * width_hz / self.recorded_fs)
-        stop_hz = self.fs - highest_hz - width_hz / 2
-        taps = signal.firwin(n_taps | 1, stop_hz, window=("kaiser", beta), fs=self.recorded_fs)
+        stop_hz = self.fs - highest_hz
+        taps = design_low_pass(stop_hz - width_hz, stop_hz, fs=self.recorded_fs, stop_db=self.settings.stop_db)
         smooth = ndimage.convolve1d(samples, taps, axis=0, mode="nearest")
         return np.ascontiguousarray(smooth[:: self.stride // 2][: 2 * self.n_samples - 1])
 

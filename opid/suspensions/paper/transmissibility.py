@@ -26,6 +26,7 @@ from opid.signals.spectra import (
     TransmissibilitySettings,
     Window,
     cross_spectra,
+    sample_window,
     transmissibility,
 )
 from opid.suspensions.paper.settings import PaperSettings
@@ -164,17 +165,14 @@ def transmissibility_peaks(
     >>> [round(peak.frequency_hz, 1) for peak in transmissibility_peaks(T)]
     [5.0]
     """
-    from scipy import signal
-
     inside = np.flatnonzero((T.frequency_hz >= band_hz[0]) & (T.frequency_hz <= band_hz[1]) & (np.abs(T.value) > 0))
     if inside.size < 3:
         return ()
     height = np.log(np.abs(T.value[inside]))
     least = np.maximum(prominence_std * T.relative_std[inside], np.log(prominence_ratio))
-    indices, _ = signal.find_peaks(height, prominence=least)
     spacing = float(T.frequency_hz[1] - T.frequency_hz[0])
     peaks = []
-    for index in indices:
+    for index in _find_prominent_maxima(height, least):
         left, middle, right = height[index - 1 : index + 2]
         shift = 0.5 * (left - right) / (left - 2 * middle + right)
         peaks.append(
@@ -185,6 +183,22 @@ def transmissibility_peaks(
             )
         )
     return tuple(peaks)
+
+
+def _find_prominent_maxima(height: FloatArray, least: FloatArray) -> list[int]:
+    """Return the maxima that stand above the higher of their two feet by `least`, (n,) for each index.
+
+    A foot is the lowest point on one side, up to where the curve is higher than the maximum.
+    """
+    found = []
+    for k in 1 + np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])):
+        higher = np.flatnonzero(height > height[k])
+        at = int(np.searchsorted(higher, k))
+        begin = higher[at - 1] + 1 if at else 0
+        end = higher[at] if at < higher.size else height.size
+        if height[k] - max(height[begin:k].min(), height[k:end].min()) >= least[k]:
+            found.append(int(k))
+    return found
 
 
 def read_static_transmissibility(T: Transmissibility, *, up_to_hz: float = PaperSettings.static_hz) -> float:
@@ -313,9 +327,7 @@ def complex_least_squares(
 
 def _compute_noise_bandwidth(T: Transmissibility) -> float:
     """Equivalent noise bandwidth of the window, lines: n sum(w^2)/sum(w)^2."""
-    from scipy import signal
-
-    window = signal.get_window(T.spectra.window, T.spectra.nperseg)
+    window = sample_window(T.spectra.window, T.spectra.nperseg)
     return float(window.size * np.sum(window**2) / np.sum(window) ** 2)
 
 
