@@ -2,11 +2,11 @@
 
     python benchmarks/whole_command.py [--repeats 5] [--roads 3]
 
-Two runs of 40 s at 512 Hz of the usual gear are simulated on several roads, and each command is a process of its own
-that searches the law. Times are those of the processor, with all that a process starts; medians over repeats and roads,
-except the first run, which is done once with an empty folder for the compiled kernels. The page is written by a process that has identified
-before; the libraries that only the page needs are loaded within its time. Beside them stands a process that loads
-numpy, SciPy's optimization, numba and matplotlib and does nothing.
+Two runs of 40 s at 512 Hz of the usual gear are simulated on several roads. Each command is a process of its own that
+searches the law. Times are those of the processor, with all that a process starts; medians over repeats and roads,
+except the first run, which is done once with an empty folder for the compiled kernels. The page is written by a process
+that has identified before; the libraries that only the page needs are loaded within its time. Beside them stands a
+process that loads numpy, SciPy's optimization, numba and matplotlib and does nothing.
 """
 
 from __future__ import annotations

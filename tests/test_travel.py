@@ -152,7 +152,7 @@ def test_a_wrong_direction_or_unit_is_refused(tmp_path, test_runs, factor, words
             "its quantity is 'travel' and its unit",
         ),
         (ALONE.replace('quantity = "travel"', 'quantity = "way"'), "quantity"),
-        (ALONE + "corner_hz = 0.1\n", "states corner_hz, which is that of an accelerometer"),
+        (ALONE + "corner_hz = 0.1\n", "states corner_hz, which is that of another sensor"),
         (ALONE + '[channels.travel]\nchannel = "pot"\n', "both channel 'pot'|both read the travel"),
         (BOTH + 'quantity = "displacement"\n', "has the quantity 'displacement'"),
         (

@@ -17,13 +17,22 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import coherent_fraction, noise_floor
 
-Quantity = Literal["acceleration", "velocity", "displacement", "travel"]
-"""What a sensor reads: motion against the ground, or (travel) how far a suspension is extended."""
+Quantity = Literal["acceleration", "velocity", "displacement", "travel", "force", "strain"]
+"""What a sensor reads: motion against the ground, how far a suspension is extended, or the force in its strut.
+
+A strain is a force whose gain nobody knows, in any unit.
+"""
 
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
-UNITS: dict[Quantity, str] = {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "travel": "m"}
-"""SI unit of each quantity."""
+UNITS: dict[Quantity, str] = {
+    "acceleration": "m/s^2",
+    "velocity": "m/s",
+    "displacement": "m",
+    "travel": "m",
+    "force": "N",
+}
+"""SI unit of each quantity that has one."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +82,7 @@ def quantity_of(unit: str, stated: Quantity | None) -> Quantity:
     'velocity'
     """
     if stated is not None:
-        if UNITS[stated] != unit:
+        if UNITS.get(stated, unit) != unit:
             raise InputError(f"its quantity is {stated!r} and its unit is {unit}: give one in {UNITS[stated]}")
         return stated
     if unit == "m":
@@ -81,7 +90,8 @@ def quantity_of(unit: str, stated: Quantity | None) -> Quantity:
             "it is in m: give quantity = 'displacement' if it reads motion against the ground, or 'travel' if it reads "
             "how far the suspension is extended"
         )
-    for quantity in QUANTITIES:
+    known: tuple[Quantity, ...] = ("acceleration", "velocity")
+    for quantity in known:
         if UNITS[quantity] == unit:
             return quantity
     raise InputError(f"it is in {unit}: give an acceleration, a velocity, a displacement or a travel")

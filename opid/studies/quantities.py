@@ -23,8 +23,8 @@ from opid.signals.recording import Channel, Recording
 from opid.studies.schema import prefix_errors
 from opid.suspensions.study import Run
 
-N_DERIVATIVES: dict[Quantity, int] = {"acceleration": 0, "velocity": 1, "displacement": 2, "travel": 0}
-"""How often a channel is differentiated to become an acceleration; a travel stays a travel."""
+MOTIONS: dict[Quantity, int] = {"acceleration": 0, "velocity": 1, "displacement": 2}
+"""How often a channel that reads a motion is differentiated to become an acceleration."""
 
 
 def name_travel(channel: str) -> str:
@@ -32,17 +32,21 @@ def name_travel(channel: str) -> str:
     return f"{channel} travel"
 
 
-def convert_run(run: Run, stated: Mapping[str, Quantity | None], *, sprung: str, travel: str | None) -> Run:
+def convert_run(
+    run: Run, stated: Mapping[str, Quantity | None], *, above: Mapping[str, str], forces: Sequence[str] = ()
+) -> Run:
     """Return a run whose sensors all read accelerations.
 
-    A velocity or a displacement is differentiated up to the frequency at which it sinks into its noise. A travel keeps
-    its samples under another name (`name_travel`), and the acceleration below the suspension takes its place.
+    A velocity or a displacement is differentiated up to the frequency at which it sinks into its noise. A travel in the
+    place of a sensor below keeps its samples under another name (`name_travel`), and the acceleration below the
+    suspension takes its place.
 
     Args:
         run: the run.
-        stated: what the user states that each sensor reads, by its channel; None where nothing is stated.
-        sprung: the channel on the body.
-        travel: the channel of a travel that stands beside a sensor on either side; None if there is none.
+        stated: what the user states that each sensor below or on the body reads, by its channel; None where nothing is
+            stated.
+        above: for each channel of a travel the channel on the body above it.
+        forces: the channels of forces in struts.
 
     Raises:
         InputError: a channel in a unit that does not go with its quantity, one that is noise, or a travel that counts
@@ -58,20 +62,22 @@ def convert_run(run: Run, stated: Mapping[str, Quantity | None], *, sprung: str,
             if read[channel] in ("velocity", "displacement"):
                 highest[channel] = highest_useful_hz(recording.channel(channel), fs=recording.fs)
     highest_hz = min(highest.values(), default=None)
+    beside = [channel for channel in above if channel not in read and channel in recording.names]
     if highest_hz is not None:
         # One low-pass for all channels: no ratio between them changes.
-        for channel, own in read.items():
-            recording = _differentiate(recording, channel, own, highest_hz)
-        if travel is not None and travel in recording.names:
-            recording = _differentiate(recording, travel, "travel", highest_hz)
+        others: dict[str, Quantity] = {**dict.fromkeys(beside, "travel"), **dict.fromkeys(forces, "force")}
+        for channel, own in (read | others).items():
+            if channel in recording.names:
+                recording = _differentiate(recording, channel, own, highest_hz)
     for channel in [each for each, quantity in read.items() if quantity == "travel"]:
         with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
-            recording = _derive_below(recording, channel, sprung)
+            recording = _derive_below(recording, channel, above[channel])
             clocks = tuple(_rename(match, channel) for match in clocks)
-    if travel is not None and travel in recording.names:
-        with prefix_errors(f"run {run.name!r}, channel {travel!r}: "):
-            quantity_of(recording.unit(travel), "travel")
-            check_travel(recording.channel(travel), recording.channel(sprung), fs=recording.fs)
+    for channel in beside:
+        with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
+            quantity_of(recording.unit(channel), "travel")
+            if above[channel] in recording.names:
+                check_travel(recording.channel(channel), recording.channel(above[channel]), fs=recording.fs)
     if highest_hz is not None:
         highest_hz *= DEFAULTS.compared_fraction
     return replace(run, recording=recording, clocks=clocks, highest_hz=highest_hz)
@@ -88,7 +94,7 @@ def differentiated_noises(runs: Sequence[Run], stated: Mapping[str, Quantity | N
     for run in runs:
         recording = run.recording
         orders = {
-            channel: N_DERIVATIVES[quantity_of(recording.unit(channel), quantity)]
+            channel: MOTIONS.get(quantity_of(recording.unit(channel), quantity), 0)
             for channel, quantity in stated.items()
             if channel in recording.names
         }
@@ -103,13 +109,14 @@ def differentiated_noises(runs: Sequence[Run], stated: Mapping[str, Quantity | N
 
 
 def _differentiate(recording: Recording, channel: str, quantity: Quantity, highest_hz: float) -> Recording:
-    """Return the recording with a channel as an acceleration up to a frequency; a travel stays a travel."""
-    samples, fs, n_derivatives = recording.channel(channel), recording.fs, N_DERIVATIVES[quantity]
+    """Return the recording with a motion as an acceleration up to a frequency; a travel or a force stays one."""
+    samples, fs, n_derivatives = recording.channel(channel), recording.fs, MOTIONS.get(quantity, 0)
     found = accelerate(samples, fs=fs, n_derivatives=n_derivatives, highest_hz=highest_hz)
     what = f"a {quantity}, differentiated up to" if n_derivatives else "low-passed at"
     words = f"{channel}: {what} {highest_hz:.3g} Hz, where the noisiest channel sinks into its noise"
-    unit = "m" if quantity == "travel" else "m/s^2"
-    return _with_channel(recording, channel, found + samples.mean() * (quantity == "travel"), words, unit)
+    # A travel and a force have a static part.
+    mean = 0.0 if quantity in MOTIONS else samples.mean()
+    return _with_channel(recording, channel, found + mean, words, "m/s^2" if n_derivatives else recording.unit(channel))
 
 
 def _derive_below(recording: Recording, channel: str, sprung: str) -> Recording:

@@ -53,6 +53,7 @@ from opid.suspensions.sensor_facts import (
     IDEAL_PAIR,
     LEAK_TOLERANCE,
     SIDES,
+    ForceSensor,
     Leak,
     SensorFacts,
     SensorPair,
@@ -81,8 +82,11 @@ MOST_TILT_DEG = 30.0
 """The largest standard deviation of a vertical: with more of it nothing is known."""
 
 FACTS = (*(each.name for each in fields(SensorFacts)), "quantity", "noise_m")
-TRAVEL = "travel"
-"""Name of the channel of a gear that reads its travel beside a sensor on either side."""
+STRUT_SENSORS = ("travel", "force")
+"""Names of the channels of a gear that read its strut beside the sensors on either side."""
+
+AS_TRAVEL: tuple[Quantity | None, ...] = (None, "travel")
+AS_FORCE: tuple[Quantity | None, ...] = (None, "force", "strain")
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
     "unsprung, x_m, y_m), or leave it out for one gear"
@@ -190,7 +194,8 @@ class _Interface(MeasuredInterface):
     x_m: float
     y_m: float
     facts: Annotated[SensorPair, NO_KEY] = IDEAL_PAIR
-    travel: Annotated[str, NO_KEY] = ""  # type: ignore[assignment]
+    travel: Annotated[str, "the channel that reads its travel, its name in quotes"] = ""  # type: ignore[assignment]
+    force: Annotated[str, "the channel that reads the force in its strut, its name in quotes"] = ""  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,6 +232,10 @@ class _Body(_Study):
     def sensor_channels(self) -> list[str]:
         channels = [channel for each in self.interfaces or () for channel in (each.unsprung, each.sprung)]
         return [*channels, *(each.channel for each in self.body_sensors)]
+
+    @property
+    def strut_channels(self) -> list[str]:
+        return [channel for each in self.interfaces or () for channel in (each.travel, each.force) if channel]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,8 +281,8 @@ class _Gear(_Study):
             )
             for run in self.runs
         )
-        sides = {side: names[side] for side in SIDES}
-        gear = recast(_Interface, self, name="gear", x_m=0.0, y_m=0.0, travel=names.get(TRAVEL, ""), **sides)
+        read = {side: names[side] for side in SIDES} | {each: names.get(each, "") for each in STRUT_SENSORS}
+        gear = recast(_Interface, self, name="gear", x_m=0.0, y_m=0.0, **read)
         return recast(_Body, self, channels=channels, sensors=_Sensors(leak=leaks), interfaces=(gear,), runs=runs)
 
 
@@ -289,7 +298,8 @@ def read_suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]
         faults.append(f"'fs_hz' in the study is {study.fs_hz}, give a positive rate in Hz")
     channels = study.channels or {}
     if isinstance(study, _Gear):
-        known, right = [*SIDES, TRAVEL], "[channels.sprung], [channels.unsprung] or [channels.travel]"
+        known = [*SIDES, *STRUT_SENSORS]
+        right = "[channels.sprung], [channels.unsprung], [channels.travel] or [channels.force]"
         further = [name for name in channels if name not in known]
         faults += [
             f"[channels] lacks {side!r}, give {CHANNEL}"
@@ -298,7 +308,8 @@ def read_suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]
             if study.channels is not None and side not in document["channels"]
         ]
     else:
-        known, right = study.sensor_channels, "[channels.NAME] of a sensor of an interface or of the body"
+        known = [*study.sensor_channels, *study.strut_channels]
+        right = "[channels.NAME] of a sensor of an interface or of the body"
     tables = [("channels", channels, known), *(("runs.channels", run.channels, []) for run in study.runs or ())]
     faults += [
         f"{fact!r} stands in [{where}.{name}], give it in {right}"
@@ -428,7 +439,12 @@ def _read_body(document: Document, source: Path) -> _Body:
 
 
 def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
-    named = [*study.sensor_channels, *study.channels, *(leak.channel for leak in study.sensors.leak)]
+    named = [
+        *study.sensor_channels,
+        *study.strut_channels,
+        *study.channels,
+        *(leak.channel for leak in study.sensors.leak),
+    ]
     channels = {name: tabulate_channel(_Channel, name, study.channels.get(name, name)) for name in named}
     for name, own in run.channels.items():
         if isinstance(own, _Channel) and name in channels:
@@ -499,7 +515,9 @@ def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Bo
         )
         for each in study.interfaces
     )
-    return tuple(recast(MeasuredInterface, each, facts=pair, travel=None) for each, pair in interfaces), tuple(
+    return tuple(
+        recast(MeasuredInterface, each, facts=pair, travel=None, force=None) for each, pair in interfaces
+    ), tuple(
         recast(BodySensor, each, facts=find_facts(each.channel), leaks=find_leaks(sprung=each.channel))
         for each in study.body_sensors
     )
@@ -508,7 +526,7 @@ def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Bo
 def _read_other_quantities(
     study: _Body, runs: Sequence[Run], interfaces: tuple[MeasuredInterface, ...]
 ) -> tuple[list[Run], tuple[MeasuredInterface, ...]]:
-    """Return runs whose sensors all read accelerations, and the interfaces with the sensor of their travel."""
+    """Return runs whose sensors all read accelerations, and the interfaces with the sensors of their struts."""
 
     def find_table(channel: str) -> _Channel:
         return tabulate_channel(_Channel, channel, study.channels.get(channel, channel))
@@ -516,54 +534,95 @@ def _read_other_quantities(
     stated = {channel: find_table(channel).quantity for channel in study.sensor_channels}
     if not interfaces:
         return list(runs), interfaces  # The study says that there are none.
-    travels = [channel for channel, quantity in stated.items() if quantity == TRAVEL]
-    beside = study.interfaces[0].travel
-    misplaced = [channel for channel in travels if channel != study.interfaces[0].unsprung]
-    if (travels or beside) and (len(interfaces) > 1 or study.body_sensors):
-        raise InputError(
-            f"[channels.{(travels or [beside])[0]}] reads a travel, which is read for one gear alone: give a study of "
-            "that gear, or accelerations on both sides of each suspension"
-        )
-    if misplaced:
-        raise InputError(
-            f"[channels.{misplaced[0]}] reads a travel and stands for the sensor on the body: name it as the channel "
-            "unsprung if it stands for a sensor below the suspension, and as travel if it is a further one"
-        )
-    converted = [convert_run(run, stated, sprung=interfaces[0].sprung, travel=beside or None) for run in runs]
+    _require_places(study, stated)
+    above = {
+        channel: each.sprung
+        for each in study.interfaces
+        for channel in (each.travel, each.unsprung if stated[each.unsprung] == "travel" else "")
+        if channel
+    }
+    forces = [each.force for each in study.interfaces if each.force]
+    converted = [convert_run(run, stated, above=above, forces=forces) for run in runs]
     noises = differentiated_noises(runs, stated)
-    interfaces = tuple(_with_noises(each, noises) for each in interfaces)
-    if not (travels or beside):
-        return converted, interfaces
-    name = beside or travels[0]
-    facts = find_table(name)
-    _require_facts_of_travel(name, facts, runs, is_alone=not beside, is_second=bool(beside and travels))
-    stated_facts = {each: getattr(facts, each) for each in ("gain_tolerance", "lag_tolerance_s") if each in facts.given}
-    sensor = TravelSensor(beside or name_travel(name), noise_m=facts.noise_m, is_alone=not beside, **stated_facts)
-    (gear,) = interfaces
-    pair = gear.facts if beside else replace(gear.facts, unsprung=IDEAL)
-    return converted, (replace(gear, facts=pair, travel=sensor),)
+    found = []
+    for table, interface in zip(study.interfaces, interfaces, strict=True):
+        is_alone, changed = stated[table.unsprung] == "travel", _with_noises(interface, noises)
+        if is_alone or table.travel:
+            name = table.unsprung if is_alone else table.travel
+            known = ("noise_m", "gain_tolerance", "lag_tolerance_s")
+            _, given = _read_facts(name, find_table(name), AS_TRAVEL, known)
+            _require_one_clock(runs if is_alone else ())
+            channel = name_travel(name) if is_alone else name
+            changed = replace(changed, travel=TravelSensor(channel, is_alone=is_alone, **given))
+        if is_alone:
+            changed = replace(changed, facts=replace(changed.facts, unsprung=IDEAL))
+        if table.force:
+            known = ("gain_tolerance", "gain_repeatability", "lag_tolerance_s")
+            facts, given = _read_facts(table.force, find_table(table.force), AS_FORCE, known)
+            if facts.quantity == "strain":
+                if "gain_tolerance" in given:
+                    raise InputError(
+                        f"[channels.{table.force}] is a strain, whose gain nobody knows, and has a gain_tolerance: "
+                        "leave it out, or give the force in N"
+                    )
+                given["gain_tolerance"] = None
+            changed = replace(changed, force=ForceSensor(table.force, **given))
+        found.append(changed)
+    return converted, tuple(found)
 
 
-def _require_facts_of_travel(
-    name: str, facts: _Channel, runs: Sequence[Run], *, is_alone: bool, is_second: bool
-) -> None:
-    """Refuse what is stated of a travel and cannot be used.
+def _require_places(study: _Body, stated: Mapping[str, Quantity | None]) -> None:
+    """Refuse sensors of struts in places of others.
 
     Raises:
-        InputError: a second travel, another quantity, a fact of an accelerometer, or a travel in the place of a sensor
-            below whose clock is known only by its motion.
+        InputError: a travel or a force in the place of another sensor, one travel twice, or a travel in the place of
+            some sensors below the suspensions, but not of all.
     """
-    if is_second:
-        raise InputError("[channels.unsprung] and [channels.travel] both read the travel: leave one of them out")
-    if facts.quantity not in (None, TRAVEL):
-        raise InputError(f"[channels.{name}] has the quantity {facts.quantity!r}: leave it out, or call it otherwise")
-    for fact in ("noise_m_per_s2", "corner_hz", "corner_tolerance"):
-        if fact in facts.given:
+    for channel, quantity in stated.items():
+        if quantity in ("force", "strain"):
             raise InputError(
-                f"[channels.{name}] reads a travel and states {fact}, which is that of an accelerometer: give noise_m, "
-                "gain_tolerance and lag_tolerance_s alone"
+                f"[channels.{channel}] reads a force and stands for an acceleration: name it as the channel force, and "
+                "give the accelerations on both sides"
             )
-    for run in runs if is_alone else ():
+        if quantity == "travel" and channel not in [each.unsprung for each in study.interfaces]:
+            raise InputError(
+                f"[channels.{channel}] reads a travel and stands for the sensor on the body: name it as the channel "
+                "unsprung if it stands for a sensor below the suspension, and as travel if it is a further one"
+            )
+    alone = [each for each in study.interfaces if stated[each.unsprung] == "travel"]
+    if any(each.travel for each in alone):
+        raise InputError("[channels.unsprung] and [channels.travel] both read the travel: leave one of them out")
+    if alone and len(alone) < len(study.interfaces):
+        others = next(each.name for each in study.interfaces if each not in alone)
+        raise InputError(
+            f"[channels.{alone[0].unsprung}] reads a travel in the place of the sensor below {alone[0].name!r}, and "
+            f"{others!r} has a sensor there: give travels in the place of all of them, or of none"
+        )
+
+
+def _read_facts(
+    name: str, facts: _Channel, quantities: Sequence[Quantity | None], known: Sequence[str]
+) -> tuple[_Channel, dict[str, Any]]:
+    """Return the table of a sensor of a strut, and what it states of the known facts.
+
+    Raises:
+        InputError: another quantity, or a fact of an accelerometer.
+    """
+    what, *_ = [each for each in quantities if each]
+    if facts.quantity not in quantities:
+        raise InputError(f"[channels.{name}] has the quantity {facts.quantity!r}: leave it out, or call it otherwise")
+    for fact in FACTS:
+        if fact in facts.given and fact not in (*known, "quantity"):
+            raise InputError(
+                f"[channels.{name}] reads a {what} and states {fact}, which is that of another sensor: give "
+                f"{', '.join(known[:-1])} and {known[-1]} alone"
+            )
+    return facts, {each: getattr(facts, each) for each in known if each in facts.given}
+
+
+def _require_one_clock(runs: Sequence[Run]) -> None:
+    """Refuse a travel in the place of a sensor below whose clock is known only by its motion."""
+    for run in runs:
         if run.clocks:
             raise InputError(
                 f"run {run.name!r}: the clock of the travel was matched by its motion, and what is left of its lag "
@@ -785,10 +844,10 @@ def read_further_run(
     if study.source is None:
         raise InputError("the study was not read from a file, so that nothing says how to read the log: give a Run")
     names = [run.name for run in study.runs]
-    if any(run.highest_hz for run in study.runs) or study.travels:
+    if any(run.highest_hz for run in study.runs) or study.strut_sensors:
         raise InputError(
-            f"{study.source} has sensors of velocity, displacement or travel: add the log to it as a run, and name "
-            "the run"
+            f"{study.source} has sensors of velocity, displacement, travel or force: add the log to it as a run, and "
+            "name the run"
         )
     if like is not None and like not in names:
         raise InputError(f"{study.source} has no run {like!r}: {nearest(like, names)}")
@@ -843,6 +902,7 @@ def _is_plain_gear(study: Study) -> bool:
         axis=first.axis,
         piston_area_m2=first.piston_area_m2,
         travel=first.travel,
+        force=first.force,
     )
     return study.is_one_gear and first == plain and study.structure == StructureSettings()
 
@@ -851,12 +911,9 @@ def _tabulate_gear(study: Study) -> _Gear:
     gear = study.interfaces[0]
     channels: dict[str, str | int | _Channel] = {"unsprung": gear.unsprung, "sprung": gear.sprung}
     facts, taken = gear.facts, [gear.unsprung, gear.sprung]
-    if gear.travel is not None:
-        # Without a sensor below, the acceleration there is derived once more when the files are read.
-        place = "unsprung" if gear.travel.is_alone else TRAVEL
-        stated = recast(_Channel, gear.travel.facts, noise_m_per_s2=None, noise_m=gear.travel.noise_m)
-        channels[place] = replace(stated, channel=gear.travel.channel, quantity="travel")
-        taken.append(gear.travel.channel)
+    for place, table in _tabulate_struts(gear):
+        channels[place] = table
+        taken.append(str(table.channel))
     leaks = tuple(recast(_GearLeak, leak) for leak in facts.leaks)
     return recast(
         _Gear,
@@ -867,6 +924,20 @@ def _tabulate_gear(study: Study) -> _Gear:
         sensors=_GearSensors(unsprung=facts.unsprung, sprung=facts.sprung, leak=leaks),
         runs=tuple(_Run(**_tabulate_run(run), mass_change_kg=run.mass_change_kg) for run in study.runs),
     )
+
+
+def _tabulate_struts(interface: MeasuredInterface) -> Iterator[tuple[str, _Channel]]:
+    """Yield the tables of the sensors of a strut, each with its place: "unsprung", "travel" or "force"."""
+    travel, force = interface.travel, interface.force
+    if travel is not None:
+        stated = recast(_Channel, travel.facts, noise_m_per_s2=None, noise_m=travel.noise_m)
+        # Without a sensor below, the acceleration there is derived once more when the files are read.
+        place = "unsprung" if travel.is_alone else "travel"
+        yield place, replace(stated, channel=travel.channel, quantity="travel")
+    if force is not None:
+        is_known, tolerance = force.gain_tolerance is not None, force.gain_tolerance or 0.0
+        stated = recast(_Channel, force.facts, gain_tolerance=tolerance)
+        yield "force", replace(stated, channel=force.channel, quantity="force" if is_known else "strain")
 
 
 def _list_further_channels(study: Study, used: Collection[str]) -> dict[str, str]:
@@ -884,8 +955,14 @@ def _tabulate_body(study: Study) -> _Body:
     known = {interface.sprung: interface.facts.sprung for interface in study.interfaces}
     known |= {interface.unsprung: interface.facts.unsprung for interface in study.interfaces}
     known |= {sensor.channel: sensor.facts for sensor in study.sensors}
-    channels: dict[str, str | int | _Channel] = {**_list_further_channels(study, known)}
+    struts = [dict(_tabulate_struts(each)) for each in study.interfaces]
+    taken = [*known, *(str(table.channel) for tables in struts for table in tables.values())]
+    channels: dict[str, str | int | _Channel] = {**_list_further_channels(study, taken)}
     channels |= {name: recast(_Channel, facts, channel=name) for name, facts in known.items() if select_stated(facts)}
+    for each, tables in zip(study.interfaces, struts, strict=True):
+        channels |= {
+            each.unsprung if place == "unsprung" else str(table.channel): table for place, table in tables.items()
+        }
     leaks = tuple(
         _Leak(channel=channel, into=study.channels(side)[index], tolerance=tolerance)
         for channel, side, index, tolerance in study.leaks()
@@ -894,7 +971,15 @@ def _tabulate_body(study: Study) -> _Body:
         _Body,
         study,
         channels=channels,
-        interfaces=tuple(recast(_Interface, each) for each in study.interfaces),
+        interfaces=tuple(
+            recast(
+                _Interface,
+                each,
+                travel=str(tables["travel"].channel) if "travel" in tables else "",
+                force=str(tables["force"].channel) if "force" in tables else "",
+            )
+            for each, tables in zip(study.interfaces, struts, strict=True)
+        ),
         body_sensors=tuple(recast(_BodySensor, each) for each in study.sensors),
         sensors=_Sensors(leak=leaks),
         runs=tuple(_BodyRun(**_tabulate_run(run), loading=tuple(map(astuple, run.masses))) for run in study.runs),

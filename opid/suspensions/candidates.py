@@ -6,6 +6,7 @@ same as for the whole body, so that residuals can be compared.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -72,11 +73,11 @@ from opid.suspensions.fitting.search import (
 )
 from opid.suspensions.fitting.start import Start, start_values
 from opid.suspensions.law_search.pursuit import chosen
-from opid.suspensions.model.body import Body, Inside, rigid_body, vertical
+from opid.suspensions.model.body import Body, Scale, rigid_body, vertical, with_strut_sensors
 from opid.suspensions.model.driven_model import Model, noise_level
 from opid.suspensions.model.run import DrivenRun, driven_run
 from opid.suspensions.model.unknowns import Group
-from opid.suspensions.sensor_facts import TRAVEL_PER_S2, Sensors
+from opid.suspensions.sensor_facts import TRAVEL_PER_S2, USUAL_GAIN_TOLERANCE, Sensors, TravelSensor
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import Axis, PointMass, Study
 from opid.suspensions.weighing import PriorMass
@@ -200,8 +201,8 @@ class FittedStructure:
     def level(self) -> float:
         """Noise known beforehand, as white noise of one level on all accelerometers, m/s^2."""
         below, above = self.noise
-        n_travels = 0 if self.task.study is None else len(self.task.study.travels)
-        return noise_level((below, above[: above.size - n_travels]))
+        n_strut = 0 if self.task.study is None else len(_list_struts(self.task.study, self.interfaces))
+        return noise_level((below, above[: above.size - n_strut]))
 
     @property
     def law_is_given(self) -> bool:
@@ -359,8 +360,10 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> FittedStructure:
     picked = list(interfaces)
     kind = "single" if len(picked) == 1 else "pair"
     noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise.levels)
-    if task.study.travels:
-        noise = noise[0], np.append(noise[1], task.noise.levels[1][-len(task.study.travels) :])
+    struts = _list_struts(task.study, picked)
+    if struts:
+        n_above = len(task.sensors.sprung) - len(task.study.strut_sensors)
+        noise = noise[0], np.append(noise[1], task.noise.levels[1][[n_above + k for k in struts]])
     try:
         data = prepare_alone(task.study, task.arrays, task.sensors, interfaces, settings=task.settings)
     except NotDeterminedError as error:
@@ -374,15 +377,18 @@ def prepare_alone(
     """Return the mean of some interfaces as one gear under its part of the mass.
 
     Raises:
-        NotDeterminedError: sensors of one side with different AC couplings.
+        NotDeterminedError: sensors of one side with different AC couplings, or several gears with sensors of struts.
     """
     picked, runs = list(interfaces), []
     alone, leaking = sensors.mean_of(picked), sensors.leaks_into(picked)
-    n_above = len(sensors.sprung) - len(study.travels)
-    if study.travels:
-        more = slice(n_above, None)
+    struts, n_above = _list_struts(study, picked), len(sensors.sprung) - len(study.strut_sensors)
+    if struts and len(picked) > 1:
+        raise NotDeterminedError("the mean of gears with sensors of a travel or a force is that of no gear")
+    if struts:
         alone = replace(
-            alone, sprung=(*alone.sprung, *sensors.sprung[more]), names=(*alone.names, *sensors.names[more])
+            alone,
+            sprung=(*alone.sprung, *(sensors.sprung[n_above + k] for k in struts)),
+            names=(*alone.names, *(sensors.names[n_above + k] for k in struts)),
         )
     for number, (run, (below, above, across)) in enumerate(zip(study.runs, arrays, strict=True)):
         change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
@@ -391,34 +397,57 @@ def prepare_alone(
         runs.append(
             driven_run(
                 below[:, picked].mean(axis=1),
-                np.column_stack([above[:, picked].mean(axis=1), *(above[:, n_above:].T)]),
+                np.column_stack([above[:, picked].mean(axis=1), *(above[:, n_above + k] for k in struts)]),
                 fs=study.fs,
                 loading=change,
                 leaks=across[:, leaking] / len(picked),
                 number=number,
                 settings=settings.runs,
-                n_travels=len(study.travels),
+                n_strut=len(struts),
                 is_driven=study.is_driven,
             )
         )
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)
     areas = [study.interfaces[k].piston_area_m2 or 0.0 for k in picked]
-    body = gear_body(study.interfaces[picked[0]].axis, n_travels=len(study.travels))
+    body = gear_body(study.interfaces[picked[0]].axis)
     body = replace(body, piston_area_m2=min(areas) and float(np.mean(areas)))
+    body = _with_struts(body, study, picked)
     return StructureData(tuple(runs), body, (Group(name, (0,)),), alone)
 
 
-def gear_body(axis: Axis = "up", n_travels: int = 0) -> Body:
-    """Return a gear alone: a mass that heaves on one interface; sensors of the travel follow that on the mass."""
+def gear_body(axis: Axis = "up") -> Body:
+    """Return a gear alone: a mass that heaves on one interface."""
     one = np.ones((1, 1))
     body = Body(("heave",), one, (), np.zeros((0, 1, 1)), np.zeros((1, 1)), one, one)
-    if n_travels:
-        # A further sensor is at an attachment without a spring.
-        rows, of_travel = np.zeros((1 + n_travels, 1)), np.zeros((1 + n_travels, 1 + n_travels))
-        rows[0], of_travel[1:, 0] = 1.0, TRAVEL_PER_S2
-        inside = tuple(Inside(f"sensor {k + 1}", 0.0, 0.0) for k in range(n_travels))
-        body = replace(body, rows=rows, readings=rows, inside=inside, of_travel=of_travel)
     return replace(body, fall=_compute_fall(axis, body))
+
+
+def _list_struts(study: Study, interfaces: Sequence[int]) -> list[int]:
+    """Return the numbers of the strut sensors of some interfaces."""
+    return [number for number, (k, _) in enumerate(study.strut_sensors) if k in interfaces]
+
+
+def _with_struts(body: Body, study: Study, interfaces: Sequence[int]) -> Body:
+    """Return a body on some interfaces with the strut sensors that they have."""
+    struts = _list_struts(study, interfaces)
+    if not struts:
+        return body
+    travels, forces, scales = dict[int, int](), dict[int, int](), list[Scale]()
+    for channel, number in enumerate(struts, start=len(body.readings)):
+        interface, sensor = study.strut_sensors[number]
+        attachment = list(interfaces).index(interface)
+        if isinstance(sensor, TravelSensor):
+            travels[channel] = attachment
+            continue
+        forces[channel] = attachment
+        if sensor.gain_tolerance is not None:
+            # The mass is the force over the acceleration, whose gain is fitted where its tolerance is stated.
+            beside = 0.0 if study.interfaces[interface].facts.sprung.gain_tolerance else USUAL_GAIN_TOLERANCE
+            tolerance = math.hypot(sensor.gain_tolerance, beside)
+            scales.append(Scale(channel, 1.0 / study.strut_scales[number], tolerance))
+    n_sensors = len(body.readings) + len(struts)
+    found = with_strut_sensors(body, n_sensors, travels, forces, travel_per_s2=TRAVEL_PER_S2)
+    return replace(found, scales=tuple(scales))
 
 
 def _compute_fall(axis: Axis, body: Body) -> FloatArray | None:
@@ -465,10 +494,13 @@ def prepare_rigid(study: Study, arrays: Arrays, sensors: Sensors, *, settings: S
             leaks=across,
             number=index,
             settings=settings.runs,
+            n_strut=len(study.strut_sensors),
+            is_driven=study.is_driven,
         )
         for index, (below, above, across) in enumerate(arrays)
     ]
     body = replace(body, fall=_compute_fall(study.interfaces[0].axis, body))
+    body = _with_struts(body, study, range(len(study.interfaces)))
     return StructureData(tuple(runs), body, groups_of(study), sensors)
 
 
@@ -633,17 +665,20 @@ def _begin_model(
 ) -> tuple[Model, Start]:
     """Return the model of some runs and its start values."""
     if start is None:
+        is_by_force = mass_free and not is_mass_free(runs, replace(body, scales=()))
         start = start_values(
             runs,
             body,
             groups,
-            mass_free=mass_free,
+            mass_free=mass_free and not is_by_force,
             # An AC coupling removes slow motion, which has the same effect as a ground spring.
             ground=task.question.ground and not sensors.has_coupling,
             kinds=_list_kinds_of_start(task),
             lags=[fault for fault in sensors.faults if fault.kind == "lag"] if body.n_interfaces == 1 else (),
             settings=task.settings.start,
         )
+        if is_by_force:
+            start = replace(start, inverse_mass=float(np.mean([1.0 / scale.kg for scale in body.scales])))
     model = Model(
         tuple(runs),
         body,
@@ -769,8 +804,36 @@ def with_prior_mass(part: FittedStructure, prior: PriorMass) -> FittedStructure:
     return replace(part, found=replace(found, fit=again))
 
 
+def with_believed_forces(part: FittedStructure) -> FittedStructure:
+    """Return a structure without the stated gains of forces if the changes of mass contradict them.
+
+    The mass follows from the changes of mass alone then, and the gains from it.
+
+    Args:
+        part: a fitted structure.
+    """
+    if not part.has_fit or not part.fit.model.scales:
+        return part
+    fit, found, body = part.fit, part.found, replace(part.fit.model.body, scales=())
+    if not is_mass_free(fit.model.runs, body):
+        return part
+    assert found is not None  # it has a fit
+    try:
+        again = fit_model(replace(fit.model, body=body), fit.theta)
+    except NO_FIT:
+        return part
+    alone = replace(part, found=replace(found, fit=again))
+    mu, believed = alone.fit.model.inverse_mass(alone.fit.theta), part.settings.weighing.used_within_std
+    for scale, gain in fit.model.scales:
+        mass_kg = scale.kg * float(again.theta[gain])
+        ratio = alone.known.estimate(mu * mass_kg, {"inverse_mass": mass_kg, gain: mu * scale.kg})
+        if abs(mu * mass_kg - 1.0) > believed * math.hypot(ratio.std or 0.0, scale.tolerance):
+            return alone
+    return part
+
+
 def is_mass_free(runs: Sequence[DrivenRun], body: Body) -> bool:
-    """Return whether one over the reference mass is fitted: a mass or spring is known, or the loading changes."""
+    """Return whether one over the reference mass is fitted: a mass, a spring or a force is known, or loads change."""
     springs = any(spring.stiffness_n_per_m or spring.damping_n_s_per_m for spring in body.inside)
     changes = loading_changes([run.loading for run in runs])
-    return not body.absolute and (changes or springs or bool(body.known.any()))
+    return not body.absolute and (changes or springs or bool(body.known.any()) or bool(body.scales))

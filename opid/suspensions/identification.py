@@ -27,6 +27,7 @@ from opid.suspensions.candidates import (
     fit_alone,
     fit_rigid,
     parts_of,
+    with_believed_forces,
     with_prior_mass,
 )
 from opid.suspensions.fitting.faults import ground_imitations
@@ -36,7 +37,7 @@ from opid.suspensions.law_search.force_surface import force_surface
 from opid.suspensions.law_search.pursuit import alternatives, library
 from opid.suspensions.model.driven_model import noise_level
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
-from opid.suspensions.sensor_facts import TRAVEL_PER_S2
+from opid.suspensions.sensor_facts import ForceSensor
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW, Settings
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 from opid.suspensions.weighing import InverseMass, compare_with_weighed, find_prior_mass, warn_of_weighed
@@ -144,14 +145,14 @@ def identify(
         arrays,
         fs=study.fs,
         settings=settings.runs,
-        n_travels=len(study.travels),
+        n_strut=len(study.strut_sensors),
         is_driven=study.is_driven,
     )
     options = Options(law, ground, method_of_law, library(), seed)
-    # A horizontal suspension has no spring to the ground.
-    grounded = ground and any(each.axis != "horizontal" for each in study.interfaces)
+    # A horizontal suspension has no spring to the ground, and the force in a strut does not hold that of such a spring.
+    grounded = ground and not study.forces and any(each.axis != "horizontal" for each in study.interfaces)
     # Faults that nobody states are searched among accelerometers: a gain or a lag of a travel passes for a suspension.
-    question = Question(kind_of_law is not None, grounded, not study.travels, method_of_law, options.kinds)
+    question = Question(kind_of_law is not None, grounded, not study.strut_sensors, method_of_law, options.kinds)
     names = tuple(run.name for run in study.runs)
     task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say, names, study.repeatability)
     tried = _fit_structures(task)
@@ -161,6 +162,7 @@ def identify(
         _log_structure(study, each)
     choice = _choose_structure(study, tried)
     logger.info("%s", choice.why)
+    choice = replace(choice, tried=[with_believed_forces(each) if each in choice.parts else each for each in tried])
     say("intervals")
     by_runs = _mass_by_runs(choice)
     return _make_answer(task, _with_weighed_mass(choice, by_runs), by_runs, options, mended)
@@ -240,13 +242,14 @@ def check_study(study: Study, settings: Settings) -> Study:
 def collect_arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
     """Return the accelerations of each run below, on and across the body, and the number of mended spikes per side.
 
-    Those on the body end with the travels, times `TRAVEL_PER_S2`.
+    Those on the body end with the readings of strut sensors, scaled to the size of accelerations.
 
     Args:
         study: the study.
     """
     mended = {"unsprung": 0, "sprung": 0}
-    travels = {each.channel for each in study.travels}
+    of_struts = (each.channel for _, each in study.strut_sensors)
+    scales = dict(zip(of_struts, study.strut_scales, strict=True))
     found = []
     for run in study.runs:
         sides: list[FloatArray] = []
@@ -254,7 +257,7 @@ def collect_arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
             columns = []
             for name in study.channels(side):
                 samples, indices = remove_spikes(run.recording.channel(name), fs=study.fs)
-                columns.append(TRAVEL_PER_S2 * samples if name in travels else samples)
+                columns.append(scales.get(name, 1.0) * samples)
                 mended[side] += indices.size
             sides.append(np.stack(columns, axis=1))
         across = [run.recording.channel(channel) for channel, *_ in study.leaks()]
@@ -461,7 +464,21 @@ def _collect_evidence(part: FittedStructure, options: Options, *, is_refused: bo
         error=part.error,
         interfaces=part.interfaces,
         covariance=part.known.covariance,
+        gains_of_forces=_estimate_gains(part) if has_mass else {},
     )
+
+
+def _estimate_gains(part: FittedStructure) -> dict[str, Estimate]:
+    """Return what each sensor of a force reads for 1 N."""
+    found, model, study = dict[str, Estimate](), part.fit.model, part.task.study
+    assert study is not None  # a user's own structure has no sensors of forces
+    for scale, (_, sensor) in zip(study.strut_scales, study.strut_sensors, strict=True):
+        name = f"gain_sprung[{sensor.channel}]"
+        if isinstance(sensor, ForceSensor) and name in model.names and model.mass_free:
+            mu, gain = model.inverse_mass(part.fit.theta), part.fit.value(name)
+            by: dict[str | int, float] = {"inverse_mass": gain / scale, name: mu / scale}
+            found[sensor.channel] = part.known.estimate(mu * gain / scale, by)
+    return found
 
 
 def _explain_failure(choice: Choice) -> str | None:
@@ -519,7 +536,7 @@ def _build_runs(study: Study, parts: Sequence[FittedStructure], arrays: Arrays) 
             fit = part.fit
             used, line = fit.model.runs[index], fit.errors.lines[index]
             read = fit.model.correct(fit.theta, index)[1].value
-            n_sensors = read.shape[1] - used.n_travels
+            n_sensors = read.shape[1] - used.n_strut
             residual += list(np.abs(line.reshape(-1, used.omega.size)) / np.sqrt(2))
             steps = slice(shown.start * used.finer, shown.stop * used.finer, used.finer)
             measured += list(read[steps, :n_sensors].T)

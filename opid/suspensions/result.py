@@ -320,6 +320,7 @@ class Evidence:
         error: what limits the answer if the residual exceeds the noise; else None.
         interfaces: indices of its interfaces in the study; a pair has two and is their mean.
         covariance: (n_unknowns, n_unknowns) of the fitted vector, from which the intervals follow.
+        gains_of_forces: what each sensor of a force reads for 1 N, by its channel; empty if the mass is not known.
     """
 
     fit: Fit
@@ -339,6 +340,7 @@ class Evidence:
     error: ModelError | None
     interfaces: tuple[int, ...]
     covariance: FloatArray
+    gains_of_forces: Mapping[str, Estimate]
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ class SensorFacts:
         corner_hz: corner of its first-order AC coupling, Hz; 0 for a DC-coupled sensor.
         corner_tolerance: standard deviation of the corner, relative.
         lag_tolerance_s: standard deviation of its delay, s.
+        gain_repeatability: standard deviation by which the gain differs from run to run, relative.
 
     Raises:
         InputError: a negative or infinite value, or a tolerance of a corner without a corner.
@@ -38,15 +39,16 @@ class SensorFacts:
     corner_hz: float = 0.0
     corner_tolerance: float = 0.0
     lag_tolerance_s: float = 0.0
+    gain_repeatability: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("gain_tolerance", "corner_hz", "corner_tolerance", "lag_tolerance_s"):
+        for name in ("gain_tolerance", "corner_hz", "corner_tolerance", "lag_tolerance_s", "gain_repeatability"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"{name} is {value}: give zero or a positive number")
         if self.noise_m_per_s2 is not None and not (math.isfinite(self.noise_m_per_s2) and self.noise_m_per_s2 > 0.0):
             raise InputError(f"noise_m_per_s2 is {self.noise_m_per_s2}: give a positive number, or leave it out")
-        for name in ("gain_tolerance", "corner_tolerance"):
+        for name in ("gain_tolerance", "corner_tolerance", "gain_repeatability"):
             if getattr(self, name) > 0.5:
                 raise InputError(f"{name} is {getattr(self, name)}: it is relative, give at most 0.5 (50 %)")
         if self.corner_tolerance and not self.corner_hz:
@@ -84,7 +86,13 @@ TRAVEL_PER_S2 = 100.0
 
 
 USUAL_GAIN_TOLERANCE = 0.01
-"""Standard deviation of the gain of a travel where nobody states it: potentiometers are good to a per cent."""
+"""Standard deviation of the gain of a travel or a force where nobody states it: both are good to a per cent."""
+
+USUAL_GAIN_REPEATABILITY = 0.002
+"""Standard deviation by which the gain of a force differs from run to run: 10 K move that of a strain gauge so far."""
+
+FREE_GAIN = 0.5
+"""Standard deviation of a gain of which nothing is known but its order of magnitude."""
 
 USUAL_LAG_TOLERANCE_S = 5e-4
 """The same of its delay, s: the filters of two channels of one recorder differ by some tenths of a millisecond."""
@@ -122,6 +130,41 @@ class TravelSensor:
         return SensorFacts(
             noise_m_per_s2=None if self.noise_m is None else TRAVEL_PER_S2 * self.noise_m,
             gain_tolerance=self.gain_tolerance,
+            lag_tolerance_s=self.lag_tolerance_s,
+        )
+
+
+@dataclass(frozen=True)
+class ForceSensor:
+    """A sensor of the force in a strut: a load cell, or strain gauges.
+
+    Args:
+        channel: its channel, in N or, if nobody knows the gain, in any unit; it counts in the direction of the
+            accelerations: where these count up, it grows with the load that the strut carries.
+        gain_tolerance: standard deviation of the gain, relative; None for a gain that nobody knows, as of strain gauges
+            that were not calibrated. A force whose gain is known gives the mass, together with the acceleration; where
+            the gain of the accelerometer has no stated tolerance, it is taken to be as good as `USUAL_GAIN_TOLERANCE`.
+        gain_repeatability: standard deviation by which the gain differs from run to run, relative.
+        lag_tolerance_s: standard deviation of its delay behind the sensor on the body, s; 0 if there is none.
+
+    Raises:
+        InputError: an error of `SensorFacts`.
+    """
+
+    channel: str
+    gain_tolerance: float | None = USUAL_GAIN_TOLERANCE
+    gain_repeatability: float = USUAL_GAIN_REPEATABILITY
+    lag_tolerance_s: float = USUAL_LAG_TOLERANCE_S
+
+    def __post_init__(self) -> None:
+        _ = SensorFacts(gain_tolerance=self.gain_tolerance or 0.0), self.facts
+
+    @property
+    def facts(self) -> SensorFacts:
+        """Facts of the sensor with its readings in m/s^2: their scale follows from the runs, so its gain is free."""
+        return SensorFacts(
+            gain_tolerance=FREE_GAIN,
+            gain_repeatability=self.gain_repeatability,
             lag_tolerance_s=self.lag_tolerance_s,
         )
 
@@ -203,6 +246,7 @@ class Sensors:
         names: names of interfaces and further sensors; all empty for one gear.
         leaks: side, number of the channel, and standard deviation of each leak.
         clocks: the clocks of sensors that were read from another recorder than the rest, run by run.
+        runs: names of the runs, by number, for gains that differ from run to run.
     """
 
     unsprung: tuple[SensorFacts, ...]
@@ -210,6 +254,7 @@ class Sensors:
     names: tuple[str, ...]
     leaks: tuple[tuple[Side, int, float], ...] = ()
     clocks: tuple[ClockFacts, ...] = ()
+    runs: tuple[str, ...] = ()
 
     def facts(self, side: Side) -> tuple[SensorFacts, ...]:
         """Return the facts of the sensors of a side."""
@@ -233,6 +278,7 @@ class Sensors:
             names=("",),
             leaks=tuple((self.leaks[k][0], 0, self.leaks[k][2]) for k in self.leaks_into(interfaces)),
             clocks=_mean_clocks([each for each in self.clocks if each.channel in interfaces], len(interfaces)),
+            runs=self.runs,
         )
 
     def leaks_into(self, interfaces: Sequence[int]) -> list[int]:
@@ -261,6 +307,9 @@ class Sensors:
                 facts, where = self.facts(side)[channel], self._name_place(channel)
                 if facts.gain_tolerance:
                     yield Fault(f"gain_{side}{where}", "gain", side, channel, 1.0, facts.gain_tolerance)
+                for run, name in enumerate(self.runs if facts.gain_repeatability else ()):
+                    of_run = f"gain_{side}{where}[{name}]"
+                    yield Fault(of_run, "gain", side, channel, 1.0, facts.gain_repeatability, run=run)
                 if facts.corner_tolerance:
                     std = facts.corner_tolerance * facts.corner_hz
                     yield Fault(f"corner_{side}_hz{where}", "corner", side, channel, facts.corner_hz, std)
@@ -305,6 +354,7 @@ def _mean(facts: Sequence[SensorFacts], side: Side) -> SensorFacts:
         corner_hz=corner_hz,
         corner_tolerance=combine(stds_hz) / corner_hz if corner_hz else 0.0,
         lag_tolerance_s=combine([each.lag_tolerance_s for each in facts]),
+        gain_repeatability=combine([each.gain_repeatability for each in facts]),
     )
 
 

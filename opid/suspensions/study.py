@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
+from functools import cached_property
 from itertools import combinations, product
 from numbers import Real
 from pathlib import Path
@@ -26,7 +27,9 @@ from opid.suspensions.sensor_facts import (
     IDEAL,
     IDEAL_PAIR,
     SIDES,
+    TRAVEL_PER_S2,
     ClockFacts,
+    ForceSensor,
     Leak,
     SensorFacts,
     SensorPair,
@@ -71,6 +74,9 @@ LARGEST_MASS_KG = 1e6
 LARGEST_SPEED_M_PER_S = 150.0
 """The largest speed that a run can be stated to have: no vehicle rolls faster."""
 
+LEAST_ALIKE = 0.3
+"""Least correlation of the force in a strut with the acceleration of the body above it, which it moves."""
+
 ONE_PLACE_M = 0.05
 """Interfaces that are nearer to each other than this are at the same position."""
 
@@ -92,6 +98,7 @@ class MeasuredInterface:
             acts on.
         piston_area_m2: area that the gas of its strut pushes on; None if it is not known, or if no gas carries it.
         travel: sensor of its travel; None if it has none.
+        force: sensor of the force in its strut, which counts like its accelerations; None if it has none.
     """
 
     name: str
@@ -105,6 +112,12 @@ class MeasuredInterface:
     axis: Axis = "up"
     piston_area_m2: float | None = None
     travel: TravelSensor | None = None
+    force: ForceSensor | None = None
+
+    @property
+    def strut_sensors(self) -> tuple[TravelSensor | ForceSensor, ...]:
+        """Sensors that read the strut itself."""
+        return tuple(each for each in (self.travel, self.force) if each is not None)
 
     @property
     def place(self) -> tuple[float, float]:
@@ -306,14 +319,41 @@ class Study:
         """
         if side == "unsprung":
             return tuple(interface.unsprung for interface in self.interfaces)
-        travels = (each.channel for each in self.travels)
+        of_struts = (each.channel for _, each in self.strut_sensors)
         above = (interface.sprung for interface in self.interfaces)
-        return (*above, *(sensor.channel for sensor in self.sensors), *travels)
+        return (*above, *(sensor.channel for sensor in self.sensors), *of_struts)
+
+    @property
+    def strut_sensors(self) -> tuple[tuple[int, TravelSensor | ForceSensor], ...]:
+        """Sensors that read a strut itself, each with the index of its interface.
+
+        In the order of the model they follow those of the accelerations on the body.
+        """
+        return tuple((k, each) for k, interface in enumerate(self.interfaces) for each in interface.strut_sensors)
 
     @property
     def travels(self) -> tuple[TravelSensor, ...]:
-        """Sensors of the travel; in the order of the model they follow those of the accelerations on the body."""
-        return tuple(each.travel for each in self.interfaces if each.travel is not None)
+        """Sensors of the travel."""
+        return tuple(each for _, each in self.strut_sensors if isinstance(each, TravelSensor))
+
+    @property
+    def forces(self) -> tuple[ForceSensor, ...]:
+        """Sensors of the force in a strut."""
+        return tuple(each for _, each in self.strut_sensors if isinstance(each, ForceSensor))
+
+    @cached_property
+    def strut_scales(self) -> tuple[float, ...]:
+        """Factor by which the readings of each strut sensor are as large as accelerations.
+
+        The force in a strut is divided by about the mass that it moves: what its readings are in a run for each m/s^2
+        above it, in the mean of the runs.
+        """
+        return tuple(
+            TRAVEL_PER_S2
+            if isinstance(each, TravelSensor)
+            else 1.0 / _measure_force_per_acceleration(self.runs, each.channel, self.interfaces[k].sprung)
+            for k, each in self.strut_sensors
+        )
 
     def leaks(self) -> list[tuple[str, Side, int, float]]:
         """Return the leaks: channel, side and number of the sensor that it leaks into, and standard deviation."""
@@ -324,17 +364,18 @@ class Study:
         """Return the facts of all sensors, with the noise that is stated for each or for all."""
         names = [*self.names, *(sensor.channel for sensor in self.sensors)]
         above = (*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors))
-        travels = tuple(each.facts for each in self.travels)
+        of_struts = tuple(each.facts for _, each in self.strut_sensors)
 
         def known(facts: SensorFacts) -> SensorFacts:
             return replace(facts, noise_m_per_s2=facts.noise_m_per_s2 or self.structure.noise_m_per_s2)
 
         return Sensors(
             unsprung=tuple(known(interface.facts.unsprung) for interface in self.interfaces),
-            sprung=(*map(known, above), *travels),
-            names=(*(("",) if self.is_one_gear else names), *(each.channel for each in self.travels)),
+            sprung=(*map(known, above), *of_struts),
+            names=(*(("",) if self.is_one_gear else names), *(each.channel for _, each in self.strut_sensors)),
             leaks=tuple((side, k, tolerance) for _, side, k, tolerance in self.leaks()),
             clocks=tuple(self._clock_facts()),
+            runs=tuple(run.name for run in self.runs),
         )
 
     def _clock_facts(self) -> Iterator[ClockFacts]:
@@ -375,6 +416,7 @@ def study_of_gear(
     axis: Axis = "up",
     piston_area_m2: float | None = None,
     travel: TravelSensor | None = None,
+    force: ForceSensor | None = None,
     repeatability: float | None = None,
     transmissibility: TransmissibilitySettings = BY_METHOD,
     date: date | None = None,
@@ -393,6 +435,7 @@ def study_of_gear(
         piston_area_m2: area that the gas of the strut pushes on; None if it is not known, or if no gas carries the
             gear.
         travel: sensor of the travel; None if there is none.
+        force: sensor of the force in the strut; None if there is none.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
             if they are known to be the same, None for the usual value.
         transmissibility: how the transmissibilities are estimated; the method chooses what is left out.
@@ -410,7 +453,14 @@ def study_of_gear(
     512.0
     """
     gear = MeasuredInterface(
-        "gear", sprung, unsprung, facts=sensors, axis=axis, piston_area_m2=piston_area_m2, travel=travel
+        "gear",
+        sprung,
+        unsprung,
+        facts=sensors,
+        axis=axis,
+        piston_area_m2=piston_area_m2,
+        travel=travel,
+        force=force,
     )
     return Study(
         title,
@@ -421,6 +471,12 @@ def study_of_gear(
         date=date,
         source=source,
     )
+
+
+def _measure_force_per_acceleration(runs: Sequence[Run], force: str, above: str) -> float:
+    """Return the rms of a force over that of the acceleration above it, in the mean of the runs."""
+    ratios = [run.recording.channel(force).std() / run.recording.channel(above).std() for run in runs]
+    return float(np.mean(ratios))
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
@@ -717,8 +773,31 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             yield f"there is no channel {name!r} in its log ({nearest(name, run.recording.names)})"
         elif run.recording.unit(name) != "m/s^2":
             yield f"channel {name!r} is in {run.recording.unit(name)} where an acceleration is needed"
-    for sensor in study.travels:
-        if sensor.channel not in run.recording.names:
-            yield f"there is no channel {sensor.channel!r} in its log ({nearest(sensor.channel, run.recording.names)})"
-        elif run.recording.unit(sensor.channel) != "m":
-            yield f"channel {sensor.channel!r} is in {run.recording.unit(sensor.channel)} where a travel in m is needed"
+    for number, sensor in study.strut_sensors:
+        channel, above = sensor.channel, study.interfaces[number].sprung
+        if channel not in run.recording.names:
+            yield f"there is no channel {channel!r} in its log ({nearest(channel, run.recording.names)})"
+        elif isinstance(sensor, TravelSensor):
+            if run.recording.unit(channel) != "m":
+                yield f"channel {channel!r} is in {run.recording.unit(channel)} where a travel in m is needed"
+        elif above in run.recording.names:
+            yield from _list_force_faults(sensor, run.recording, above)
+
+
+def _list_force_faults(sensor: ForceSensor, recording: Recording, above: str) -> Iterator[str]:
+    """Yield what speaks against a channel as the force in the strut below the sensor `above`."""
+    channel, unit = sensor.channel, recording.unit(sensor.channel)
+    force, acceleration = (recording.channel(each) - recording.channel(each).mean() for each in (channel, above))
+    alike = float(force @ acceleration) / max(float(np.linalg.norm(force) * np.linalg.norm(acceleration)), 1e-300)
+    if sensor.gain_tolerance is not None and unit != "N":
+        yield f"channel {channel!r} is in {unit}: give a force in N, or quantity = 'strain' if nobody knows the gain"
+    elif alike < -LEAST_ALIKE:
+        yield (
+            f"channel {channel!r} falls as the body above is pushed in the direction in which {above!r} counts "
+            f"(correlation {alike:.2f}): give it sign = -1"
+        )
+    elif alike < LEAST_ALIKE:
+        yield (
+            f"channel {channel!r} is hardly the force in this strut, which moves the body above it: its correlation "
+            f"with {above!r} is {alike:.2f} and at least {LEAST_ALIKE:g} is needed"
+        )

@@ -43,7 +43,7 @@ from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import UNITS, Candidate, GearParameters, Identification, InterfaceEstimate
-from opid.suspensions.sensor_facts import TRAVEL_PER_S2
+from opid.suspensions.sensor_facts import TRAVEL_PER_S2, TravelSensor
 from opid.suspensions.study import Study
 
 LABELS = {
@@ -97,9 +97,12 @@ def build_document(result: AnyIdentification, truth: TaxiTruth | None = None) ->
 
 
 def _say_sources(study: Study) -> str:
-    if not study.travels:
+    if not study.strut_sensors:
         return "accelerations alone"
-    return "accelerations and the travel" if study.is_driven else "the travel and the acceleration above"
+    names = ["the travel"] * bool(study.travels) + ["the force in the strut"] * bool(study.forces)
+    if not study.is_driven:
+        return " and ".join([*names, "the acceleration above"])
+    return f"accelerations and {' and '.join(names)}"
 
 
 def _say_kind(result: AnyIdentification) -> str:
@@ -430,6 +433,18 @@ def _list_sensors(result: Identification) -> Iterator[Table | Paragraph]:
         for fit in (evidence.fit for evidence in result.evidence)
         for fault in fit.model.faults
     )
+    rows += tuple(
+        (
+            f"{channel}, reading for 1 N",
+            rounded(gain.value, gain.std or 0.0),
+            rounded(gain.std or 0.0, gain.std),
+            "",
+            "",
+        )
+        for evidence in result.evidence
+        for channel, gain in evidence.gains_of_forces.items()
+        if gain.value is not None
+    )
     of_clocks = [
         f"{run.name}: {finding.message}"
         for run in result.study.runs
@@ -493,7 +508,9 @@ def _say_limits_of_gear(result: Identification) -> str:
             f"{_format_mm_per_s2(evidence.noise)}"
         )
     else:
-        noise_m = float(evidence.fit.model.noise[1][-1]) / TRAVEL_PER_S2
+        number = next(k for k, (_, each) in enumerate(result.study.strut_sensors) if isinstance(each, TravelSensor))
+        n_strut = len(result.study.strut_sensors)
+        noise_m = float(evidence.fit.model.noise[1][number - n_strut]) / TRAVEL_PER_S2
         follows = (
             "with the airframe acceleration the model predicts the travel to "
             f"{_format_mm(evidence.fit.ratio * noise_m)} rms, and the noise of its sensor is {_format_mm(noise_m)}"

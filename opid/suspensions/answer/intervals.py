@@ -459,6 +459,15 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed:
             percent = 196 * mass.std / mass.value
             yield f"the mass is known to {percent:.2g} % (half of its 95 % interval) by the weighed mass and the runs"
         return
+    if fit.model.scales:
+        if mass.value is not None and mass.std is not None:
+            percent = 196 * mass.std / mass.value
+            beside = " and the mass change" * any(run.loading.any() for run in fit.model.runs)
+            yield (
+                f"the mass is known to {percent:.2g} % (half of its 95 % interval) by the force in the strut{beside}; "
+                "a gain that is known better would narrow the interval"
+            )
+        return
     if mass.value is not None and mass.std is not None:
         source = "unmeasured forces" if is_pushed else "the sensors' noise"
         yield _describe_interval(alike, 196 * mass.std / mass.value, source)
@@ -540,7 +549,9 @@ def _name_fault(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iter
     widening = float(np.sqrt(own / max(left[best], 1e-300)))
     if widening > fit.model.settings.intervals.widening_named:
         fault = faults[best]
-        side = "" if fault.kind in ("lag", "drift", "leak") else f" of the {fault.side} sensor"
+        of_strut = fault.channel >= len(fit.model.sensors.sprung) - fit.model.runs[0].n_strut
+        sensor = "sensor of the strut" if of_strut else f"{fault.side} sensor"
+        side = "" if fault.kind in ("lag", "drift", "leak") else f" of the {sensor}"
         name = fit.model.sensors.names[fault.channel]
         where = f" at {name!r}" if name else ""
         times = f"{widening:.1f} times" if widening < 10 else "more than ten times"

@@ -192,7 +192,7 @@ def _explain_no_scale(study: Study) -> str:
         key = "mass_change_kg" if study.is_one_gear else "loading"
         return (
             "one run gives ratios to the mass alone: record a second one with a known mass more or less, and give its "
-            f"`{key}`"
+            f"`{key}`, or the force in the strut in N"
         )
     if study.is_one_gear:
         return (
@@ -209,6 +209,11 @@ def _explain_no_mass_of_gear(choice: Choice) -> str | None:
     (part,), changes = choice.parts, [run.mass_change_kg for run in choice.study.runs]
     (mu, std), largest = part.known.inverse_mass, max(changes) - min(changes)
     is_loose = _is_loose(part.known.mass, choice.verdicts)
+    if is_loose and not largest:
+        return (
+            "the gain of the force in the strut is not known well enough for a mass: calibrate it, or add a run with a "
+            "known mass more or less; the ratios to the mass are given"
+        )
     if part.known.has_negative_mass and is_loose:
         return (
             f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "

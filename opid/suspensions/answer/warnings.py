@@ -82,6 +82,8 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from _warn_of_ground(answer)
         yield from warn_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
         yield from warn_of_stops(answer.interfaces)
+    if reported:
+        yield from _warn_of_forces(answer)
     rules = any(each.repeatability.rules_mass for each in answer.evidence)
     if not any(part.fit.model.has_prior_mass for part in choice.parts):  # else the scale rests on what was weighed
         yield from _warn_of_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
@@ -296,6 +298,23 @@ def _warn_of_implausible_demands(part: FittedStructure) -> Iterator[str]:
         )
 
 
+def _warn_of_forces(answer: Answer) -> Iterator[str]:
+    """Yield that a force, whose gain is stated, contradicts the changes of mass."""
+    study = answer.choice.study
+    if any(part.fit.model.scales for part in answer.choice.parts):
+        return
+    gains = {channel: gain for each in answer.evidence for channel, gain in each.gains_of_forces.items()}
+    for sensor in study.forces:
+        gain = gains.get(sensor.channel)
+        if sensor.gain_tolerance is not None and gain is not None and gain.value is not None and gain.std is not None:
+            yield (
+                f"the force (channel {sensor.channel!r}) contradicts the changes of mass, and is not used for the mass: with the "
+                f"mass that follows from these it reads {gain.value:.3g} N for each N, with standard deviation "
+                f"{gain.std:.2g}, and its gain is stated to be right to {100 * sensor.gain_tolerance:.2g} %: check its "
+                "unit, its calibration and the changes of mass"
+            )
+
+
 def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:
     """Yield stated facts of sensors that the fit contradicts: they are wrong, or compensate for something else."""
     demanded = {demand.name for demand in part.demands}
@@ -316,12 +335,15 @@ def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:
             continue
         unit = units.get(fault.kind, "")
         # A gear alone has one group, and its sensors need no names.
-        name = part.fit.model.sensors.names[fault.channel] or part.fit.model.groups[0].name
+        model = part.fit.model
+        name = model.sensors.names[fault.channel] or model.groups[0].name
+        of_strut = fault.side == "sprung" and fault.channel >= len(model.sensors.sprung) - model.runs[0].n_strut
+        sensor = "sensor of the strut" if of_strut else f"{fault.side} sensor"
         index = part.fit.model.names.index(fault.name)
         # The value may lie beyond the bound of the fit.
         more = " or less" * bool(value <= lower[index]) + " or more" * bool(value >= upper[index])
         yield (
-            f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
+            f"the stated {what[fault.kind]} of the {sensor}{f' at {name!r}' if name else ''}, "
             f"{fault.nominal:.3g}{unit} with standard deviation {fault.std:.2g}{unit}, contradicts the runs, "
             f"which show {value:.3g}{unit}{more} ({off:.1f} standard deviations away): check {source[fault.kind]}, "
             "or state a larger standard deviation"
@@ -350,7 +372,7 @@ def _warn_of_ground(answer: Answer) -> Iterator[str]:
 
 def _warn_of_scale(study: Study, mass: Estimate, settings: WarningSettings, *, rules: bool) -> Iterator[str]:
     """Yield that a loading may have another unit: accelerations and weight determine only ratios to the mass."""
-    if mass.value is None:
+    if mass.value is None or not any(run.masses for run in study.runs):
         return
     largest = max((each for run in study.runs for each in run.masses), key=lambda each: abs(each.mass_kg))
     is_small = abs(largest.mass_kg) < settings.least_loading_kg or mass.value < settings.least_mass_kg

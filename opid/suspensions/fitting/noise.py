@@ -168,13 +168,13 @@ def known_noise(
     *,
     fs: float,
     settings: RunSettings,
-    n_travels: int = 0,
+    n_strut: int = 0,
     is_driven: bool = True,
 ) -> KnownNoise:
     """Return the noise of the sensors: as stated, else from the quieter of the two sides, because a wheel always moves.
 
-    The last `n_travels` columns on the body are travels, whose noise is their own. Where nothing drives the body that
-    was measured, `is_driven` is False, and the noise below is taken as that on the body.
+    The last `n_strut` columns on the body read a strut itself, and the noise of each is its own. Where nothing drives
+    the body that was measured, `is_driven` is False, and the noise below is taken as that on the body.
 
     The noise is read where the spectra are lowest, and it is no larger than the incoherent part of the two sides in the
     band. A log that was low-pass filtered is quieter there than any sensor: then only bounds are known.
@@ -197,24 +197,28 @@ def known_noise(
         most = np.maximum(np.minimum(bound, largest), credible)
         return tuple(mean_level(each.tolist()) for each in (credible, most, floor, least))
 
-    n_above = len(sensors.sprung) - n_travels
-    below, above, travels = zip(*((run[0], run[1][:, :n_above], run[1][:, n_above:]) for run in arrays), strict=True)
+    n_above = len(sensors.sprung) - n_strut
+    below, above, struts = zip(*((run[0], run[1][:, :n_above], run[1][:, n_above:]) for run in arrays), strict=True)
     if is_driven:
         sides = [judge([*zip(below, above, strict=True)]), judge([*zip(above, below, strict=True)])]
     else:
-        sides = [judge([*zip(above, travels, strict=True)])]
+        sides = [judge([*zip(above, struts, strict=True)])]
     level, highest, quietest, believed = min(sides)
     is_bound = quietest < believed and any(np.isnan(side).any() for side in (stated[0], stated[1][:n_above]))
     most = highest / level
     levels = [np.where(np.isnan(side), level, side) for side in stated]
-    if n_travels:
-        of_travel, highest, quietest, believed = judge([*zip(travels, above, strict=True)])
-        is_unknown = np.isnan(stated[1][n_above:])
-        levels[1][n_above:] = np.where(is_unknown, of_travel, stated[1][n_above:])
-        if not is_driven:
-            # Only the errors of the travel are compared.
-            levels[0][:] = levels[1][:n_above].mean()
-            is_bound, most = quietest < believed and bool(is_unknown.any()), highest / of_travel
+    of_struts = [
+        judge([(own[:, [k]], beside) for own, beside in zip(struts, above, strict=True)]) for k in range(n_strut)
+    ]
+    for k, (own_level, *_) in enumerate(of_struts, start=n_above):
+        if np.isnan(stated[1][k]):
+            levels[1][k] = own_level
+    if not is_driven:
+        # Only the errors of the strut sensors are compared.
+        levels[0][:] = levels[1][:n_above].mean()
+        unknown = [each for each, level in zip(of_struts, stated[1][n_above:], strict=True) if np.isnan(level)]
+        is_bound = any(quietest < believed for _, _, quietest, believed in unknown)
+        most = max((highest / own_level for own_level, highest, _, _ in unknown), default=1.0)
     return KnownNoise((levels[0], levels[1]), most if is_bound else 1.0, level)
 
 
@@ -260,7 +264,7 @@ def with_own_noise(fit: Fit) -> Fit:
     model, theta, known = fit.model, fit.theta, fit.model.settings.intervals
     if all(any(facts.noise_m_per_s2 for facts in model.sensors.facts(side)) for side in SIDES):
         return fit
-    if any(run.n_travels for run in model.runs):
+    if any(run.n_strut for run in model.runs):
         # The noise of a travel was read from its own spectrum, or stated, and has no ratio to those of accelerations.
         return fit
 

@@ -12,8 +12,8 @@ j = (1, y, -x).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,21 @@ class Inside:
     damping_n_s_per_m: float | None
 
 
+@dataclass(frozen=True)
+class Scale:
+    """A sensor of a force in N, with which the mass is known.
+
+    Args:
+        channel: number of its channel on the body.
+        kg: reference mass if the gain of its scaled readings is 1, kg.
+        tolerance: relative standard deviation of what it reads, over that of the acceleration.
+    """
+
+    channel: int
+    kg: float
+    tolerance: float
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """The known and the unknown properties of a body.
@@ -83,6 +98,9 @@ class Body:
         piston_area_m2: piston area of the strut of a gear alone; 0 if it is not stated.
         of_travel: (n_sensors, n_attachments) reading of each sensor for a unit travel of each attachment, 1/s^2; None
             if no sensor reads travel.
+        of_force: (n_sensors, n_attachments) R of sensors that read forces, per unit of force over the reference mass,
+            whatever the mass of a run is; None if no sensor reads a force.
+        scales: sensors of forces in N.
         prior_mass_kg: the reference mass as it is known beforehand; 0 if it is not.
         prior_tolerance_kg: its standard deviation.
     """
@@ -101,6 +119,8 @@ class Body:
     fall: FloatArray | None = None
     piston_area_m2: float = 0.0
     of_travel: FloatArray | None = None
+    of_force: FloatArray | None = None
+    scales: tuple[Scale, ...] = ()
     prior_mass_kg: float = 0.0
     prior_tolerance_kg: float = 0.0
 
@@ -186,7 +206,41 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
         half = change @ by_force
         by_accelerance.append(np.zeros_like(half) if coordinate.of_sensor else half + half.T)
         by_reading.append(half if coordinate.of_sensor else by_row @ change.T)
-    return Mobility(rows @ by_force, seen @ by_force, np.array(by_accelerance), np.array(by_reading))
+    reading = seen @ by_force
+    if body.of_force is not None:
+        reading[: len(body.of_force)] += body.of_force
+    return Mobility(rows @ by_force, reading, np.array(by_accelerance), np.array(by_reading))
+
+
+def with_strut_sensors(
+    body: Body, n_sensors: int, travels: Mapping[int, int], forces: Mapping[int, int], *, travel_per_s2: float
+) -> Body:
+    """Return a body with sensors of struts behind those of the accelerations.
+
+    Args:
+        body: the body without them.
+        n_sensors: number of all sensors on the body with them.
+        travels: attachment of each sensor of a travel, by the number of its channel.
+        forces: attachment of each sensor of a force, by the number of its channel.
+        travel_per_s2: reading of a travel of 1 m, m/s^2.
+    """
+    # A further sensor is at an attachment without a spring.
+    n_more = max(0, n_sensors - body.n_attachments)
+    n, n_dof = body.n_attachments + n_more, len(body.dof)
+    of_travel, of_force = np.zeros((n_sensors, n)), np.zeros((n_sensors, n))
+    for channel, attachment in travels.items():
+        of_travel[channel, attachment] = travel_per_s2
+    for channel, attachment in forces.items():
+        of_force[channel, attachment] = 1.0
+    first = len(body.inside) + 1
+    return replace(
+        body,
+        rows=np.vstack([body.rows, np.zeros((n_more, n_dof))]),
+        readings=np.vstack([body.readings, np.zeros((n_sensors - len(body.readings), n_dof))]),
+        inside=(*body.inside, *(Inside(f"sensor {first + k}", 0.0, 0.0) for k in range(n_more))),
+        of_travel=of_travel if travels else None,
+        of_force=of_force if forces else None,
+    )
 
 
 def rigid_body(

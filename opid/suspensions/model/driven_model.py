@@ -56,9 +56,9 @@ class ProcessNoise:
     levels: tuple[FloatArray, ...] = ()
 
     def acceleration_rms(self, run: DrivenRun) -> FloatArray:
-        """Return its rms acceleration at each sensor on the body in a run, m/s^2; no force moves that of a travel."""
+        """Return its rms acceleration at each sensor on the body in a run, m/s^2; it does not move those of struts."""
         rms = self.fraction * run.sprung.std(axis=0)
-        rms[rms.size - run.n_travels :] = 0.0
+        rms[rms.size - run.n_strut :] = 0.0
         return np.asarray(rms)
 
 
@@ -126,13 +126,13 @@ class Model(Unknowns):
     def level(self) -> float:
         """The assumed noise, as white noise of one level on all accelerometers, m/s^2."""
         below, above = self.noise
-        return noise_level((below, above[: above.size - self.runs[0].n_travels]))
+        return noise_level((below, above[: above.size - self.runs[0].n_strut]))
 
     @property
     def n_known_of_laws(self) -> int:
-        """Number of priors of stiffness, laws and mass: those of exponents, of the carried weight, and of the mass."""
+        """Number of priors of stiffness, laws and mass: of exponents, of the carried weight, and of the mass."""
         exponents = [parameter for group in self.groups for parameter in group.law.parameter_list if parameter.known]
-        return len(exponents) + 2 * len(self.carriers) + self.has_prior_mass
+        return len(exponents) + 2 * len(self.carriers) + self.has_prior_mass + len(self.scales)
 
     @property
     def slips(self) -> bool:
@@ -172,11 +172,11 @@ class Model(Unknowns):
     def compared(self) -> slice:
         """Sensors whose prediction errors are compared, a slice of those on the body.
 
-        Where the drive was not measured, the errors of the first sensor tell of the drive, of which nothing is assumed,
-        and those of the others, for which the first one is known, tell of the suspension.
+        Where the drive was not measured, the errors of the sensors above the suspensions tell of the drive, of which
+        nothing is assumed, and those of the others, for which the first ones are known, tell of the suspensions.
         """
         is_driven = not any(run.drive_step_m_per_s2 for run in self.runs)
-        return slice(0 if is_driven else 1, len(self.sensors.sprung))
+        return slice(0 if is_driven else self.body.n_interfaces, len(self.sensors.sprung))
 
     @cached_property
     def held(self) -> NDArray[np.bool_]:
@@ -261,6 +261,7 @@ class Model(Unknowns):
         body = self.body
         return (
             body.of_travel is None
+            and body.of_force is None
             and body.rows.shape == body.readings.shape
             and np.array_equal(body.rows, body.readings)
             and not body.coordinates
@@ -287,7 +288,7 @@ class Model(Unknowns):
         finer has the same density only with a larger rms; in runs that are sampled coarser only the drive is averaged.
         """
         below, above = (side * np.sqrt(run.finer) for side in self.noise)
-        gains = self.gains(theta)
+        gains = self.gains(theta, run.number)
         return below / gains[0] / np.sqrt(run.stride), above / gains[1]
 
     def noise_in(self, theta: FloatArray, run: DrivenRun) -> Noise:
@@ -347,7 +348,7 @@ class Model(Unknowns):
     ) -> None:
         """Add the effect of a gain on the innovations through their spread: all gains together change nothing."""
         kinds = {fault.name: fault for fault in self.faults}
-        n_sensors, gains = len(self.sensors.sprung), self.gains(theta)
+        n_sensors, values = len(self.sensors.sprung), self.fault_values(theta)
         own = (self._compute_noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
         if run.drive_step_m_per_s2:
             # No gain acts on a drive that was not measured: one on a reading scales its errors, whatever their origin.
@@ -356,7 +357,7 @@ class Model(Unknowns):
             fault = kinds[name]
             if fault.kind != "gain":
                 continue
-            gain = gains[fault.side == "sprung"][channel]
+            gain = values[name]
             if fault.side == "sprung":
                 change[channel, row] += prediction.innovation[channel] * own[channel] / gain
             else:
@@ -419,7 +420,7 @@ class Model(Unknowns):
             given = self.compared.start
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
             spread -= float(np.sum(np.linalg.slogdet(density[:, :given, :given])[1])) if given else 0.0
-            spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1][given:])))
+            spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta, run.number)[1][given:])))
             spread += 2 * float(
                 np.sum(np.log(np.broadcast_to(self._compute_levels(index), (n_compared, run.omega.size))))
             )

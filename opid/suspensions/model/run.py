@@ -7,6 +7,7 @@ The delay of a sensor with a clock of its own is a straight line over the time o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,8 +24,11 @@ from opid.signals.spectra import ComplexArray, coherent_fraction
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
 
-_LAGS = ("lag", "lag of the clock")
+_LAGS = ("lag", "lag of the run")
 """Delays that add up: that of a sensor in all runs, and that of its recorder in one run."""
+
+_GAINS = ("gain", "gain of the run")
+"""Gains that multiply: that of a sensor in all runs, and its departure in one run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +170,7 @@ class DrivenRun:
         error_level: size of the errors of this run relative to the others, for a wrong model. They are weighted by its
             inverse, so that no run dominates the others by its strength.
         number: number of the run in the study: clocks of recorders are known run by run.
-        n_travels: number of the last columns on the body that are travels, in the unit of `TRAVEL_PER_S2`.
+        n_strut: number of the last columns on the body that read a strut itself, its travel or its force.
         drive_step_m_per_s2: rms step of an unmeasured drive from sample to sample of these arrays, a random walk that
             begins at zero, m/s^2; `unsprung` is then derived from the travel and drives only the free motion. 0 for a
             measured drive.
@@ -184,7 +188,7 @@ class DrivenRun:
     settings: RunSettings
     error_level: float = 1.0
     number: int = 0
-    n_travels: int = 0
+    n_strut: int = 0
     drive_step_m_per_s2: float = 0.0
     after_middle_s: float = 0.0
     # stored results for these records
@@ -343,7 +347,7 @@ class DrivenRun:
         for fault in sensors.faults:
             if fault.side == side and fault.run in (None, self.number):
                 what = f"leak {fault.leak}" if fault.kind == "leak" else fault.kind
-                what = "lag of the clock" if what == "lag" and fault.run is not None else what
+                what = f"{what} of the run" if what in ("lag", "gain") and fault.run is not None else what
                 mine.setdefault(fault.channel, {})[what] = (fault.name, fault.leak)
         facts = sensors.facts(side)
         touched = sorted({*mine, *(k for k, each in enumerate(facts) if each.corner_hz)})
@@ -367,7 +371,8 @@ class DrivenRun:
         faults: Mapping[str, float],
     ) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return one corrected channel, and its derivatives by its own faults."""
-        gain = faults[own["gain"][0]] if "gain" in own else 1.0
+        gains = {what: faults[own[what][0]] for what in _GAINS if what in own}
+        gain = math.prod(gains.values())
         lag_s = sum(faults[own[what][0]] for what in _LAGS if what in own)
         drift = faults[own["drift"][0]] if "drift" in own else 0.0
         omega_c = 2 * np.pi * (faults[own["corner"][0]] if "corner" in own else corner_hz)
@@ -387,8 +392,7 @@ class DrivenRun:
         value, by = total(), {}
         for what, leak in leaking.items():
             by[what] = -undo_coupling(leak) / gain
-        if "gain" in own:
-            by["gain"] = -value / gain
+        by |= {what: -value / each for what, each in gains.items()}
         if "corner" in own:
             integral = self._sample_part(side, signal_of, 1, lag_s, drift, 0)
             for what, leak in leaking.items():
@@ -474,7 +478,7 @@ def driven_run(
     leaks: ArrayLike | None = None,
     band_hz: tuple[float, float] | None = None,
     number: int = 0,
-    n_travels: int = 0,
+    n_strut: int = 0,
     is_driven: bool = True,
     settings: RunSettings | None = None,
 ) -> DrivenRun:
@@ -490,7 +494,8 @@ def driven_run(
         leaks: (n, n_leaks) further axes that leak into the sensors, m/s^2.
         band_hz: lowest and highest line to compare, Hz, cut at 0.4 fs; that of the settings if left out.
         number: number of the run in the study.
-        n_travels: number of the last columns of `sprung` that are travels, times `TRAVEL_PER_S2`.
+        n_strut: number of the last columns of `sprung` that read a strut itself: a travel or a force, scaled to the
+            size of an acceleration.
         is_driven: whether `unsprung` was measured; otherwise it was derived from a travel that is read on the body, and
             the drive of the model is a random walk.
         settings: how runs are prepared.
@@ -519,7 +524,7 @@ def driven_run(
         stride=1,
         settings=settings,
         number=number,
-        n_travels=n_travels,
+        n_strut=n_strut,
         drive_step_m_per_s2=step,
         after_middle_s=-0.5 * len(lower) / fs,
     )

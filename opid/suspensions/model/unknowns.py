@@ -29,7 +29,7 @@ from opid.mechanics.weight import (
 )
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.model.body import Body, Mobility, mobility
+from opid.suspensions.model.body import Body, Mobility, Scale, mobility
 from opid.suspensions.model.law_parameters import free_bounds, from_free, positive
 from opid.suspensions.model.run import Corrected, DrivenRun
 from opid.suspensions.sensor_facts import Fault, Sensors
@@ -180,6 +180,18 @@ class Unknowns:
         return self.mass_free and self.body.prior_mass_kg > 0.0
 
     @property
+    def scales(self) -> tuple[tuple[Scale, int], ...]:
+        """Sensors of a force whose gain gives the mass, if it is fitted, with the index of their gain in the vector."""
+        if not self.mass_free:
+            return ()
+        return tuple(
+            (scale, index)
+            for scale in self.body.scales
+            for index, fault in enumerate(self.faults, start=self.first_fault)
+            if (fault.kind, fault.side, fault.channel, fault.run) == ("gain", "sprung", scale.channel, None)
+        )
+
+    @property
     def own_load(self) -> float:
         """Weight of a body on one suspension without a loading, with its sign; 0 if no weight acts.
 
@@ -258,12 +270,12 @@ class Unknowns:
         first = self.first_fault
         return {fault.name: float(theta[first + k]) for k, fault in enumerate(self.faults)}
 
-    def gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gain of every sensor below the suspensions and on the body."""
+    def gains(self, theta: FloatArray, run: int) -> tuple[FloatArray, FloatArray]:
+        """Return the gain of every sensor below the suspensions and on the body in the run with a number."""
         gains = np.ones(len(self.sensors.unsprung)), np.ones(len(self.sensors.sprung))
         for k, fault in enumerate(self.faults, start=self.first_fault):
-            if fault.kind == "gain":
-                gains[fault.side == "sprung"][fault.channel] = theta[k]
+            if fault.kind == "gain" and fault.run in (None, run):
+                gains[fault.side == "sprung"][fault.channel] *= theta[k]
         return gains
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -484,6 +496,10 @@ def _compare_laws_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: 
         index = unknowns.first_fault - 1
         off = float(theta[index]) * body.prior_mass_kg - 1.0
         add(off, {index: body.prior_mass_kg}, body.prior_tolerance_kg / body.prior_mass_kg)
+    for scale, gain in unknowns.scales:
+        index = unknowns.first_fault - 1
+        mass_kg, mu = scale.kg * float(theta[gain]), float(theta[index])
+        add(mu * mass_kg - 1.0, {index: mass_kg, gain: mu * scale.kg}, scale.tolerance)
     return np.array(left), np.array(rows).reshape(-1, theta.size)
 
 

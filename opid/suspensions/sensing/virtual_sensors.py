@@ -327,8 +327,8 @@ def _add_unmeasured(model: Model, theta: FloatArray, settings: SensingSettings) 
             likely = -float(np.sum(0.5 * prediction.innovation[seen] ** 2 + np.log(prediction.spread[seen])))
             if likely > highest:
                 likeliest, highest = trial, likely
-    rms, n_travels = likeliest.process.acceleration_rms(model.runs[0]), model.runs[0].n_travels
-    return likeliest, float(np.sqrt(np.mean(rms[: rms.size - n_travels] ** 2)))
+    rms, n_strut = likeliest.process.acceleration_rms(model.runs[0]), model.runs[0].n_strut
+    return likeliest, float(np.sqrt(np.mean(rms[: rms.size - n_strut] ** 2)))
 
 
 # ---- the band --------------------------------------------------------------------------------------
@@ -532,10 +532,9 @@ def _make_record(part: _Part, theta: FloatArray) -> DrivenRecord:
         means = [_find_mean(column, run.fs) for column in side.T]
         side -= [0.0 if each.corner_hz else mean for each, (mean, _) in zip(facts, means, strict=True)]
         stds.append(np.array([coupled if each.corner_hz else std for each, (_, std) in zip(facts, means, strict=True)]))
-    n_travels = 0 if model.body.of_travel is None else int(model.body.of_travel.any(axis=1).sum())
-    if n_travels:
-        # A sensor of the travel has a zero of its own.
-        stds[1][-n_travels:] = measured[:, -n_travels:].std(axis=0)
+    if run.n_strut:
+        # A sensor of a travel or a force has a zero of its own.
+        stds[1][-run.n_strut :] = measured[:, -run.n_strut :].std(axis=0)
     if run.drive_step_m_per_s2:
         noise, stds[0] = replace(noise, drive=_UNMEASURED_M_PER_S2, drive_walk=0.0), np.ones(n)
     return DrivenRecord(

@@ -1,0 +1,192 @@
+"""A sensor of the force in the strut: a load cell whose gain gives the mass, or a strain gauge of unknown gain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import opid
+from opid.signals.logs import write_log
+from opid.signals.recording import Channel, Recording
+from opid.suspensions.sensing.settings import SensingSettings
+from opid.suspensions.sensing.virtual_sensors import sense
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
+
+GEAR, REMOVED_KG, NOISE_N = LandingGear(), 220.0, 10.0
+TRUE_KG = GEAR.sprung_mass_kg
+HEAD = '[channels]\nsprung = "upper_z"\nunsprung = "lower_z"\n'
+FORCE = HEAD + '[channels.force]\nchannel = "load"\n'
+STRAIN = FORCE + 'quantity = "strain"\n'
+
+
+@pytest.fixture(scope="module")
+def taxi_runs():
+    """Two virtual taxi runs, and the noise of a load cell in each, N."""
+    rng = np.random.default_rng(11)
+    test = taxi_test(GEAR, rng=rng, duration_s=24.0, fs=256.0, mass_removed_kg=REMOVED_KG)
+    return test, [NOISE_N * rng.standard_normal(run.recording.n_samples) for run in test.runs]
+
+
+def write(directory, taxi_runs, channels, *, gains=(1.0, 1.0), damping=1.0, unit="N", n_runs=2, head=""):
+    """Write logs with the force in the strut, and the study file with some [channels]; return its path.
+
+    `damping` is the part of the damper's force that the sensor carries.
+    """
+    test, noises = taxi_runs
+    tables = ""
+    several = zip(test.runs, noises, ("heavy", "light"), (0.0, -REMOVED_KG), gains, strict=True)
+    for run, noise, name, change, gain in [*several][:n_runs]:
+        z, v = run.truth.channel("travel"), run.truth.channel("travel_velocity")
+        force = GEAR.suspension_stiffness_n_per_m * z + damping * GEAR.suspension_damping_n_s_per_m * v
+        load = -force - GEAR.law.force(z, v) + noise
+        columns = [run.recording.channel("lower_z"), run.recording.channel("upper_z"), gain * load]
+        units = {"lower_z": "m/s^2", "upper_z": "m/s^2", "load": unit}
+        whole = Recording(np.stack(columns, axis=1), run.recording.fs, tuple(Channel(*each) for each in units.items()))
+        write_log(whole, directory / f"{name}.csv")
+        tables += f'[[runs]]\nname = "{name}"\nlog = "{name}.csv"\nmass_change_kg = {change}\nstart_s = 0\n'
+    (directory / "study.toml").write_text(head + channels + tables)
+    return directory / "study.toml"
+
+
+def identify(path, **options):
+    return opid.identify(opid.read_study(path), law="arctan_velocity", **options)
+
+
+def assert_holds(result):
+    estimate = result.parameters.sprung_mass_kg
+    assert abs(estimate.value - TRUE_KG) < 3 * estimate.std
+    return estimate
+
+
+def test_a_load_cell_gives_the_mass_from_one_run(tmp_path, taxi_runs):
+    result = identify(write(tmp_path, taxi_runs, FORCE, n_runs=1))
+    assert 0.013 * TRUE_KG < assert_holds(result).std < 0.016 * TRUE_KG
+    text = " ".join(opid.text(result).split())
+    assert "from accelerations and the force in the strut" in text
+    assert "by the force in the strut; a gain that is known better would narrow the interval" in text
+    assert abs(result.parameters.suspension_stiffness_n_per_m.value / 3.9e5 - 1) < 0.02
+    (tmp_path / "calibrated").mkdir()
+    better = FORCE + "gain_tolerance = 0.003\n" + "[sensors.sprung]\ngain_tolerance = 0.003\n"
+    calibrated = identify(write(tmp_path / "calibrated", taxi_runs, better, n_runs=1))
+    assert assert_holds(calibrated).std < 0.006 * TRUE_KG
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(3e-7, "1"), (2.0, "V"), (1.0, "N")])
+def test_a_strain_gauge_compares_the_masses_of_the_runs(tmp_path, taxi_runs, factor, unit):
+    """Its gain is unknown but the same in both runs, so that it tells the ratio of the masses, whatever the springs."""
+    result = identify(write(tmp_path, taxi_runs, STRAIN, gains=(factor, factor), unit=unit))
+    (tmp_path / "without").mkdir()
+    without = identify(write(tmp_path / "without", taxi_runs, HEAD))
+    assert assert_holds(result).std < 0.9 * without.parameters.sprung_mass_kg.std
+    gain = result.evidence[0].gains_of_forces["force"]
+    assert abs(gain.value - factor) < 3 * gain.std
+    assert gain.std < 0.03 * factor
+
+
+def test_a_strain_gauge_gives_no_mass_from_one_run(tmp_path, taxi_runs):
+    result = identify(write(tmp_path, taxi_runs, STRAIN, n_runs=1))
+    assert "one run gives ratios to the mass alone" in result.not_determined
+    assert result.ratios.natural_frequency_hz.value == pytest.approx(2.31, abs=0.02)
+    assert not result.evidence[0].gains_of_forces
+
+
+@pytest.mark.parametrize("gains", [(1.0, 1.005), (1.0, 0.996)])
+def test_a_gain_that_differs_between_the_runs_is_within_the_interval(tmp_path, taxi_runs, gains):
+    """Half a per cent of gain passes for four of mass: the gain is not taken to be the same."""
+    for channels in (STRAIN, FORCE):
+        (tmp_path / channels[-4:-1]).mkdir()
+        assert_holds(identify(write(tmp_path / channels[-4:-1], taxi_runs, channels, gains=gains)))
+
+
+@pytest.mark.parametrize("gain", [1.1, 1 / 4.448])
+def test_a_gain_that_the_change_of_mass_contradicts_is_not_used(tmp_path, taxi_runs, gain):
+    result = identify(write(tmp_path, taxi_runs, FORCE, gains=(gain, gain)))
+    assert_holds(result)
+    assert any(
+        "the force (channel 'force') contradicts the changes of mass, and is not used" in each
+        for each in result.warnings
+    )
+    found = result.evidence[0].gains_of_forces["force"]
+    assert abs(found.value - gain) < 3 * found.std
+
+
+@pytest.mark.parametrize("channels", [FORCE, STRAIN])
+@pytest.mark.parametrize("n_runs", [1, 2])
+def test_a_sensor_beside_the_damper_gives_no_mass(tmp_path, taxi_runs, channels, n_runs):
+    """A load cell at the spring does not carry the force of the damper."""
+    result = identify(write(tmp_path, taxi_runs, channels, damping=0.0, n_runs=n_runs))
+    assert result.parameters.sprung_mass_kg.value is None
+    assert result.not_determined
+
+
+@pytest.mark.parametrize(
+    ("channels", "options", "words"),
+    [
+        (FORCE, {"gains": (-1.0, -1.0)}, "falls as the body above is pushed .* give it sign = -1"),
+        (FORCE, {"unit": "V"}, "its quantity is 'force' and its unit is V|channel 'force' is in V: give a force in N"),
+        (STRAIN + "gain_tolerance = 0.1\n", {}, "is a strain, whose gain nobody knows, and has a gain_tolerance"),
+        (FORCE + 'quantity = "travel"\n', {}, "has the quantity 'travel'"),
+        (FORCE + "corner_hz = 0.1\n", {}, "reads a force and states corner_hz, which is that of another sensor"),
+        (FORCE + "noise_m = 0.1\n", {}, "states noise_m, which is that of another sensor"),
+        (
+            '[channels]\nunsprung = "lower_z"\n[channels.sprung]\nchannel = "load"\nquantity = "force"\n',
+            {},
+            "reads a force and stands for an acceleration: name it as the channel force",
+        ),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path, taxi_runs, channels, options, words):
+    with pytest.raises(opid.InputError, match=words):
+        opid.read_study(write(tmp_path, taxi_runs, channels, **options))
+
+
+def test_a_channel_that_is_no_force_of_the_strut_is_refused(tmp_path, taxi_runs):
+    study = opid.read_study(write(tmp_path, taxi_runs, FORCE))
+    run = study.runs[0]
+    samples = run.recording.samples.copy()
+    samples[:, run.recording.index("force")] = np.random.default_rng(0).standard_normal(len(samples))
+    with pytest.raises(opid.InputError, match="is hardly the force in this strut"):
+        replace(study, runs=(replace(run, recording=replace(run.recording, samples=samples)), study.runs[1]))
+
+
+@pytest.mark.parametrize("channels", [FORCE + "gain_tolerance = 0.02\n", STRAIN + "gain_repeatability = 0.01\n"])
+def test_a_study_with_a_force_is_written_and_read_back(tmp_path, taxi_runs, channels):
+    study = opid.read_study(write(tmp_path, taxi_runs, channels))
+    (tmp_path / "again").mkdir()
+    opid.write_study(study, tmp_path / "again" / "study.toml")
+    again = opid.read_study(tmp_path / "again" / "study.toml")
+    assert again.interfaces[0].force == replace(study.interfaces[0].force, channel=again.forces[0].channel)
+    one, other = (each.runs[0].recording.channel(each.forces[0].channel) for each in (study, again))
+    np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize("channels", [FORCE, STRAIN])
+def test_derivatives_of_the_model_are_those_of_differences(tmp_path, taxi_runs, channels):
+    """Up to those of the gain of the filter, which prediction errors multiply."""
+    fit = identify(write(tmp_path, taxi_runs, channels)).evidence[0].fit
+    assert len(fit.model.scales) == (channels == FORCE)
+    exact = fit.model.evaluate(fit.theta).jacobian
+    for index, step in enumerate(1e-6 * np.maximum(np.abs(fit.theta), 1e-3)):
+        ahead, behind = fit.theta.copy(), fit.theta.copy()
+        ahead[index] += step
+        behind[index] -= step
+        stacked = [fit.model.evaluate(each, sensitivity=False).stacked for each in (ahead, behind)]
+        slope = (stacked[0] - stacked[1]) / (2 * step)
+        assert np.linalg.norm(exact[:, index] - slope) < 0.1 * np.linalg.norm(slope), fit.model.names[index]
+
+
+def test_a_force_is_sensed(tmp_path, taxi_runs):
+    study = opid.read_study(write(tmp_path, taxi_runs, FORCE))
+    found = sense(study, identify(study.source), "heavy", settings=SensingSettings(n_draws=40))
+    assert np.isfinite(found.sensor("strut_force").std).all()
+    travel = found.sensor("travel").value
+    error = travel - taxi_runs[0].runs[0].truth.channel("travel")[: travel.size]
+    assert np.std(error) < 5e-4
+
+
+def test_forces_need_the_springs_that_they_measure(tmp_path, taxi_runs):
+    """No spring to the ground is tried beside a force, because its sensor would not carry it."""
+    result = identify(write(tmp_path, taxi_runs, FORCE))
+    assert not result.evidence[0].fit.model.ground
+    assert result.parameters.ground_stiffness_n_per_m.value in (None, 0.0)
