@@ -10,8 +10,10 @@ from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
+from opid.suspensions.study import PointMass
+from opid.virtual.taxi_tests.aircraft import default_aircraft
 from opid.virtual.taxi_tests.airframe import LandingGear
-from opid.virtual.taxi_tests.taxiing import taxi_test
+from opid.virtual.taxi_tests.taxiing import taxi_study, taxi_test
 
 GEAR, REMOVED_KG, NOISE_N = LandingGear(), 220.0, 10.0
 TRUE_KG = GEAR.sprung_mass_kg
@@ -190,3 +192,84 @@ def test_forces_need_the_springs_that_they_measure(tmp_path, taxi_runs):
     result = identify(write(tmp_path, taxi_runs, FORCE))
     assert not result.evidence[0].fit.model.ground
     assert result.parameters.ground_stiffness_n_per_m.value in (None, 0.0)
+
+
+# ---- a body on several gears ------------------------------------------------------------------------
+
+NAMES = ("nose", "left", "right")
+TRAVELS_ALONE = '[channels.{0}_lower_z]\nchannel = "{0}_pot"\nquantity = "travel"\n'
+FORCES = "[channels.{0}_load]\ngain_tolerance = 0.003\n[channels.{0}_upper_z]\ngain_tolerance = 0.003\n"
+
+
+def write_aircraft(directory, interfaces, tables, *, n_runs=2):
+    """Simulate an aircraft on three gears with potentiometers and load cells, and write its study; return its path."""
+    rng = np.random.default_rng(4)
+    aircraft = default_aircraft()
+    test = taxi_test(aircraft, rng=rng, duration_s=14.0, fs=256.0, loadings=[[PointMass(500.0, -1.0, 0.2)]])
+    study = taxi_study(test, title="Three struts")
+    text = '[structure]\nkind = "rigid_body"\n'
+    for each in study.interfaces:
+        text += f'[[interfaces]]\nname = "{each.name}"\nx_m = {each.x_m}\ny_m = {each.y_m}\n'
+        text += f'sprung = "{each.sprung}"\nunsprung = "{each.unsprung}"\n' + interfaces.format(each.name)
+    text += "".join(tables.format(name) for name in NAMES)
+    for run, made in [*zip(study.runs, test.runs, strict=True)][:n_runs]:
+        recording = run.recording
+        columns, channels = [*recording.samples.T], [*recording.channels]
+        for name, gear in zip(NAMES, aircraft.gears, strict=True):
+            z, v = made.truth.channel(f"{name}_travel"), made.truth.channel(f"{name}_travel_velocity")
+            load = -gear.suspension_stiffness_n_per_m * z - gear.suspension_damping_n_s_per_m * v - gear.law.force(z, v)
+            columns += [z + 1e-4 * rng.standard_normal(z.size), load + 20 * rng.standard_normal(z.size)]
+            channels += [Channel(f"{name}_pot", "m"), Channel(f"{name}_load", "N")]
+        write_log(Recording(np.stack(columns, axis=1), recording.fs, tuple(channels)), directory / f"{run.name}.csv")
+        loading = [[each.mass_kg, each.x_m, each.y_m] for each in run.masses]
+        text += f'[[runs]]\nname = "{run.name}"\nlog = "{run.name}.csv"\nstart_s = 0\nloading = {loading}\n'
+    (directory / "study.toml").write_text(text)
+    return directory / "study.toml"
+
+
+@pytest.mark.parametrize(
+    ("interfaces", "tables", "n_runs"),
+    [
+        ("", TRAVELS_ALONE, 2),
+        ('travel = "{0}_pot"\n', "", 2),
+        ('force = "{0}_load"\n', FORCES, 1),
+    ],
+    ids=["travels alone", "travels beside", "load cells, one run"],
+)
+def test_struts_of_an_aircraft_are_read(tmp_path, interfaces, tables, n_runs):
+    study = opid.read_study(write_aircraft(tmp_path, interfaces, tables, n_runs=n_runs))
+    assert len(study.strut_sensors) == 3
+    result = opid.identify(study, law="arctan_velocity")
+    mass = result.parameters.sprung_mass_kg
+    assert abs(mass.value - 5400.0) < 3 * mass.std
+    assert mass.std < 0.012 * 5400
+    for interface, gear in zip(result.interfaces, default_aircraft().gears, strict=True):
+        estimate = interface.stiffness
+        assert abs(estimate.value - gear.suspension_stiffness_n_per_m) < 3.5 * estimate.std
+
+
+@pytest.mark.parametrize(("interfaces", "tables"), [("", TRAVELS_ALONE), ('force = "{0}_load"\n', FORCES)])
+def test_an_aircraft_with_sensors_of_struts_is_written_and_read_back(tmp_path, interfaces, tables):
+    study = opid.read_study(write_aircraft(tmp_path, interfaces, tables))
+    (tmp_path / "again").mkdir()
+    opid.write_study(study, tmp_path / "again" / "study.toml")
+    again = opid.read_study(tmp_path / "again" / "study.toml")
+    assert again.is_driven == study.is_driven
+    for side in ("unsprung", "sprung"):
+        for one, other in zip(study.channels(side), again.channels(side), strict=True):
+            first, second = (each.runs[0].recording.channel(name) for each, name in ((study, one), (again, other)))
+            np.testing.assert_allclose(first, second, rtol=1e-5, atol=1e-4)
+
+
+def test_travels_stand_for_all_sensors_below_or_for_none(tmp_path):
+    path = write_aircraft(tmp_path, "", "")
+    path.write_text(path.read_text() + TRAVELS_ALONE.format("nose"))
+    with pytest.raises(opid.InputError, match="give travels in the place of all of them, or of none"):
+        opid.read_study(path)
+
+
+def test_a_pair_with_sensors_of_struts_is_not_averaged(tmp_path):
+    path = write_aircraft(tmp_path, 'travel = "{0}_pot"\n', "")
+    path.write_text(path.read_text().replace("rigid_body", "pair"))
+    result = opid.identify(opid.read_study(path), law="arctan_velocity")
+    assert any("that of no gear" in each.why for each in result.candidates)

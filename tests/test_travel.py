@@ -263,3 +263,53 @@ def test_velocities_are_differentiated(tmp_path, test_runs):
     result = opid.identify(study, law="arctan_velocity")
     assert result.runs[0].frequency_hz[-1] <= study.runs[0].highest_hz
     assert_holds(result)
+
+
+# ---- the pressure of the gas ------------------------------------------------------------------------
+
+GAS = 'channel = "pot"\nquantity = "pressure"\ngas_length_m = 0.3\n'
+GAS_ALONE = '[channels]\nsprung = "upper_z"\n[channels.unsprung]\n' + GAS
+GAS_BESIDE = '[channels]\nsprung = "upper_z"\nunsprung = "lower_z"\n[channels.travel]\n' + GAS
+
+
+def write_pressures(directory, test_runs, channels, *, exponent=1.2, length_m=0.3, warmer=1.0, outside_pa=0.0):
+    """Write logs with the pressure of gas in the strut, and their study; return its path."""
+    path = write(directory, test_runs, channels, noise_m=0.0)
+    for run, noise, name, factor in zip(
+        test_runs[0].runs, test_runs[1], ("heavy", "light"), (1.0, warmer), strict=True
+    ):
+        log = opid.read_log(directory / f"{name}.csv")
+        pressure = 2e6 * factor * (1 + run.truth.channel("travel") / length_m) ** -exponent + 1e3 * noise
+        samples = np.column_stack([log.samples[:, :2], pressure - outside_pa])
+        channels = (*log.channels[:2], Channel("pot", "Pa"))
+        write_log(Recording(samples, log.fs, channels), directory / f"{name}.csv")
+    return path
+
+
+@pytest.mark.parametrize(
+    "world",
+    [{}, {"exponent": 1.1}, {"length_m": 0.33}, {"warmer": 1.033}],
+    ids=["as stated", "another exponent", "more gas", "10 K warmer"],
+)
+@pytest.mark.parametrize("channels", [GAS_ALONE, GAS_BESIDE], ids=["alone", "beside"])
+def test_intervals_hold_where_the_gas_is_another(tmp_path, test_runs, channels, world):
+    """Ten kelvin between the runs look like a quarter of the mass if the pressure stands for the sensor below."""
+    result = identify(write_pressures(tmp_path, test_runs, channels, **world))
+    mass, stiffness = assert_holds(result), result.parameters.suspension_stiffness_n_per_m
+    assert abs(stiffness.value - 3.9e5) < 3 * stiffness.std
+    assert (mass.std > 0.05 * TRUE_KG) == (channels == GAS_ALONE)
+
+
+@pytest.mark.parametrize(
+    ("channels", "options", "words"),
+    [
+        (GAS_BESIDE, {"outside_pa": 2e6}, "absolute pressures are positive: give offset = 101325"),
+        (GAS_BESIDE.replace("gas_length_m = 0.3\n", ""), {}, "gas_length_m is missing: give the length of the gas"),
+        (GAS_BESIDE.replace("0.3", "-0.3"), {}, "gas_length_m is -0.3: give a positive number"),
+        (BOTH + "gas_length_m = 0.3\n", {}, "gas_length_m is given, which belongs to quantity = 'pressure'"),
+        (GAS_BESIDE + 'unit = "m"\n', {}, "its quantity is 'pressure' and its unit is m|another unit|states"),
+    ],
+)
+def test_bad_pressures_are_refused(tmp_path, test_runs, channels, options, words):
+    with pytest.raises(opid.InputError, match=words):
+        opid.read_study(write_pressures(tmp_path, test_runs, channels, **options))

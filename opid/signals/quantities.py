@@ -17,10 +17,10 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import coherent_fraction, noise_floor
 
-Quantity = Literal["acceleration", "velocity", "displacement", "travel", "force", "strain"]
+Quantity = Literal["acceleration", "velocity", "displacement", "travel", "pressure", "force", "strain"]
 """What a sensor reads: motion against the ground, how far a suspension is extended, or the force in its strut.
 
-A strain is a force whose gain nobody knows, in any unit.
+The pressure of the gas in a strut tells how far it is extended. A strain is a force of unknown gain, in any unit.
 """
 
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
@@ -30,6 +30,7 @@ UNITS: dict[Quantity, str] = {
     "velocity": "m/s",
     "displacement": "m",
     "travel": "m",
+    "pressure": "Pa",
     "force": "N",
 }
 """SI unit of each quantity that has one."""
@@ -202,6 +203,32 @@ def acceleration_below(travel: ArrayLike, sprung: ArrayLike, *, fs: float) -> Fl
     highest_hz = highest_useful_hz(travel, fs=fs)
     above = accelerate(sprung, fs=fs, n_derivatives=0, highest_hz=highest_hz)
     return above - accelerate(travel, fs=fs, n_derivatives=2, highest_hz=highest_hz)
+
+
+def travel_of_gas(pressure_pa: ArrayLike, *, rest_pa: float, length_m: float, exponent: float) -> FloatArray:
+    """Return how far a strut is extended, from the pressure of its gas: L ((p0 / p)^(1/n) - 1).
+
+    A polytropic process has p V^n constant, and the volume of the gas is its piston area times its length.
+
+    Args:
+        pressure_pa: (n,) absolute pressure, Pa.
+        rest_pa: absolute pressure p0 where the travel is zero, Pa.
+        length_m: length L of the gas there, its volume over the piston area, m.
+        exponent: polytropic exponent n: 1 for slow motion, up to 1.4 for quick motion.
+
+    Raises:
+        InputError: a pressure that is not positive.
+
+    >>> travel_of_gas([2e6, 1e6], rest_pa=2e6, length_m=0.25, exponent=1.0)
+    array([0.  , 0.25])
+    """
+    pressure = np.asarray(pressure_pa, dtype=np.float64)
+    if not (pressure.min() > 0.0 and rest_pa > 0.0):
+        raise InputError(
+            f"its lowest pressure is {pressure.min():.3g} Pa, and absolute pressures are positive: give offset = "
+            "101325 if the sensor reads the difference from the air outside"
+        )
+    return np.asarray(length_m * ((rest_pa / pressure) ** (1.0 / exponent) - 1.0))
 
 
 def check_travel(travel: ArrayLike, sprung: ArrayLike, *, fs: float, settings: QuantitySettings = DEFAULTS) -> None:

@@ -116,7 +116,7 @@ def _differentiate(recording: Recording, channel: str, quantity: Quantity, highe
     words = f"{channel}: {what} {highest_hz:.3g} Hz, where the noisiest channel sinks into its noise"
     # A travel and a force have a static part.
     mean = 0.0 if quantity in MOTIONS else samples.mean()
-    return _with_channel(recording, channel, found + mean, words, "m/s^2" if n_derivatives else recording.unit(channel))
+    return with_channel(recording, channel, found + mean, words, "m/s^2" if n_derivatives else recording.unit(channel))
 
 
 def _derive_below(recording: Recording, channel: str, sprung: str) -> Recording:
@@ -128,7 +128,7 @@ def _derive_below(recording: Recording, channel: str, sprung: str) -> Recording:
         raise InputError(f"the channel {sprung!r} on the body is in {recording.unit(sprung)}: give an acceleration")
     check_travel(travel, above, fs=fs)
     words = f"{channel}: a travel; the acceleration below is that above less its second derivative"
-    changed = _with_channel(recording, channel, acceleration_below(travel, above, fs=fs), words)
+    changed = with_channel(recording, channel, acceleration_below(travel, above, fs=fs), words)
     return replace(
         changed,
         samples=np.column_stack([changed.samples, travel]),
@@ -141,7 +141,7 @@ def _rename(match: ClockMatch, channel: str) -> ClockMatch:
     return replace(match, channels=tuple(name_travel(each) if each == channel else each for each in match.channels))
 
 
-def _with_channel(recording: Recording, channel: str, values: np.ndarray, words: str, unit: str = "m/s^2") -> Recording:
+def with_channel(recording: Recording, channel: str, values: np.ndarray, words: str, unit: str = "m/s^2") -> Recording:
     """Return the recording with other samples in the place of a channel."""
     samples, index = recording.samples.copy(), recording.index(channel)
     samples[:, index] = values

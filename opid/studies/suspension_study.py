@@ -19,9 +19,9 @@ from opid.progress import Say
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.signals.quantities import Quantity
+from opid.signals.quantities import Quantity, quantity_of, travel_of_gas
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
-from opid.studies.quantities import convert_run, differentiated_noises, name_travel
+from opid.studies.quantities import convert_run, differentiated_noises, name_travel, with_channel
 from opid.studies.run_files import (
     CHANNEL,
     ChannelTable,
@@ -81,11 +81,17 @@ FACTS_OF_RUN = ("weighed_mass_kg", "weighed_tolerance_kg", "speed_m_per_s")
 MOST_TILT_DEG = 30.0
 """The largest standard deviation of a vertical: with more of it nothing is known."""
 
-FACTS = (*(each.name for each in fields(SensorFacts)), "quantity", "noise_m")
+FACTS = (*(each.name for each in fields(SensorFacts)), "quantity", "noise_m", "gas_length_m", "gas_exponent")
 STRUT_SENSORS = ("travel", "force")
 """Names of the channels of a gear that read its strut beside the sensors on either side."""
 
-AS_TRAVEL: tuple[Quantity | None, ...] = (None, "travel")
+GAS_EXPONENT = 1.2
+"""Usual polytropic exponent of the gas in a strut: between that of slow and that of quick motion."""
+
+USUAL_OF_GAS: dict[str, Any] = {"gain_tolerance": 0.05, "gain_repeatability": 0.02}
+"""What is known of a travel by a pressure: a drawing tells the length of the gas, and 6 K change it by 2 %."""
+
+AS_TRAVEL: tuple[Quantity | None, ...] = (None, "travel", "pressure")
 AS_FORCE: tuple[Quantity | None, ...] = (None, "force", "strain")
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
@@ -98,6 +104,8 @@ OF_ONE_GEAR = "which belongs to one gear: give it in each table [[interfaces]]"
 class _Channel(SensorFacts, ChannelTable):
     quantity: Quantity | None = None
     noise_m: float | None = None
+    gas_length_m: float | None = None
+    gas_exponent: float = GAS_EXPONENT
     axes: tuple[str, ...] = ()
     gyroscope: tuple[str, ...] = ()
     vertical: Annotated[tuple[float, ...], "a list of three numbers, the upward direction in the axes"] = ()
@@ -110,6 +118,17 @@ class _Channel(SensorFacts, ChannelTable):
             raise InputError("noise_m is given, which belongs to a travel: give quantity = 'travel', or leave it out")
         if self.noise_m is not None and self.noise_m_per_s2 is not None:
             raise InputError("noise_m and noise_m_per_s2 are given: give the noise of a travel by noise_m alone")
+        for name in ("gas_length_m", "gas_exponent"):
+            value = getattr(self, name)
+            if name in self.given and self.quantity != "pressure":
+                raise InputError(f"{name} is given, which belongs to quantity = 'pressure': leave it out")
+            if value is not None and not 0.0 < value < math.inf:
+                raise InputError(f"{name} is {value:g}: give a positive number")
+        if self.quantity == "pressure" and self.gas_length_m is None:
+            raise InputError(
+                "quantity is 'pressure' and gas_length_m is missing: give the length of the gas at rest in m, its "
+                "volume over the piston area"
+            )
         for name in ("axes", "gyroscope"):
             given = getattr(self, name)
             if given and len(set(given)) != 3:
@@ -527,48 +546,81 @@ def _read_other_quantities(
     study: _Body, runs: Sequence[Run], interfaces: tuple[MeasuredInterface, ...]
 ) -> tuple[list[Run], tuple[MeasuredInterface, ...]]:
     """Return runs whose sensors all read accelerations, and the interfaces with the sensors of their struts."""
-
-    def find_table(channel: str) -> _Channel:
-        return tabulate_channel(_Channel, channel, study.channels.get(channel, channel))
-
-    stated = {channel: find_table(channel).quantity for channel in study.sensor_channels}
     if not interfaces:
         return list(runs), interfaces  # The study says that there are none.
-    _require_places(study, stated)
-    above = {
-        channel: each.sprung
-        for each in study.interfaces
-        for channel in (each.travel, each.unsprung if stated[each.unsprung] == "travel" else "")
-        if channel
+    tables = {
+        channel: tabulate_channel(_Channel, channel, study.channels.get(channel, channel))
+        for channel in (*study.sensor_channels, *study.strut_channels)
     }
+    gases = {channel: table for channel, table in tables.items() if table.quantity == "pressure"}
+    stated: dict[str, Quantity | None] = {
+        channel: "travel" if channel in gases else tables[channel].quantity for channel in study.sensor_channels
+    }
+    _require_places(study, stated)
+    for channel, table in gases.items():
+        runs = _read_travel_of_gas(runs, channel, table)
+    alone = [each.unsprung for each in study.interfaces if stated[each.unsprung] == "travel"]
+    above = {each.travel: each.sprung for each in study.interfaces if each.travel}
+    above |= {each.unsprung: each.sprung for each in study.interfaces if each.unsprung in alone}
     forces = [each.force for each in study.interfaces if each.force]
     converted = [convert_run(run, stated, above=above, forces=forces) for run in runs]
+    _require_one_clock(runs if alone else ())
     noises = differentiated_noises(runs, stated)
     found = []
-    for table, interface in zip(study.interfaces, interfaces, strict=True):
-        is_alone, changed = stated[table.unsprung] == "travel", _with_noises(interface, noises)
-        if is_alone or table.travel:
-            name = table.unsprung if is_alone else table.travel
-            known = ("noise_m", "gain_tolerance", "lag_tolerance_s")
-            _, given = _read_facts(name, find_table(name), AS_TRAVEL, known)
-            _require_one_clock(runs if is_alone else ())
-            channel = name_travel(name) if is_alone else name
-            changed = replace(changed, travel=TravelSensor(channel, is_alone=is_alone, **given))
-        if is_alone:
-            changed = replace(changed, facts=replace(changed.facts, unsprung=IDEAL))
-        if table.force:
-            known = ("gain_tolerance", "gain_repeatability", "lag_tolerance_s")
-            facts, given = _read_facts(table.force, find_table(table.force), AS_FORCE, known)
-            if facts.quantity == "strain":
-                if "gain_tolerance" in given:
-                    raise InputError(
-                        f"[channels.{table.force}] is a strain, whose gain nobody knows, and has a gain_tolerance: "
-                        "leave it out, or give the force in N"
-                    )
-                given["gain_tolerance"] = None
-            changed = replace(changed, force=ForceSensor(table.force, **given))
+    for each, interface in zip(study.interfaces, interfaces, strict=True):
+        changed = _with_noises(interface, noises)
+        if each.unsprung in alone:
+            travel = _find_travel(each.unsprung, tables[each.unsprung], is_alone=True)
+            changed = replace(changed, travel=travel, facts=replace(changed.facts, unsprung=IDEAL))
+        elif each.travel:
+            changed = replace(changed, travel=_find_travel(each.travel, tables[each.travel], is_alone=False))
+        if each.force:
+            changed = replace(changed, force=_find_force(each.force, tables[each.force]))
         found.append(changed)
     return converted, tuple(found)
+
+
+def _find_travel(channel: str, table: _Channel, *, is_alone: bool) -> TravelSensor:
+    """Return the sensor of a travel that a table describes."""
+    known, is_gas = ("noise_m", "gain_tolerance", "gain_repeatability", "lag_tolerance_s"), table.quantity == "pressure"
+    given = _read_facts(channel, table, AS_TRAVEL, (*known, *("gas_length_m", "gas_exponent")[: 2 * is_gas]))
+    facts = (USUAL_OF_GAS if is_gas else {}) | {key: value for key, value in given.items() if key in known}
+    return TravelSensor(name_travel(channel) if is_alone else channel, is_alone=is_alone, **facts)
+
+
+def _find_force(channel: str, table: _Channel) -> ForceSensor:
+    """Return the sensor of a force that a table describes."""
+    given = _read_facts(channel, table, AS_FORCE, ("gain_tolerance", "gain_repeatability", "lag_tolerance_s"))
+    if table.quantity == "strain":
+        if "gain_tolerance" in given:
+            raise InputError(
+                f"[channels.{channel}] is a strain, whose gain nobody knows, and has a gain_tolerance: leave it out, "
+                "or give the force in N"
+            )
+        given["gain_tolerance"] = None
+    return ForceSensor(channel, **given)
+
+
+def _read_travel_of_gas(runs: Sequence[Run], channel: str, table: _Channel) -> list[Run]:
+    """Return runs in which a channel of the gas's pressure has become the travel, which is zero at rest.
+
+    Rest in a run is its mean pressure. The length of the gas is that in the first run without a loading; where another
+    loading compresses the gas, it is shorter in proportion to the pressure, because that lasts.
+    """
+    reference = next((run for run in runs if not run.masses), runs[0])
+    if channel not in reference.recording.names or table.gas_length_m is None:
+        return list(runs)  # The study names the channel that is missing.
+    known_pa, found = float(reference.recording.channel(channel).mean()), []
+    for run in runs:
+        with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
+            quantity_of(run.recording.unit(channel), "pressure")
+            pressure_pa = run.recording.channel(channel)
+            rest_pa = float(pressure_pa.mean())
+            length_m = table.gas_length_m * known_pa / rest_pa
+            travel = travel_of_gas(pressure_pa, rest_pa=rest_pa, length_m=length_m, exponent=table.gas_exponent)
+        words = f"{channel}: the travel by the pressure of {length_m:.4g} m of gas at {rest_pa:.4g} Pa"
+        found.append(replace(run, recording=with_channel(run.recording, channel, travel, words, "m")))
+    return found
 
 
 def _require_places(study: _Body, stated: Mapping[str, Quantity | None]) -> None:
@@ -602,8 +654,8 @@ def _require_places(study: _Body, stated: Mapping[str, Quantity | None]) -> None
 
 def _read_facts(
     name: str, facts: _Channel, quantities: Sequence[Quantity | None], known: Sequence[str]
-) -> tuple[_Channel, dict[str, Any]]:
-    """Return the table of a sensor of a strut, and what it states of the known facts.
+) -> dict[str, Any]:
+    """Return what the table of a sensor of a strut states of the known facts.
 
     Raises:
         InputError: another quantity, or a fact of an accelerometer.
@@ -617,7 +669,7 @@ def _read_facts(
                 f"[channels.{name}] reads a {what} and states {fact}, which is that of another sensor: give "
                 f"{', '.join(known[:-1])} and {known[-1]} alone"
             )
-    return facts, {each: getattr(facts, each) for each in known if each in facts.given}
+    return {each: getattr(facts, each) for each in known if each in facts.given}
 
 
 def _require_one_clock(runs: Sequence[Run]) -> None:

@@ -24,7 +24,7 @@ class SensorFacts:
 
     Args:
         noise_m_per_s2: rms of its white noise, m/s^2; None to estimate it.
-        gain_tolerance: standard deviation of the gain, relative.
+        gain_tolerance: standard deviation of the gain, relative; infinite for a gain of which nothing is known.
         corner_hz: corner of its first-order AC coupling, Hz; 0 for a DC-coupled sensor.
         corner_tolerance: standard deviation of the corner, relative.
         lag_tolerance_s: standard deviation of its delay, s.
@@ -44,12 +44,12 @@ class SensorFacts:
     def __post_init__(self) -> None:
         for name in ("gain_tolerance", "corner_hz", "corner_tolerance", "lag_tolerance_s", "gain_repeatability"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
+            if not (value >= 0.0 and (math.isfinite(value) or name == "gain_tolerance")):
                 raise InputError(f"{name} is {value}: give zero or a positive number")
         if self.noise_m_per_s2 is not None and not (math.isfinite(self.noise_m_per_s2) and self.noise_m_per_s2 > 0.0):
             raise InputError(f"noise_m_per_s2 is {self.noise_m_per_s2}: give a positive number, or leave it out")
         for name in ("gain_tolerance", "corner_tolerance", "gain_repeatability"):
-            if getattr(self, name) > 0.5:
+            if 0.5 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} is {getattr(self, name)}: it is relative, give at most 0.5 (50 %)")
         if self.corner_tolerance and not self.corner_hz:
             raise InputError("corner_tolerance is given without corner_hz: give the nominal corner of the AC coupling")
@@ -91,8 +91,6 @@ USUAL_GAIN_TOLERANCE = 0.01
 USUAL_GAIN_REPEATABILITY = 0.002
 """Standard deviation by which the gain of a force differs from run to run: 10 K move that of a strain gauge so far."""
 
-FREE_GAIN = 0.5
-"""Standard deviation of a gain of which nothing is known but its order of magnitude."""
 
 USUAL_LAG_TOLERANCE_S = 5e-4
 """The same of its delay, s: the filters of two channels of one recorder differ by some tenths of a millisecond."""
@@ -107,6 +105,7 @@ class TravelSensor:
         noise_m: rms of its white noise, m; None to estimate it.
         gain_tolerance: standard deviation of the gain, relative; 0 if the gain is exact.
         lag_tolerance_s: standard deviation of its delay behind the sensor on the body, s; 0 if there is none.
+        gain_repeatability: standard deviation by which the gain differs from run to run, relative.
         is_alone: whether no sensor is below the suspension; the acceleration there is then derived from this sensor.
 
     Raises:
@@ -117,6 +116,7 @@ class TravelSensor:
     noise_m: float | None = None
     gain_tolerance: float = USUAL_GAIN_TOLERANCE
     lag_tolerance_s: float = USUAL_LAG_TOLERANCE_S
+    gain_repeatability: float = 0.0
     is_alone: bool = False
 
     def __post_init__(self) -> None:
@@ -131,6 +131,7 @@ class TravelSensor:
             noise_m_per_s2=None if self.noise_m is None else TRAVEL_PER_S2 * self.noise_m,
             gain_tolerance=self.gain_tolerance,
             lag_tolerance_s=self.lag_tolerance_s,
+            gain_repeatability=self.gain_repeatability,
         )
 
 
@@ -163,7 +164,7 @@ class ForceSensor:
     def facts(self) -> SensorFacts:
         """Facts of the sensor with its readings in m/s^2: their scale follows from the runs, so its gain is free."""
         return SensorFacts(
-            gain_tolerance=FREE_GAIN,
+            gain_tolerance=math.inf,
             gain_repeatability=self.gain_repeatability,
             lag_tolerance_s=self.lag_tolerance_s,
         )

@@ -432,6 +432,7 @@ def _list_sensors(result: Identification) -> Iterator[Table | Paragraph]:
         )
         for fit in (evidence.fit for evidence in result.evidence)
         for fault in fit.model.faults
+        if math.isfinite(fault.std)
     )
     rows += tuple(
         (

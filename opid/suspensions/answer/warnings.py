@@ -308,10 +308,10 @@ def _warn_of_forces(answer: Answer) -> Iterator[str]:
         gain = gains.get(sensor.channel)
         if sensor.gain_tolerance is not None and gain is not None and gain.value is not None and gain.std is not None:
             yield (
-                f"the force (channel {sensor.channel!r}) contradicts the changes of mass, and is not used for the mass: with the "
-                f"mass that follows from these it reads {gain.value:.3g} N for each N, with standard deviation "
-                f"{gain.std:.2g}, and its gain is stated to be right to {100 * sensor.gain_tolerance:.2g} %: check its "
-                "unit, its calibration and the changes of mass"
+                f"the force (channel {sensor.channel!r}) contradicts the changes of mass, and is not used for the "
+                f"mass: with the mass that follows from these it reads {gain.value:.3g} N for each N, with standard "
+                f"deviation {gain.std:.2g}, and its gain is stated to be right to "
+                f"{100 * sensor.gain_tolerance:.2g} %: check its unit, its calibration and the changes of mass"
             )
 
 
