@@ -505,7 +505,7 @@ GEAR_FAULTS = [
     (
         "[channels]",
         "[channels]\nx = {channel = 'upper_x', corner_hz = 1}",
-        r"give it in .*sprung\] or",
+        r"give it in .*unsprung\]",
     ),
     ("title", "date = '1 March'\ntitle", "'date' in the study is '1 March', give a date without quotes"),
     (
