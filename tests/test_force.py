@@ -187,6 +187,17 @@ def test_a_force_is_sensed(tmp_path, taxi_runs):
     assert np.std(error) < 5e-4
 
 
+def test_a_run_is_sensed_with_its_own_gain(tmp_path, taxi_runs):
+    """The gain of the second run is 5 % above that of the first."""
+    channels = STRAIN + "gain_repeatability = 0.05\n"
+    study = opid.read_study(write(tmp_path, taxi_runs, channels, gains=(1.0, 1.05)))
+    result = identify(study.source)
+    for name in ("heavy", "light"):
+        found = sense(study, result, name, settings=SensingSettings(n_draws=20))
+        assert found.over_noise[0] < 1.1
+        assert not found.warnings
+
+
 def test_forces_need_the_springs_that_they_measure(tmp_path, taxi_runs):
     """No spring to the ground is tried beside a force, because its sensor would not carry it."""
     result = identify(write(tmp_path, taxi_runs, FORCE))

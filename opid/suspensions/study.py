@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from functools import cached_property
 from itertools import combinations, product
 from numbers import Real
 from pathlib import Path
@@ -256,6 +255,9 @@ class Study:
         repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
             run to run; 0 if they are known to be the same, None for the usual value.
         transmissibility: how the transmissibilities of one gear are estimated; the method chooses what is left out.
+        strut_scales: factor by which the readings of each strut sensor are as large as accelerations. It is computed
+            where left out: the force in a strut is divided by about the mass that it moves, its rms over that of the
+            acceleration above it in the mean of the runs. A study with a run in the place of others keeps it.
 
     Raises:
         InputError: all errors of the study in one message: a missing channel, another unit than m/s^2, different rates,
@@ -271,11 +273,14 @@ class Study:
     source: Path | None = None
     repeatability: float | None = None
     transmissibility: TransmissibilitySettings = BY_METHOD
+    strut_scales: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("interfaces", "runs", "sensors"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         refuse(list(_list_faults(self)), self.source)
+        if len(self.strut_scales) != len(self.strut_sensors):
+            object.__setattr__(self, "strut_scales", tuple(self._list_strut_scales()))
 
     def __repr__(self) -> str:
         runs = []
@@ -341,19 +346,15 @@ class Study:
         """Sensors of the force in a strut."""
         return tuple(each for _, each in self.strut_sensors if isinstance(each, ForceSensor))
 
-    @cached_property
-    def strut_scales(self) -> tuple[float, ...]:
-        """Factor by which the readings of each strut sensor are as large as accelerations.
-
-        The force in a strut is divided by about the mass that it moves: what its readings are in a run for each m/s^2
-        above it, in the mean of the runs.
-        """
-        return tuple(
-            TRAVEL_PER_S2
-            if isinstance(each, TravelSensor)
-            else 1.0 / _measure_force_per_acceleration(self.runs, each.channel, self.interfaces[k].sprung)
-            for k, each in self.strut_sensors
-        )
+    def _list_strut_scales(self) -> Iterator[float]:
+        for k, sensor in self.strut_sensors:
+            if isinstance(sensor, TravelSensor):
+                yield TRAVEL_PER_S2
+                continue
+            above, recordings = self.interfaces[k].sprung, [run.recording for run in self.runs]
+            yield 1.0 / float(
+                np.mean([each.channel(sensor.channel).std() / each.channel(above).std() for each in recordings])
+            )
 
     def leaks(self) -> list[tuple[str, Side, int, float]]:
         """Return the leaks: channel, side and number of the sensor that it leaks into, and standard deviation."""
@@ -471,12 +472,6 @@ def study_of_gear(
         date=date,
         source=source,
     )
-
-
-def _measure_force_per_acceleration(runs: Sequence[Run], force: str, above: str) -> float:
-    """Return the rms of a force over that of the acceleration above it, in the mean of the runs."""
-    ratios = [run.recording.channel(force).std() / run.recording.channel(above).std() for run in runs]
-    return float(np.mean(ratios))
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:

@@ -19,6 +19,9 @@ from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
 
+# number of a record that is no run of the fit
+_NO_RUN = -1
+
 
 @dataclass(frozen=True)
 class StoredGroup:
@@ -188,7 +191,9 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
     else:
         data = prepare_rigid(study, arrays, study.sensor_facts(), settings=known)
     finer = max(1, round(fit.rate_hz / data.runs[0].fs))
-    runs = data.runs if finer == 1 else tuple(run.sample_finer(finer) for run in data.runs)
+    # What differs from run to run, as clocks do, is that of the run of the fit; a further record has none of it.
+    number = fit.runs.index(study.runs[0].name) if is_run else _NO_RUN
+    runs = tuple(replace(run if finer == 1 else run.sample_finer(finer), number=number) for run in data.runs)
     groups = tuple(
         Group(each.name, each.members, default_law(each.law), each.has_ground, each.origin_m) for each in fit.groups
     )
