@@ -1,5 +1,6 @@
 """A sensor of the force in the strut: a load cell whose gain gives the mass, or a strain gauge of unknown gain."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import opid
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording
+from opid.studies.stored_fits import read_fits
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
 from opid.suspensions.study import PointMass
@@ -196,6 +198,20 @@ def test_a_run_is_sensed_with_its_own_gain(tmp_path, taxi_runs):
         found = sense(study, result, name, settings=SensingSettings(n_draws=20))
         assert found.over_noise[0] < 1.1
         assert not found.warnings
+
+
+def test_a_written_result_is_sensed(tmp_path, taxi_runs):
+    """An unknown gain is kept in result.json, and so is what the sensor reads for 1 N."""
+    study = opid.read_study(write(tmp_path, taxi_runs, STRAIN))
+    result = identify(study.source)
+    opid.write_report(result, tmp_path / "out", figures=False)
+    written = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert written["diagnostics"]["model"]["gains_of_forces"]["force"]["value"] == pytest.approx(1.0, abs=0.05)
+    found = sense(study, read_fits(tmp_path / "out"), "light", settings=SensingSettings(n_draws=20))
+    assert found.over_noise[0] < 1.1
+    text = opid.text(result)
+    assert "force, reading for 1 N" in text
+    assert "K3" not in text
 
 
 def test_forces_need_the_springs_that_they_measure(tmp_path, taxi_runs):

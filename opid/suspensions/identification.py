@@ -346,7 +346,7 @@ def _make_answer(
         _collect_evidence(part, options, is_refused=refused is not None, has_mass=has_mass) for part in parts
     )
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
-    numbers = collect_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
+    numbers = collect_numbers(choice, evidence, per_mass=per_mass, ground=options.ground and not study.forces)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
     confounded = [find_confounded_terms(part) for part in parts]
     reported = numbers.without_motions(loose)

@@ -12,6 +12,9 @@ from opid.errors import InputError, NotDeterminedError
 
 Side = Literal["sprung", "unsprung"]
 SIDES: tuple[Side, Side] = ("sprung", "unsprung")
+UNKNOWN_GAIN = 1e6
+"""Standard deviation of a gain of which nothing is known."""
+
 # fraction of the motion across its axis that an accelerometer reads: data sheets say 1 to 5 %
 LEAK_TOLERANCE = 0.05
 
@@ -24,7 +27,7 @@ class SensorFacts:
 
     Args:
         noise_m_per_s2: rms of its white noise, m/s^2; None to estimate it.
-        gain_tolerance: standard deviation of the gain, relative; infinite for a gain of which nothing is known.
+        gain_tolerance: standard deviation of the gain, relative; `UNKNOWN_GAIN` if nothing is known of it.
         corner_hz: corner of its first-order AC coupling, Hz; 0 for a DC-coupled sensor.
         corner_tolerance: standard deviation of the corner, relative.
         lag_tolerance_s: standard deviation of its delay, s.
@@ -44,12 +47,12 @@ class SensorFacts:
     def __post_init__(self) -> None:
         for name in ("gain_tolerance", "corner_hz", "corner_tolerance", "lag_tolerance_s", "gain_repeatability"):
             value = getattr(self, name)
-            if not (value >= 0.0 and (math.isfinite(value) or name == "gain_tolerance")):
+            if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"{name} is {value}: give zero or a positive number")
         if self.noise_m_per_s2 is not None and not (math.isfinite(self.noise_m_per_s2) and self.noise_m_per_s2 > 0.0):
             raise InputError(f"noise_m_per_s2 is {self.noise_m_per_s2}: give a positive number, or leave it out")
         for name in ("gain_tolerance", "corner_tolerance", "gain_repeatability"):
-            if 0.5 < getattr(self, name) < math.inf:
+            if 0.5 < getattr(self, name) != UNKNOWN_GAIN:
                 raise InputError(f"{name} is {getattr(self, name)}: it is relative, give at most 0.5 (50 %)")
         if self.corner_tolerance and not self.corner_hz:
             raise InputError("corner_tolerance is given without corner_hz: give the nominal corner of the AC coupling")
@@ -164,7 +167,7 @@ class ForceSensor:
     def facts(self) -> SensorFacts:
         """Facts of the sensor with its readings in m/s^2: their scale follows from the runs, so its gain is free."""
         return SensorFacts(
-            gain_tolerance=math.inf,
+            gain_tolerance=UNKNOWN_GAIN,
             gain_repeatability=self.gain_repeatability,
             lag_tolerance_s=self.lag_tolerance_s,
         )

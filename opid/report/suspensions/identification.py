@@ -43,7 +43,7 @@ from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import UNITS, Candidate, GearParameters, Identification, InterfaceEstimate
-from opid.suspensions.sensor_facts import TRAVEL_PER_S2, TravelSensor
+from opid.suspensions.sensor_facts import TRAVEL_PER_S2, UNKNOWN_GAIN, TravelSensor
 from opid.suspensions.study import Study
 
 LABELS = {
@@ -432,7 +432,7 @@ def _list_sensors(result: Identification) -> Iterator[Table | Paragraph]:
         )
         for fit in (evidence.fit for evidence in result.evidence)
         for fault in fit.model.faults
-        if math.isfinite(fault.std)
+        if fault.std < UNKNOWN_GAIN
     )
     rows += tuple(
         (

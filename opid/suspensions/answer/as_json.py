@@ -400,7 +400,7 @@ def _build_evidence(evidence: Evidence) -> Json:
             }
             for name, fault in faults.items()
         },
-        **({"gains_of_forces": evidence.gains_of_forces} if evidence.gains_of_forces else {}),
+        **({"gains_of_forces": _build_estimates(evidence.gains_of_forces)} if evidence.gains_of_forces else {}),
         "demanded": [_build_demand(demand) for demand in evidence.demands],
         "implausible": [_build_demand(demand) for demand in evidence.implausible],
         "imitates_ground_spring": evidence.ground.sentences,

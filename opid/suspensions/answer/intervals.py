@@ -528,7 +528,7 @@ def _list_remedies(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]
             f"what would help most: {double}, or four times the {duration_s:.0f} s of running; either would halve the "
             "interval"
         )
-    if alike.mass_if_alike is not None:
+    if alike.mass_if_alike is not None and fit.model.body.of_force is None:
         yield (
             "a run whose stiffness, damping and friction have all changed by one ratio cannot be distinguished from "
             "one with another mass change: weigh what is added or taken off"
