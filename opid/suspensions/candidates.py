@@ -621,7 +621,7 @@ def _with_error(part: FittedStructure) -> FittedStructure:
 def _contradicts_a_fact(fit: Fit) -> bool:
     """Return whether a fit contradicts a known fact about a sensor, so that the model or the fact is wrong.
 
-    At the bound of a fact the fit was stopped: it is at no minimum, and has no covariance. Where only ratios to the mass
+    At the bound of a fact the fit was stopped: it is at no minimum, and has no covariance. If only ratios to the mass
     are determined, a contradiction within the bounds counts, too: it widens their intervals and withholds nothing.
     """
     model, indices = fit.model, [fit.model.names.index(fault.name) for fault in fit.model.faults]

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, with_std
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, FittedStructure
@@ -23,6 +23,7 @@ from opid.suspensions.fitting.fit import (
     runs_contradict_each_other,
 )
 from opid.suspensions.fitting.noise import motion_over_noise, over_noise, sensor_ratio
+from opid.suspensions.fitting.start import Contact, measure_contact
 from opid.suspensions.model.driven_model import straight_equivalent
 from opid.suspensions.model.law_parameters import describe_unreached_stop, distance_to_stop
 from opid.suspensions.model.unknowns import GROUND
@@ -46,6 +47,9 @@ def why_refused(choice: Choice) -> str | None:
 
 def _explain_refused_gear(part: FittedStructure) -> str | None:
     fit, verdicts, ratio = part.fit, part.settings.verdicts, part.residual_over_noise
+    contact = _find_contact(part)
+    if contact is not None:
+        return _describe_contact(contact)
     frequencies = natural_frequencies(fit) if ratio > verdicts.doubtful else [0.0]
     differ = max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
     if differ and runs_contradict_each_other(fit):
@@ -70,6 +74,28 @@ def _explain_refused_gear(part: FittedStructure) -> str | None:
         f"the fitted model {unexplained}, so no number is reported: check the channels (swapped, upside down, in "
         f"another unit) and the mass changes, {search}or take another band; if the body also rolls and pitches on "
         "other gears, describe all of them in [[interfaces]]"
+    )
+
+
+def _find_contact(part: FittedStructure) -> Contact | None:
+    """Return the contact of a gear with the ground if it is refused otherwise; None if there is none."""
+    fit, verdicts = part.fit, part.settings.verdicts
+    if unexplained_fraction(part) <= verdicts.refused_fraction or follows_readings(fit) or fit.model.runs[0].n_travels:
+        return None
+    found = measure_contact(fit.model.runs, fit.model.body, part.settings.start)
+    is_friction = min(found.friction_n_per_kg) > 0.0 and found.frequency_hz > 0.0
+    return found if is_friction and found.explained > verdicts.contact_fraction else None
+
+
+def _describe_contact(contact: Contact) -> str:
+    frictions = ", ".join(f"{each:.2g}" for each in contact.friction_n_per_kg)
+    frequency = with_std(contact.frequency_hz, contact.frequency_std_hz)
+    return (
+        f"the body rubs on something that stands still: while it slides, {100 * contact.sliding:.0f} % of the time, a "
+        f"friction of {frictions} N per kg on its velocity against the ground explains {100 * contact.explained:.0f} % "
+        f"of the power that spring and damper leave, beside a natural frequency of {frequency} Hz (one standard "
+        "deviation); no law of a suspension describes such a friction, so no other number is reported: record the motion "
+        "without this contact"
     )
 
 
