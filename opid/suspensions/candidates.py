@@ -591,7 +591,8 @@ def _with_error(part: FittedStructure) -> FittedStructure:
                 return replace(part, found=replace(found, fit=fit), error=error)
         # A wrong law can leave the same residual with either weighting, as an unmeasured force does, and still bias the
         # mass. Without a free mass there is none to bias.
-        is_wrong = _contradicts_a_fact(found.fit) or (
+        contradicts = _contradicts_a_fact(found.fit)
+        is_wrong = contradicts or (
             part.task.law is not None
             and found.fit.model.mass_free
             and asks_for_law(found.fit, part.task.question.kinds)
@@ -611,7 +612,7 @@ def _with_error(part: FittedStructure) -> FittedStructure:
                     found, error = simpler, of_simpler
                     break
         if error.limit == "model":
-            fit, error = follow_freely(found.fit, error)
+            fit, error = follow_freely(found.fit, replace(error, contradicts_a_fact=contradicts))
             found = replace(found, fit=fit)
     except NO_FIT as failed:
         return replace(part, found=None, reason=str(failed))
