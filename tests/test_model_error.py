@@ -532,3 +532,11 @@ def test_exchanged_channels_are_not_said_to_rub_on_anything():
     result = identify(study_of(*swapped), law="arctan_velocity")
     assert result.not_determined
     assert "stands still" not in result.not_determined
+
+
+def test_friction_in_the_suspension_is_not_said_to_be_one_against_the_ground():
+    gear = LandingGear(law=law("coulomb_friction", amplitude_n=2500.0, scale_m_per_s=0.002))
+    recording = taxi_run(gear, rng=np.random.default_rng(3), road_class="A", **SHORT).recording
+    study = study_of_gear("dry", sprung="upper_z", unsprung="lower_z", runs=(Run("run", recording),))
+    result = identify(study, law="linear")
+    assert "stands still" not in " ".join([result.not_determined or "", *result.warnings])

@@ -27,7 +27,7 @@ class Verdicts:
         refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the body's
             rms acceleration: it then explains less than 36 % of the power.
         contact_fraction: a body that is refused is said to rub on the ground if friction against the ground explains
-            more than this fraction of the power that its spring and damper leave while it slides.
+            more than this fraction of the power that its suspension leaves while it slides.
         followed_fraction: a model whose prediction errors are noise and less than this fraction of the readings follows
             them, although its free motion may not: the motion of a very hard spring depends on its start forever.
         loosely_known: a value is not determined if its standard deviation exceeds this fraction of it.

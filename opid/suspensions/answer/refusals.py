@@ -101,7 +101,7 @@ def describe_contact(part: FittedStructure) -> str:
     return (
         f"the body rubs on something that stands still: while it slides, {100 * found.sliding:.0f} % of the time, a "
         f"friction of {frictions} N per kg on its velocity against the ground explains {100 * found.explained:.0f} % "
-        "of the power that spring and damper leave, beside a natural frequency of "
+        "of the power that the suspension leaves, beside a natural frequency of "
         f"{with_std(found.frequency_hz, found.frequency_std_hz)} Hz (one standard deviation)"
     )
 

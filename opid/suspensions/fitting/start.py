@@ -148,8 +148,8 @@ class Contact:
     """What tells that a body rubs on something that stands still.
 
     Args:
-        explained: fraction of the power that spring and damper leave while the body slides, which a friction against
-            the ground explains.
+        explained: fraction of the power that spring, damper and a friction of the suspension leave while the body
+            slides, which a friction against the ground explains.
         sliding: fraction of the time in which it slides.
         frequency_hz: natural frequency on its suspension, from the equation with that friction.
         frequency_std_hz: its standard deviation, from parts of the runs and from what counts as sliding.
@@ -168,8 +168,8 @@ def measure_contact(runs: Sequence[DrivenRun], body: Body, settings: StartSettin
 
     A body that rubs on something that stands still has a force -f sgn(v), v its own velocity and not that of the
     travel, so that no law of a suspension is like it. While it sticks, any force up to f acts. The equation of motion
-    x'' = -k z - c z' - f sgn(v) + d is therefore solved by least squares over the samples in which it slides; each run
-    has an f and a d of its own.
+    x'' = -k z - c z' - g sgn(z') - f sgn(v) + d is therefore solved by least squares over the samples in which it
+    slides; each run has an f and a d of its own.
 
     Args:
         runs: the runs.
@@ -184,21 +184,25 @@ def measure_contact(runs: Sequence[DrivenRun], body: Body, settings: StartSettin
 
 
 def _list_columns_of_contact(run: DrivenRun, body: Body, settings: StartSettings) -> FloatArray:
-    """Return acceleration, travel, its rate, speed and sign of the speed of a body, (5, n), all filtered alike."""
+    """Return acceleration, travel, its rate, sign of that, speed, and sign of that, (6, n), all filtered alike."""
     # A lower corner would spoil more than half of a short run at its ends.
     corner_hz = max(settings.high_pass_hz, 4.0 * run.recorded_fs / len(run.sprung))
     motion = _integrate_motion(run, body, replace(settings, high_pass_hz=corner_hz))
-    sign = integrate(np.sign(motion.speed[0]), fs=run.recorded_fs, high_pass_hz=corner_hz).acceleration
-    every = (motion.acceleration, motion.travel, motion.velocity, motion.speed, sign[np.newaxis])
+    signs = [
+        integrate(np.sign(each[0]), fs=run.recorded_fs, high_pass_hz=corner_hz).acceleration[np.newaxis]
+        for each in (motion.velocity, motion.speed)
+    ]
+    every = (motion.acceleration, motion.travel, motion.velocity, signs[0], motion.speed, signs[1])
     return np.stack([each[0, motion.inside] for each in every])
 
 
 def _solve_contact(columns: Sequence[FloatArray], fraction: float, settings: StartSettings) -> Contact:
     """Solve the equation where the speed of each run is above a fraction of its rms."""
-    sliding = [np.abs(speed) > fraction * speed.std() for _, _, _, speed, _ in columns]
-    target, travel, velocity, _, sign = np.hstack([own[:, on] for own, on in zip(columns, sliding, strict=True)])
+    sliding = [np.abs(speed) > fraction * speed.std() for *_, speed, _ in columns]
+    target, travel, velocity, along, _, sign = np.hstack([own[:, on] for own, on in zip(columns, sliding, strict=True)])
     of_run = np.repeat(np.eye(len(columns)), [int(on.sum()) for on in sliding], axis=0)
-    plain = np.column_stack([-travel, -velocity, of_run])
+    # A friction of the suspension is taken off, too, for near a resonance the body moves about as its travel does.
+    plain = np.column_stack([-travel, -velocity, -along, of_run])
     full = np.column_stack([plain, -of_run * sign[:, np.newaxis]])
 
     def solve(matrix: FloatArray, kept: FloatArray | slice = slice(None)) -> FloatArray:
