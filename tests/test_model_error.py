@@ -1,6 +1,7 @@
 """Runs that the model cannot explain: nothing, or a wide interval that holds the truth, but never a confident error."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -483,3 +484,59 @@ def test_a_given_law_without_the_stop_that_one_run_hit_gets_no_mass():
     found = identify(study_of(*logs), law="arctan_velocity+bump_stop")
     assert found.limited_by == "noise"
     assert found.parameters.sprung_mass_kg.holds(MASS_KG)
+
+
+def rubbing(friction_n_per_kg, seed=0, frequency_hz=3.0, damping_ratio=0.02):
+    """A frame on columns, shaken from below, that sticks to a wall and slides along it: its base and its top."""
+    step_s, rng, omega = 1 / (16 * FS), np.random.default_rng(seed), 2 * np.pi * frequency_hz
+    t = np.arange(0.0, DURATION_S, step_s)
+    tones = [(each, 8e-3 / each**2, rng.uniform(0, 2 * np.pi)) for each in (0.7, 1.3, 2.1)]
+    base, rate, below = (
+        sum(
+            size * (2 * np.pi * hz) ** n * np.sin(2 * np.pi * hz * t + phase + n * np.pi / 2)
+            for hz, size, phase in tones
+        )
+        for n in (0, 1, 2)
+    )
+    place, speed, above = 0.0, 0.0, np.zeros(t.size)
+    for k in range(t.size):
+        free = speed - step_s * (omega**2 * (place - base[k]) + 2 * damping_ratio * omega * (speed - rate[k]))
+        slid = np.sign(free) * max(abs(free) - step_s * friction_n_per_kg, 0.0)
+        above[k], speed = (slid - speed) / step_s, slid
+        place += step_s * speed
+    sides = [decimate(each, 16) for each in (below, above)]
+    return [each + 1e-3 * rng.standard_normal(each.size) for each in sides]
+
+
+@pytest.mark.parametrize(("friction_n_per_kg", "seed", "is_refused"), [(0.4, 0, False), (2.0, 1, True)])
+def test_a_body_that_rubs_on_a_wall_is_told_so(friction_n_per_kg, seed, is_refused):
+    recording = recording_from_arrays(rubbing(friction_n_per_kg, seed), ["base", "top"], fs=FS)
+    study = study_of_gear("wall", sprung="top", unsprung="base", runs=(Run("run", recording),), axis="horizontal")
+    result = identify(study, law="linear")
+    assert result.is_refused == is_refused
+    assert never_confidently_wrong(result)
+    assert result.ratios.natural_frequency_hz.value is None or result.ratios.natural_frequency_hz.holds(3.0)
+    told = re.compile(
+        r"rubs on something that stands still: .* a friction of ([\d.]+) N per kg .* explains 9\d % .* natural "
+        r"frequency of ([\d.]+) ± ([\d.]+) Hz"
+    )
+    said = told.search(result.not_determined if is_refused else " ".join(result.warnings))
+    friction, frequency, std = (float(each) for each in said.groups())
+    assert friction == pytest.approx(friction_n_per_kg, rel=0.2)
+    assert abs(frequency - 3.0) < 3 * std
+    assert std < 0.3
+
+
+def test_exchanged_channels_are_not_said_to_rub_on_anything():
+    swapped = [recording_from_arrays(run.recording.samples.T[::-1], run.recording.names, fs=FS) for run in taxi(0).runs]
+    result = identify(study_of(*swapped), law="arctan_velocity")
+    assert result.not_determined
+    assert "stands still" not in result.not_determined
+
+
+def test_friction_in_the_suspension_is_not_said_to_be_one_against_the_ground():
+    gear = LandingGear(law=law("coulomb_friction", amplitude_n=2500.0, scale_m_per_s=0.002))
+    recording = taxi_run(gear, rng=np.random.default_rng(3), road_class="A", **SHORT).recording
+    study = study_of_gear("dry", sprung="upper_z", unsprung="lower_z", runs=(Run("run", recording),))
+    result = identify(study, law="linear")
+    assert "stands still" not in " ".join([result.not_determined or "", *result.warnings])

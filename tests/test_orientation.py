@@ -435,6 +435,91 @@ def test_wrong_studies_of_sensors_are_refused(tmp_path, old, new, words):
         opid.read_study(path)
 
 
+# ---- a horizontal motion -----------------------------------------------------------------------------
+
+
+def shaken(tmp_path, *, heading_deg=(25.0, -140.0), across=0.2, axis="horizontal", blank=0, ends=""):
+    """Write the log of a frame on a shake table, whose sensors are turned about the vertical, and its study."""
+    rng, t = np.random.default_rng(5), np.arange(0.0, 40.0, 1 / FS)
+    noise = np.convolve(rng.standard_normal(t.size), np.hanning(9) / 4.5, "same")
+    table = np.where(t < 3.0, 0.0, noise + np.sin(2 * np.pi * 1.3 * t))
+    aside = across * np.convolve(np.where(t < 3.0, 0.0, rng.standard_normal(t.size)), np.hanning(60) / 12, "same")
+    frequency_hz = np.fft.rfftfreq(t.size, 1 / FS)
+    swing = (1 + 0.1j * frequency_hz / 8.0) / (1 - (frequency_hz / 8.0) ** 2 + 0.1j * frequency_hz / 8.0)
+    top = np.fft.irfft(np.fft.rfft(table) * swing, t.size)
+    columns, names = [], []
+    for name, motion, heading in zip(("lower", "upper"), (table, top), heading_deg, strict=True):
+        motions = np.stack([motion, aside, np.full(t.size, 9.80665)], axis=1)
+        turned = Rotation.from_euler("zx", [heading, 4.0], degrees=True).inv().apply(motions)
+        turned = turned + 2e-3 * rng.standard_normal(turned.shape)
+        turned[:blank] = 0.0
+        columns += [*turned.T]
+        names += [f"{name}_{letter}" for letter in "xyz"]
+    write_log(recording_from_arrays(columns, names, fs=FS, unit="m/s^2"), tmp_path / "log.csv")
+    (tmp_path / "study.toml").write_text(f"""
+axis = "{axis}"
+[channels.unsprung]
+axes = ["lower_x", "lower_y", "lower_z"]
+[channels.sprung]
+axes = ["upper_x", "upper_y", "upper_z"]
+[[runs]]
+name = "run"
+log = "log.csv"
+mass_change_kg = 0
+{ends}
+""")
+    return tmp_path / "study.toml", table, top
+
+
+def test_the_direction_of_a_horizontal_motion_is_that_of_the_motion_that_both_sensors_share(tmp_path):
+    path, table, top = shaken(tmp_path)
+    study = opid.read_study(path)
+    (run,) = study.runs
+    below, above = (run.orientations[side] for side in ("unsprung", "sprung"))
+    for found, heading in ((below, 25.0), (above, -140.0)):
+        true = Rotation.from_euler("zx", [heading, 4.0], degrees=True).inv().apply([1.0, 0.0, 0.0])
+        assert math.degrees(math.acos(min(1.0, abs(np.dot(found.along, true))))) < 1.0
+    first = round(run.recording.start_s * FS)
+    for side, true in (("unsprung", table), ("sprung", top)):
+        read = run.recording.channel(side)
+        assert abs(np.corrcoef(read, true[first : first + read.size])[0, 1]) > 0.999
+    # One sign in both, although the sensors point in opposite directions.
+    assert run.recording.channel("unsprung") @ table[first : first + read.size] > 0 or (
+        run.recording.channel("sprung") @ top[first : first + read.size] < 0
+    )
+    tolerances = {channel: tolerance for channel, *_, tolerance in study.leaks()}
+    assert tolerances["unsprung_across_1"] < tolerances["sprung_across_1"] < math.radians(3.0)
+    assert any("it is turned by" in finding.message for finding in run.findings)
+
+
+def test_a_frame_on_a_table_is_identified_from_sensors_at_any_angle(tmp_path):
+    result = opid.identify(opid.read_study(shaken(tmp_path)[0]), law="linear")
+    assert result.ratios.natural_frequency_hz.holds(8.0)
+    assert result.ratios.natural_frequency_hz.std < 0.05
+    assert result.ratios.damping_ratio.holds(0.05)
+
+
+def test_rows_in_which_a_sensor_had_not_read_anything_are_left_out(tmp_path):
+    run = opid.read_study(shaken(tmp_path, blank=2, ends="start_s = 0")[0]).runs[0]
+    assert run.recording.start_s == pytest.approx(2 / FS)
+    assert any("2 row(s) at its ends are left out" in finding.message for finding in run.findings)
+
+
+@pytest.mark.parametrize(
+    ("across", "old", "new", "words"),
+    [
+        (4.0, "", "", "times tells the direction of the motion: give the axis that points along it"),
+        (0.2, 'axes = ["upper_x", "upper_y", "upper_z"]', 'channel = "upper_x"', "give the axes of both sensors"),
+        (0.2, '"horizontal"', '"down"', "give the axis 'up', or 'horizontal' for one suspension"),
+    ],
+)
+def test_horizontal_motions_without_a_direction_are_refused(tmp_path, across, old, new, words):
+    path, *_ = shaken(tmp_path, across=across)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=words):
+        opid.read_study(path)
+
+
 # ---- measured records ------------------------------------------------------------------------------
 
 WOBBLE = {"passenger_knuckle": 1, "driver_knuckle": 7, "passenger_axle": 13, "driver_axle": 19}

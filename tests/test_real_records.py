@@ -3,6 +3,7 @@
 What is asked holds of every record of a set; other records of the same sets are kept elsewhere.
 """
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -195,3 +196,57 @@ def test_the_command_of_the_example_ends_in_one_sentence(records, tmp_path, monk
     monkeypatch.setattr("sys.argv", ["real_records.py", *said])
     with pytest.raises(SystemExit, match=r"^sliding_isolators_bench: the base never slips in one"):
         records.main()
+
+
+@pytest.fixture(scope="module")
+def as_recorded():
+    """The identification of each record of a study of the docs that names the files of a set as they are."""
+    bench = script("benchmarks/real_records.py")
+
+    def of(title, law="linear"):
+        folder, band_hz = bench.AS_RECORDED[title]
+        records = bench.studies_of_records(bench.studies_as_recorded()[title], measured(folder))
+        return {name: bench.identify_document(document, law, band_hz) for name, document in records}, bench
+
+    return of
+
+
+def test_a_frame_that_rubs_on_a_wall_is_told_so_from_its_own_files(as_recorded):
+    found, _ = as_recorded("friction frame, as recorded")
+    for result in found.values():
+        assert result.is_refused
+        frequency, std = re.search(r"frequency of ([\d.]+) ± ([\d.]+) Hz", result.not_determined).groups()
+        # that of the mass and the stiffness that its owners state
+        assert abs(float(frequency) - 3.13) < 2 * float(std)
+
+
+def test_a_quarter_car_is_answered_from_its_own_files(as_recorded):
+    found, _ = as_recorded("quarter car, as recorded")
+    frequencies = [each.ratios.natural_frequency_hz for each in found.values()]
+    for one in frequencies:
+        for other in frequencies:
+            assert abs(one.value - other.value) < 1.96 * np.hypot(one.std, other.std)
+    lags_s = [each.evidence[0].fit.value("lag_s") for each in found.values()]
+    assert np.ptp(lags_s) < 2e-4
+
+
+def test_frames_on_a_shake_table_are_answered_from_their_own_files(as_recorded):
+    """Lags within 0.2 ms and angles within half a degree; the intervals hold what the quietest record says."""
+    found, bench = as_recorded("stiff frame, as recorded")
+    lags_s = [each.evidence[0].fit.value("lag_s") for each in found.values()]
+    assert np.ptp(lags_s) < 2e-4
+    assert np.ptp([bench.angle_deg(each) for each in found.values()]) < 0.5
+    for result in found.values():
+        assert result.ratios.natural_frequency_hz.holds(22.03)
+        assert result.ratios.damping_ratio.holds(0.004)
+    flexible, _ = as_recorded("flexible frame, as recorded")
+    for result in flexible.values():
+        assert result.ratios.natural_frequency_hz.holds(3.765)
+
+
+def test_the_exported_files_of_both_sensors_are_matched_without_a_word_about_their_clocks(as_recorded):
+    found, bench = as_recorded("stiff frame, as exported")
+    for result in found.values():
+        assert result.ratios.natural_frequency_hz.holds(22.03)
+        assert abs(result.study.runs[0].clocks[0].offset_s + 0.0193) < 5e-4
+        assert bench.angle_deg(result) == pytest.approx(-6.5, abs=0.5)

@@ -53,6 +53,8 @@ class OrientationSettings:
         shared_hz: the band in which a body moves with what carries it, Hz.
         coherence: least coherence of the motion that two sensors share. The two ends of an axle in shimmy reach 0.8,
             and are turned against each other by as much as they move apart.
+        most_across: a motion whose second direction has more than this fraction of the power of the first one has no
+            direction.
     """
 
     zero_m_per_s2: float = 0.05
@@ -70,6 +72,7 @@ class OrientationSettings:
     tilt_rad: float = math.radians(2.0)
     shared_hz: tuple[float, float] = (0.4, 2.1)
     coherence: float = 0.9
+    most_across: float = 0.25
 
 
 ORIENTATION = OrientationSettings()
@@ -90,6 +93,9 @@ class Orientation:
         moved_rad: angle between the vertical in the first and the last stretch of rest; without two of them between
             that in the first and the second half of the log, rad.
         has_slipped: whether that angle is more than the ground or the braking of a vehicle explains.
+        along: unit vector across the vertical along which the sensor moves, in these axes; None for a sensor whose
+            vertical motion is read.
+        along_std_rad: standard deviation of the angle of that direction about the vertical, rad.
     """
 
     axes: Axes
@@ -100,23 +106,39 @@ class Orientation:
     rest_s: tuple[tuple[float, float], ...] = ()
     moved_rad: float = 0.0
     has_slipped: bool = False
+    along: Vector | None = None
+    along_std_rad: float = 0.0
 
     @property
     def directions(self) -> FloatArray:
-        """(3, 3) unit vectors in the sensor's axes: up, and two across it that make a right-handed system with it."""
+        """(3, 3) unit vectors in the sensor's axes: that of its motion, and two across it, a right-handed system.
+
+        The motion is the one up, or the one along `along`; the last direction is then up.
+        """
         up = np.array(self.vertical)
+        if self.along is not None:
+            return np.stack([np.array(self.along), np.cross(up, self.along), up])
         across = np.eye(3)[int(np.argmin(np.abs(up)))]
         across = across - up * (up @ across)
         across /= np.linalg.norm(across)
         return np.stack([up, across, np.cross(up, across)])
 
     @property
+    def stds_across_rad(self) -> tuple[float, float]:
+        """Standard deviations of the fractions of the second and the third of the `directions` that leak in."""
+        return (self.std_rad if self.along is None else self.along_std_rad), self.std_rad
+
+    @property
     def gain_error(self) -> float:
         """How much more than gravity the sensor reads at rest, relative; 0 if it is not known."""
         return self.gravity_m_per_s2 / STANDARD_GRAVITY - 1 if self.gravity_m_per_s2 and self.method == "rest" else 0.0
 
+    def reverse(self) -> Orientation:
+        """Return the orientation with the motion counted in the other direction across the vertical."""
+        return self if self.along is None else replace(self, along=make_unit(-np.array(self.along)))
+
     def level(self, samples: ArrayLike, attitude: ArrayLike | None = None) -> FloatArray:
-        """Return readings as motion up and in two directions across, (n, 3) m/s^2, without gravity.
+        """Return readings as motion in the three `directions`, (n, 3) m/s^2, without gravity.
 
         Args:
             samples: (n, 3) readings of the three axes, m/s^2.
@@ -138,7 +160,8 @@ class Orientation:
 
             readings = Rotation.from_rotvec(np.asarray(attitude, dtype=np.float64)).apply(readings)
         levelled = readings @ self.directions.T
-        levelled[:, 0] -= self.gravity_m_per_s2 or STANDARD_GRAVITY * (levelled[:, 0].mean() > STANDARD_GRAVITY / 2)
+        upward = levelled[:, 0 if self.along is None else 2]
+        upward -= self.gravity_m_per_s2 or STANDARD_GRAVITY * (upward.mean() > STANDARD_GRAVITY / 2)
         return np.asarray(levelled)
 
 
@@ -178,15 +201,19 @@ def mean_orientation(orientations: Sequence[Orientation]) -> Orientation:
     """
     widest = max(orientations, key=lambda each: each.std_rad)
     gravities = [each.gravity_m_per_s2 for each in orientations if each.gravity_m_per_s2]
+    vertical = make_unit(np.mean([each.vertical for each in orientations], axis=0))
+    alongs = [each.along for each in orientations if each.along is not None]
     return replace(
         widest,
-        vertical=make_unit(np.mean([each.vertical for each in orientations], axis=0)),
+        vertical=vertical,
+        along=_make_level(np.mean(alongs, axis=0), vertical) if alongs else None,
+        along_std_rad=max(each.along_std_rad for each in orientations),
         gravity_m_per_s2=float(np.mean(gravities)) if gravities else None,
     )
 
 
 def angle_between(one: Orientation, other: Orientation) -> float:
-    """Return the angle between the verticals of two orientations in the same axes, rad.
+    """Return the angle between the verticals of two orientations in the same axes, or of their motions if larger, rad.
 
     Args:
         one: the first.
@@ -196,7 +223,10 @@ def angle_between(one: Orientation, other: Orientation) -> float:
     >>> round(angle_between(up, forward), 4)
     1.5708
     """
-    return measure_angle(np.array(one.vertical), np.array(other.vertical))
+    angle = measure_angle(np.array(one.vertical), np.array(other.vertical))
+    if one.along is None or other.along is None:
+        return angle
+    return max(angle, measure_angle(np.array(one.along), np.array(other.along)))
 
 
 def follow_attitude(rates: ArrayLike, *, fs: float, vertical: Sequence[float]) -> FloatArray:
@@ -252,6 +282,9 @@ def say_orientation(found: Orientation) -> str:
         "stated": "as stated",
     }
     reads = f"; gravity reads {found.gravity_m_per_s2:.2f} m/s^2" if found.gravity_m_per_s2 else ""
+    if found.along is not None:
+        along = ", ".join(f"{each:.3f}" for each in found.along)
+        reads += f"; it moves along ({along}), standard deviation {math.degrees(found.along_std_rad):.2f} degrees"
     return (
         f"the vertical is ({vertical}) in its axes, standard deviation {math.degrees(found.std_rad):.2f} degrees, "
         f"{how[found.method]}{reads}"
@@ -392,6 +425,60 @@ def align_spectra(
     return Alignment((rows[0], rows[1], rows[2]), std_rad, coherence)
 
 
+def find_motion_along(
+    first: ArrayLike,
+    second: ArrayLike,
+    orientations: tuple[Orientation, Orientation],
+    *,
+    fs: float,
+    settings: OrientationSettings = ORIENTATION,
+) -> tuple[Orientation, Orientation, Alignment]:
+    """Return the orientations of two sensors with the direction across the vertical in which both move.
+
+    In a low band the second one moves with the first. The direction is that of the largest motion of the first one
+    across its vertical, and the rotation between both (`align_spectra`) turns it into the axes of the second.
+
+    Args:
+        first: (n, 3) readings of the sensor that tells the direction, m/s^2.
+        second: (n, 3) readings of the other, on the same clock.
+        orientations: of both, whose verticals are known.
+        fs: sampling rate, Hz.
+        settings: the band, and how clearly one direction must stand out.
+
+    Returns:
+        Both orientations, and how the second sensor is turned against the first one.
+
+    Raises:
+        NotDeterminedError: the sensors do not share a motion across the vertical, or it has no direction.
+    """
+    one, other = orientations
+    block = round(4 * fs)
+    spectra = cross_spectra(np.hstack([first, second]), fs=fs, nperseg=min(block, len(np.asarray(first))))
+    verticals = (one.vertical, other.vertical)
+    turned = align_spectra(spectra.frequency_hz, spectra.density, spectra.n_averages, verticals, settings=settings)
+    low_hz, high_hz = settings.shared_hz
+    lines = (spectra.frequency_hz >= low_hz) & (spectra.frequency_hz <= high_hz)
+    level = np.eye(3) - np.outer(one.vertical, one.vertical)
+    power = level @ spectra.density[lines, :3, :3].real.sum(axis=0) @ level
+    powers, axes = np.linalg.eigh(power)
+    across, along = float(powers[1]), float(powers[2])
+    if across > settings.most_across * along:
+        raise NotDeterminedError(
+            f"across the vertical it moves {math.sqrt(across / along):.2f} times as much in the second direction as in "
+            f"the first one from {low_hz:g} to {high_hz:g} Hz, and at most {math.sqrt(settings.most_across):.2g} times "
+            "tells the direction of the motion: give the axis that points along it as channel, in the place of axes"
+        )
+    n_free = spectra.n_averages * int(lines.sum())
+    std_rad = math.hypot(settings.slope_rad, math.sqrt(across * along / n_free) / (along - across))
+    direction = _make_level(axes[:, 2] * np.sign(axes[np.abs(axes[:, 2]).argmax(), 2]), one.vertical)
+    there = _make_level(np.array(turned.rotation).T @ direction, other.vertical)
+    return (
+        replace(one, along=direction, along_std_rad=std_rad),
+        replace(other, along=there, along_std_rad=math.hypot(std_rad, turned.std_rad)),
+        turned,
+    )
+
+
 def say_alignment(found: Alignment) -> str:
     """Return a sentence on how a sensor is turned against another one.
 
@@ -415,6 +502,11 @@ def say_alignment(found: Alignment) -> str:
 def measure_angle(one: FloatArray, other: FloatArray) -> float:
     """Return the angle between two vectors of three numbers, rad."""
     return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+
+
+def _make_level(vector: FloatArray, vertical: Vector) -> Vector:
+    """Return the unit vector across the vertical that is nearest to a vector."""
+    return make_unit(vector - np.array(vertical) * float(vector @ np.array(vertical)))
 
 
 def make_unit(vector: FloatArray) -> Vector:

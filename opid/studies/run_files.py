@@ -132,7 +132,9 @@ def read_run(
     parts = []
     for recorder in recorders:
         part, judged = _read_part(recorder, begin, end, reasons)
+        part, blank = _cut_blank_ends(part, [*files.sensors.values()])
         parts.append(part)
+        findings += blank
         findings += [
             Finding(
                 "note" if each.is_sure else "warning", "judged_stamps", "", f"{recorder.log.path.name}: {each.sentence}"
@@ -355,6 +357,26 @@ def _read_part(
         fs /= 1 + 1e-6 * recorder.match.drift_ppm
         history.append(recorder.match.sentence)
     return replace(part, fs=fs, start_s=recorder.to_run(part.start_s), history=tuple(history)), judged
+
+
+def _cut_blank_ends(part: Recording, sensors: Sequence[TriaxialSensor]) -> tuple[Recording, list[Finding]]:
+    """Return a recording without the rows at its ends in which a three-axis sensor had not read anything yet.
+
+    All three axes are exactly zero there, and an accelerometer reads that only in free fall.
+    """
+    blank = np.zeros(part.n_samples, dtype=bool)
+    for sensor in sensors:
+        if {*sensor.axes} <= {*part.names}:
+            blank |= np.all([part.channel(axis) == 0.0 for axis in sensor.axes], axis=0)
+    read = np.flatnonzero(~blank)
+    if not read.size or read.size == part.n_samples:
+        return part, []
+    n_cut = part.n_samples - (int(read[-1]) - int(read[0]) + 1)
+    if not n_cut:
+        return part, []
+    words = f"{n_cut} row(s) at its ends are left out, in which the three axes of a sensor read nothing but zeros"
+    kept = part.section(part.time_s[read[0]], part.time_s[read[-1]] + 1 / part.fs)
+    return replace(kept, history=(*kept.history, words)), [Finding("note", "left_out", "", words)]
 
 
 def _put_on_one_clock(parts: Sequence[Recording], order: Sequence[str], fs: float) -> tuple[Recording, list[Finding]]:

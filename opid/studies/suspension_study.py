@@ -392,7 +392,9 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
     refuse(faults, source)
     with prefix_errors(f"{source}: "):
         levelled, mountings = level_runs(
-            bring_to_one_rate(_warn_of_one_log(runs, all_files)), [files.sensors for files in all_files]
+            bring_to_one_rate(_warn_of_one_log(runs, all_files)),
+            [files.sensors for files in all_files],
+            level_pair=_find_level_pair(study, all_files),
         )
         interfaces, further = _attach_mountings(interfaces, further, mountings)
         levelled, interfaces = _read_other_quantities(study, levelled, interfaces)
@@ -693,6 +695,14 @@ def _with_noises(interface: MeasuredInterface, noises: Mapping[str, float]) -> M
     return replace(interface, facts=replace(facts, unsprung=below, sprung=above))
 
 
+def _find_level_pair(study: _Body, files: Sequence[RunFiles]) -> tuple[str, str] | None:
+    """Return the channels below and above a suspension that moves horizontally, if one of them has three axes."""
+    if len(study.interfaces) != 1 or study.interfaces[0].axis != "horizontal" or study.body_sensors:
+        return None
+    pair = study.interfaces[0].unsprung, study.interfaces[0].sprung
+    return pair if any(name in each.sensors for each in files for name in pair) else None
+
+
 def _attach_mountings(
     interfaces: Sequence[MeasuredInterface], further: Sequence[BodySensor], mountings: Mapping[str, Mounting]
 ) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
@@ -708,10 +718,12 @@ def _attach_mountings(
 
     for each in interfaces:
         named = next((channel for channel in (each.sprung, each.unsprung) if channel in mountings), None)
-        if named and each.axis != "up":
+        is_level = len(interfaces) == 1 and not further and each.axis == "horizontal"
+        if named and each.axis != "up" and not is_level:
             raise InputError(
                 f"the axis{f' of {each.name!r}' if len(interfaces) > 1 else ''} is {each.axis!r} and {named!r} has "
-                "three axes, whose vertical motion counts up: give the axis 'up'"
+                "three axes, whose vertical motion counts up: give the axis 'up', or 'horizontal' for one suspension "
+                "that moves horizontally"
             )
     changed = (
         (

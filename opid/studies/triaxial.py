@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 from opid.signals.clock_matching import ClockMatch
 from opid.signals.health.gravity import find_orientation
 from opid.signals.health.result import Finding, Health
@@ -17,8 +17,10 @@ from opid.signals.orientation import (
     Axes,
     Orientation,
     angle_between,
+    find_motion_along,
     follow_attitude,
     mean_orientation,
+    say_alignment,
     say_movement,
     say_orientation,
     state_orientation,
@@ -113,9 +115,12 @@ def describe_mounting(name: str, sensor: TriaxialSensor, found: Orientation, hea
 
 
 def level_runs(
-    runs: Sequence[Run], sensors: Sequence[Mapping[str, TriaxialSensor]]
+    runs: Sequence[Run], sensors: Sequence[Mapping[str, TriaxialSensor]], *, level_pair: tuple[str, str] | None = None
 ) -> tuple[list[Run], dict[str, Mounting]]:
     """Replace the axes of each three-axis sensor by its motion up and in two directions across.
+
+    Of a pair on a suspension that moves horizontally it is the motion along the direction in which both move, and those
+    across are the other one and that up.
 
     A sensor whose vertical is the same in all runs was not touched between them: the mean is taken, and the fractions
     that leak in are the same in all runs. Otherwise each run has its own vertical and its own fractions: the motion
@@ -124,6 +129,8 @@ def level_runs(
     Args:
         runs: runs whose recordings hold the axes.
         sensors: the three-axis sensors of each run.
+        level_pair: the two channels of a suspension that moves horizontally, the one that drives it first; None for
+            vertical motion.
 
     Returns:
         The runs, and the mounting of each sensor by its name.
@@ -134,18 +141,22 @@ def level_runs(
     """
     names = list(dict.fromkeys(name for each in sensors for name in each))
     mountings = {}
-    levelled = list(runs)
+    levelled = list(runs if level_pair is None else _find_level_motion(runs, sensors, level_pair))
     for name in names:
         if not all(name in each for each in sensors):
             raise InputError(
                 f"{name!r} has three axes in some runs and one channel in others: give axes in all of them"
             )
-        every = [run.orientations[name] for run in runs]
+        every = [run.orientations[name] for run in levelled]
         is_one = all(angle_between(every[0], each) <= ORIENTATION.same_rad for each in every)
         used = [mean_orientation(every)] * len(runs) if is_one else every
         across = [f"{name}_across_{number}" for number in (1, 2)]
         own = [across if is_one else [f"{channel} of {run.name}" for channel in across] for run in runs]
-        leaks = {channel: each.std_rad for channels, each in zip(own, used, strict=True) for channel in channels}
+        leaks = {
+            channel: std_rad
+            for channels, each in zip(own, used, strict=True)
+            for channel, std_rad in zip(channels, each.stds_across_rad, strict=True)
+        }
         for k, (orientation, sensor) in enumerate(zip(used, (each[name] for each in sensors), strict=True)):
             levelled[k] = replace(
                 levelled[k],
@@ -155,7 +166,7 @@ def level_runs(
             )
             if not is_one:
                 words = (
-                    f"its vertical in this run is up to {_largest_angle(every):.1f} degrees from that of another run: "
+                    f"its mounting in this run is up to {_largest_angle(every):.1f} degrees from that of another run: "
                     "it was mounted anew or stood on another slope, so what leaks in is fitted for each run"
                 )
                 finding = Finding("note", "orientation", name, words)
@@ -163,6 +174,37 @@ def level_runs(
         off = max(abs(each.gain_error) for each in used)
         mountings[name] = Mounting(tuple(leaks.items()), off if off > ORIENTATION.gain_error else 0.0)
     return levelled, mountings
+
+
+def _find_level_motion(
+    runs: Sequence[Run], sensors: Sequence[Mapping[str, TriaxialSensor]], pair: tuple[str, str]
+) -> list[Run]:
+    """Return the runs with the direction in which the sensors of a pair move, of one sign in all of them."""
+    found: list[Run] = []
+    for run, own in zip(runs, sensors, strict=True):
+        lacking = [name for name in pair if name not in own]
+        if lacking:
+            raise InputError(
+                f"run {run.name!r}: two three-axis sensors tell together in which horizontal direction they move, and "
+                f"{lacking[0]!r} has no axes: give the axes of both sensors, or one channel of each"
+            )
+        first, second = (_take(run.recording, own[name].axes) for name in pair)
+        mounted = run.orientations[pair[0]], run.orientations[pair[1]]
+        try:
+            below, above, turned = find_motion_along(first, second, mounted, fs=run.recording.fs)
+        except NotDeterminedError as error:
+            raise InputError(f"run {run.name!r}, the axes of {' and '.join(map(repr, pair))}: {error}") from None
+        if found and np.dot(found[0].orientations[pair[0]].along or (), below.along or ()) < 0:
+            below, above = below.reverse(), above.reverse()
+        words = f"against {pair[0]!r} it is {say_alignment(turned)}"
+        found.append(
+            replace(
+                run,
+                orientations={**run.orientations, **dict(zip(pair, (below, above), strict=True))},
+                findings=(*run.findings, Finding("note", "orientation", pair[1], words)),
+            )
+        )
+    return found
 
 
 def _name_in_match(match: ClockMatch, sensor: TriaxialSensor) -> ClockMatch:
@@ -177,17 +219,13 @@ def _level(
     recording: Recording, sensor: TriaxialSensor, orientation: Orientation, own: Sequence[str], across: Sequence[str]
 ) -> Recording:
     """Return a recording with the levelled motion of a sensor in place of its axes."""
-
-    def take(names: Sequence[str]) -> FloatArray:
-        return np.stack([recording.channel(name) for name in names], axis=1)
-
     attitude = None
     if sensor.has_gyroscope:
         wrong = [name for name in sensor.rates if recording.unit(name) != "rad/s"]
         if wrong:
             raise InputError(f"the rate {wrong[0]!r} is in {recording.unit(wrong[0])}: give angular rates, as deg/s")
-        attitude = follow_attitude(take(sensor.rates), fs=recording.fs, vertical=orientation.vertical)
-    up, *sideways = orientation.level(take(sensor.axes), attitude).T
+        attitude = follow_attitude(_take(recording, sensor.rates), fs=recording.fs, vertical=orientation.vertical)
+    up, *sideways = orientation.level(_take(recording, sensor.axes), attitude).T
     zeros = np.zeros_like(up)
     beside = [dict(zip(own, sideways, strict=True)).get(name, zeros) for name in across]
     gone = {*sensor.axes, *(sensor.rates if sensor.has_gyroscope else ())}
@@ -201,6 +239,10 @@ def _level(
         ),
         history=(*recording.history, f"{sensor.name}: {say_orientation(orientation)}"),
     )
+
+
+def _take(recording: Recording, names: Sequence[str]) -> FloatArray:
+    return np.stack([recording.channel(name) for name in names], axis=1)
 
 
 def _largest_angle(orientations: Sequence[Orientation]) -> float:

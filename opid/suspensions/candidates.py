@@ -623,7 +623,8 @@ def _with_error(part: FittedStructure) -> FittedStructure:
                 return replace(part, found=replace(found, fit=fit), error=error)
         # A wrong law can leave the same residual with either weighting, as an unmeasured force does, and still bias the
         # mass. Without a free mass there is none to bias.
-        is_wrong = (
+        contradicts = _contradicts_a_fact(found.fit)
+        is_wrong = contradicts or (
             part.task.law is not None
             and found.fit.model.mass_free
             and asks_for_law(found.fit, part.task.question.kinds)
@@ -643,11 +644,25 @@ def _with_error(part: FittedStructure) -> FittedStructure:
                     found, error = simpler, of_simpler
                     break
         if error.limit == "model":
-            fit, error = follow_freely(found.fit, error)
+            fit, error = follow_freely(found.fit, replace(error, contradicts_a_fact=contradicts))
             found = replace(found, fit=fit)
     except NO_FIT as failed:
         return replace(part, found=None, reason=str(failed))
     return replace(part, found=found, error=error)
+
+
+def _contradicts_a_fact(fit: Fit) -> bool:
+    """Return whether a fit contradicts a known fact about a sensor, so that the model or the fact is wrong.
+
+    At the bound of a fact the fit was stopped: it is at no minimum, and has no covariance. If only ratios to the mass
+    are determined, a contradiction within the bounds counts, too: it widens their intervals and withholds nothing.
+    """
+    model, indices = fit.model, [fit.model.names.index(fault.name) for fault in fit.model.faults]
+    (lower, upper), value = model.bounds(), fit.theta[indices]
+    if np.any((value <= lower[indices]) | (value >= upper[indices])):
+        return True
+    off = [abs(own - fault.nominal) / fault.std for own, fault in zip(value, model.faults, strict=True)]
+    return not model.mass_free and max(off, default=0.0) > model.settings.faults.contradicted_std
 
 
 def _begin_model(

@@ -26,6 +26,8 @@ class Verdicts:
             reported for a body on several suspensions, for a user's own structure, or by the classical chain.
         refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the body's
             rms acceleration: it then explains less than 36 % of the power.
+        contact_fraction: a body that is refused is said to rub on the ground if friction against the ground explains
+            more than this fraction of the power that its suspension leaves while it slides.
         followed_fraction: a model whose prediction errors are noise and less than this fraction of the readings follows
             them, although its free motion may not: the motion of a very hard spring depends on its start forever.
         loosely_known: a value is not determined if its standard deviation exceeds this fraction of it.
@@ -36,6 +38,7 @@ class Verdicts:
     doubtful: float = 3.0
     refused: float = 20.0
     refused_fraction: float = 0.8
+    contact_fraction: float = 0.8
     followed_fraction: float = 0.01
     loosely_known: float = 0.25
 
@@ -121,6 +124,10 @@ class StartSettings:
         n_lags: ... on a grid of this many values ...
         lag_rounds: ... in this many rounds, each between the neighbours of the best value of the last grid ...
         lag_fraction: ... in the band from this fraction of the highest line up to it.
+        sliding_fractions: a body that rubs on the ground slides while its speed is above the second of these fractions
+            of its rms, because near rest the low-pass of a record rounds what a friction does; the others tell how much
+            the value depends on that.
+        n_parts: number of parts of the runs without each of which the natural frequency of such a body is found again.
     """
 
     band_hz: tuple[float, float] = (0.5, 12.0)
@@ -135,6 +142,8 @@ class StartSettings:
     n_lags: int = 11
     lag_rounds: int = 2
     lag_fraction: float = 0.1
+    sliding_fractions: tuple[float, float, float] = (0.25, 0.5, 1.0)
+    n_parts: int = 8
 
 
 @dataclass(frozen=True)

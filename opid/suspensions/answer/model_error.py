@@ -91,6 +91,7 @@ class ModelError:
         of_equivalents: (n_runs, 4) relative standard deviation of stiffness, damping, frequency and damping ratio of
             the equivalent linear suspension in each run. It combines their differences between the two fits, between
             pieces of that run and all of it, and from the equation of motion; zero if the model is not the limit.
+        contradicts_a_fact: whether the fit contradicts what is known of a sensor.
     """
 
     limit: Limit
@@ -98,6 +99,7 @@ class ModelError:
     spread: FloatArray
     left_out: tuple[LeftOut, ...]
     of_equivalents: FloatArray
+    contradicts_a_fact: bool = False
 
 
 def measure_model_error(

@@ -11,7 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from opid.estimate import Estimate
+from opid.errors import InputError
+from opid.estimate import Estimate, with_std
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, FittedStructure
@@ -23,6 +24,7 @@ from opid.suspensions.fitting.fit import (
     runs_contradict_each_other,
 )
 from opid.suspensions.fitting.noise import motion_over_noise, over_noise, sensor_ratio
+from opid.suspensions.fitting.start import measure_contact
 from opid.suspensions.model.driven_model import straight_equivalent
 from opid.suspensions.model.law_parameters import describe_unreached_stop, distance_to_stop
 from opid.suspensions.model.unknowns import GROUND
@@ -46,6 +48,13 @@ def why_refused(choice: Choice) -> str | None:
 
 def _explain_refused_gear(part: FittedStructure) -> str | None:
     fit, verdicts, ratio = part.fit, part.settings.verdicts, part.residual_over_noise
+    is_hopeless = unexplained_fraction(part) > verdicts.refused_fraction and not follows_readings(fit)
+    contact = describe_contact(part) if is_hopeless else ""
+    if contact:
+        return (
+            f"{contact}; no law of a suspension describes such a friction, so no other number is given: record the "
+            "motion without this contact"
+        )
     frequencies = natural_frequencies(fit) if ratio > verdicts.doubtful else [0.0]
     differ = max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
     if differ and runs_contradict_each_other(fit):
@@ -55,7 +64,7 @@ def _explain_refused_gear(part: FittedStructure) -> str | None:
             "check mass_change_kg"
         )
     left = unexplained_fraction(part)
-    if left <= verdicts.refused_fraction or follows_readings(fit):
+    if not is_hopeless:
         return None
     if not np.isfinite(left):
         unexplained = "has a free motion that grows without bound"
@@ -70,6 +79,30 @@ def _explain_refused_gear(part: FittedStructure) -> str | None:
         f"the fitted model {unexplained}, so no number is reported: check the channels (swapped, upside down, in "
         f"another unit) and the mass changes, {search}or take another band; if the body also rolls and pitches on "
         "other gears, describe all of them in [[interfaces]]"
+    )
+
+
+def describe_contact(part: FittedStructure) -> str:
+    """Return that a gear rubs on something that stands still, with what that tells; "" if it does not.
+
+    Args:
+        part: the gear.
+    """
+    model, verdicts = part.fit.model, part.settings.verdicts
+    if not model.body.is_one_gear or model.runs[0].n_travels:
+        return ""
+    try:
+        found = measure_contact(model.runs, model.body, part.settings.start)
+    except InputError:
+        return ""  # The runs are too short to be integrated.
+    if not (min(found.friction_n_per_kg) > 0.0 < found.frequency_hz and found.explained > verdicts.contact_fraction):
+        return ""
+    frictions = ", ".join(f"{each:.2g}" for each in found.friction_n_per_kg)
+    return (
+        f"the body rubs on something that stands still: while it slides, {100 * found.sliding:.0f} % of the time, a "
+        f"friction of {frictions} N per kg on its velocity against the ground explains {100 * found.explained:.0f} % "
+        "of the power that the suspension leaves, beside a natural frequency of "
+        f"{with_std(found.frequency_hz, found.frequency_std_hz)} Hz (one standard deviation)"
     )
 
 

@@ -14,7 +14,7 @@ from opid.mechanics.repeatability import PARTS, part_of
 from opid.signals.health.across_channels import find_unit_ratio
 from opid.signals.health.inspection import findings_in_words
 from opid.suspensions.answer.numbers import warn_of_area
-from opid.suspensions.answer.refusals import ConfoundedTerm, worst_sensor
+from opid.suspensions.answer.refusals import ConfoundedTerm, describe_contact, worst_sensor
 from opid.suspensions.candidates import Choice, FittedStructure
 from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.model.unknowns import GROUND
@@ -164,6 +164,9 @@ def _warn_of_residual(answer: Answer) -> Iterator[str]:
         yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}"
         if part.error is not None and not part.implausible and not answer.is_refused:
             yield _describe_limit(part)
+            contact = describe_contact(part)
+            if contact:
+                yield f"{contact}; the fitted law has this friction on the travel instead: take the frequency from here"
     else:
         size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
         yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
@@ -192,6 +195,12 @@ def _describe_limit(part: FittedStructure) -> str:
     least, most = (f"{100 * end(part.unexplained):.2g}" for end in (min, max))
     left = least if least == most else f"{least} to {most}"
     if part.error.limit == "model" and part.error.departure <= part.settings.process.same_std:
+        if part.error.contradicts_a_fact:
+            return (
+                f"the answer is limited by the model, which leaves {left} % of the body's acceleration and contradicts "
+                "what is known of a sensor: either is wrong, and the intervals are widened by the differences between "
+                "pieces of the runs"
+            )
         return (
             f"the answer is limited by the model, which leaves {left} % of the body's acceleration: another law of the "
             "library is expected to explain a part of that, so the given law is wrong; let the law be searched"

@@ -73,11 +73,12 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """Motion of one run: travel, velocity and position, (n_attachments, n) each, and acceleration, (n_dof, n)."""
+    """Motion of one run: travel, position and their rates, (n_attachments, n) each, and acceleration, (n_dof, n)."""
 
     travel: FloatArray
     velocity: FloatArray
     position: FloatArray
+    speed: FloatArray
     acceleration: FloatArray
     inside: slice
 
@@ -142,6 +143,87 @@ def start_values(
     return replace(_solve_start(equation, found), lags=delays)
 
 
+@dataclass(frozen=True)
+class Contact:
+    """What tells that a body rubs on something that stands still.
+
+    Args:
+        explained: fraction of the power that spring, damper and a friction of the suspension leave while the body
+            slides, which a friction against the ground explains.
+        sliding: fraction of the time in which it slides.
+        frequency_hz: natural frequency on its suspension, from the equation with that friction.
+        frequency_std_hz: its standard deviation, from parts of the runs and from what counts as sliding.
+        friction_n_per_kg: that friction in each run, over the mass.
+    """
+
+    explained: float
+    sliding: float
+    frequency_hz: float
+    frequency_std_hz: float
+    friction_n_per_kg: tuple[float, ...]
+
+
+def measure_contact(runs: Sequence[DrivenRun], body: Body, settings: StartSettings) -> Contact:
+    """Return how far friction against the ground explains the motion of a body on one suspension.
+
+    A body that rubs on something that stands still has a force -f sgn(v), v its own velocity and not that of the
+    travel, so that no law of a suspension is like it. While it sticks, any force up to f acts. The equation of motion
+    x'' = -k z - c z' - g sgn(z') - f sgn(v) + d is therefore solved by least squares over the samples in which it
+    slides; each run has an f and a d of its own.
+
+    Args:
+        runs: the runs.
+        body: the body.
+        settings: the settings of the equation.
+    """
+    columns = [_list_columns_of_contact(run, body, settings) for run in runs]
+    slow, usual, quick = (_solve_contact(columns, fraction, settings) for fraction in settings.sliding_fractions)
+    # What a friction does near rest is not this law, so that the value depends on what counts as sliding.
+    apart_hz = max(abs(each.frequency_hz - usual.frequency_hz) for each in (slow, quick))
+    return replace(usual, frequency_std_hz=float(np.hypot(usual.frequency_std_hz, apart_hz)))
+
+
+def _list_columns_of_contact(run: DrivenRun, body: Body, settings: StartSettings) -> FloatArray:
+    """Return acceleration, travel, its rate, sign of that, speed, and sign of that, (6, n), all filtered alike."""
+    # A lower corner would spoil more than half of a short run at its ends.
+    corner_hz = max(settings.high_pass_hz, 4.0 * run.recorded_fs / len(run.sprung))
+    motion = _integrate_motion(run, body, replace(settings, high_pass_hz=corner_hz))
+    signs = [
+        integrate(np.sign(each[0]), fs=run.recorded_fs, high_pass_hz=corner_hz).acceleration[np.newaxis]
+        for each in (motion.velocity, motion.speed)
+    ]
+    every = (motion.acceleration, motion.travel, motion.velocity, signs[0], motion.speed, signs[1])
+    return np.stack([each[0, motion.inside] for each in every])
+
+
+def _solve_contact(columns: Sequence[FloatArray], fraction: float, settings: StartSettings) -> Contact:
+    """Solve the equation where the speed of each run is above a fraction of its rms."""
+    sliding = [np.abs(speed) > fraction * speed.std() for *_, speed, _ in columns]
+    target, travel, velocity, along, _, sign = np.hstack([own[:, on] for own, on in zip(columns, sliding, strict=True)])
+    of_run = np.repeat(np.eye(len(columns)), [int(on.sum()) for on in sliding], axis=0)
+    # A friction of the suspension is taken off, too, for near a resonance the body moves about as its travel does.
+    plain = np.column_stack([-travel, -velocity, -along, of_run])
+    full = np.column_stack([plain, -of_run * sign[:, np.newaxis]])
+
+    def solve(matrix: FloatArray, kept: FloatArray | slice = slice(None)) -> FloatArray:
+        return np.asarray(np.linalg.lstsq(matrix[kept], target[kept], rcond=1e-10)[0])
+
+    left = [float(np.sum((target - matrix @ solve(matrix)) ** 2)) for matrix in (plain, full)]
+    value = solve(full)
+    # Neighbouring samples are not independent: the scatter is that of values without one part of the runs.
+    part = np.arange(target.size) * settings.n_parts // target.size
+    stiffness = np.array([solve(full, part != k)[0] for k in range(settings.n_parts)])
+    std = float(np.sqrt((settings.n_parts - 1) * stiffness.var()))
+    omega = float(np.sqrt(max(value[0], 0.0)))
+    return Contact(
+        explained=1.0 - left[1] / left[0] if left[0] else 0.0,
+        sliding=float(np.mean([on.mean() for on in sliding])),
+        frequency_hz=omega / (2 * np.pi),
+        frequency_std_hz=std / (4 * np.pi * omega) if omega else np.inf,
+        friction_n_per_kg=tuple(float(each) for each in value[-len(columns) :]),
+    )
+
+
 def _find_delay(
     equation_of: Callable[[Sequence[DrivenRun]], _Equation],
     runs: Sequence[DrivenRun],
@@ -181,11 +263,12 @@ def _integrate_motion(run: DrivenRun, body: Body, settings: StartSettings) -> _M
     relative = own.copy()
     relative[: body.n_interfaces] -= run.unsprung.T
     motions = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz) for each in relative]
-    positions = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz).displacement for each in own]
+    places = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz) for each in own]
     return _Motion(
         np.array([motion.displacement for motion in motions]),
         np.array([motion.velocity for motion in motions]),
-        np.array(positions),
+        np.array([place.displacement for place in places]),
+        np.array([place.velocity for place in places]),
         np.array([filter_like(each, motions[0]) for each in accelerations]),
         motions[0].interior if motions[0].interior.stop - motions[0].interior.start > n // 2 else slice(0, n),
     )
