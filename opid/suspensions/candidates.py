@@ -659,7 +659,8 @@ def _contradicts_a_fact(fit: Fit) -> bool:
     """
     model, indices = fit.model, [fit.model.names.index(fault.name) for fault in fit.model.faults]
     (lower, upper), value = model.bounds(), fit.theta[indices]
-    if np.any((value <= lower[indices]) | (value >= upper[indices])):
+    moves = ~model.held[indices]
+    if np.any(moves & ((value <= lower[indices]) | (value >= upper[indices]))):
         return True
     off = [abs(own - fault.nominal) / fault.std for own, fault in zip(value, model.faults, strict=True)]
     return not model.mass_free and max(off, default=0.0) > model.settings.faults.contradicted_std

@@ -89,7 +89,7 @@ def describe_contact(part: FittedStructure) -> str:
         part: the gear.
     """
     model, verdicts = part.fit.model, part.settings.verdicts
-    if not model.body.is_one_gear or model.runs[0].n_travels:
+    if not model.body.is_one_gear or model.runs[0].n_strut:
         return ""
     try:
         found = measure_contact(model.runs, model.body, part.settings.start)
