@@ -126,14 +126,45 @@ def test_an_ac_coupling_is_undone(corner_hz):
     assert np.std((reading - SIGNALS[:, 0])[INTERIOR]) > 0.01
 
 
+LATE_ABOVE = one(above=SensorFacts(lag_tolerance_s=0.01))
+
+
+@pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("samples", [0.2, 0.5, 1.0])
-def test_a_lag_is_undone(samples):
+def test_a_lag_is_undone(samples, stride):
     lag_s = samples / FS
-    sensors = one(above=SensorFacts(lag_tolerance_s=0.01))
     reading = read(SIGNALS[:, 1], lag_s=lag_s)
-    found = run_of(SIGNALS[:, 0], reading, None).correct("sprung", sensors, {"lag_s": lag_s}).value[:, 0]
-    assert np.std((found - SIGNALS[:, 1])[INTERIOR]) < 3e-3
+    run = replace(run_of(SIGNALS[:, 0], reading, None), stride=stride)
+    found = run.correct("sprung", LATE_ABOVE, {"lag_s": lag_s}).value[:, 0]
+    assert np.std((found - SIGNALS[::stride, 1])[INTERIOR]) < 3e-3
     assert np.std((reading - SIGNALS[:, 1])[INTERIOR]) > 0.1 * samples
+
+
+def test_at_a_coarse_rate_a_lag_averages_no_noise():
+    """Half a sample of lag is a mean of neighbours, and without a filter noise of every frequency is in the band."""
+    fs = 4 * FS
+    noise = np.random.default_rng(4).standard_normal((2, 40000))
+    run = driven_run(noise[0], noise[1], fs=fs).coarse
+    assert (run.fs, run.stride) == (FS, 4)
+
+    def power(samples):
+        return np.abs(run.transform(samples)) ** 2
+
+    found = [run.correct("sprung", LATE_ABOVE, {"lag_s": lag_s}) for lag_s in (0.0, 0.25 / fs, 0.5 / fs)]
+    one_of, *others = (power(each.value[:, 0]).mean() for each in found)
+    assert others == pytest.approx([one_of] * 2, rel=0.01)
+    # What the lag moves is the noise of the band alone, a quarter of the power of the thinned noise.
+    moved = np.mean(run.omega**2) * 2 / run.stride
+    assert power(found[2].by[0][2]).mean() == pytest.approx(moved, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("fs", "steps", "coarse"), [(256.0, 512.0, 512.0), (512.0, 512.0, 512.0), (1024.0, 1024.0, 512.0)]
+)
+def test_a_drive_that_was_not_measured_takes_twice_as_many_steps(fs, steps, coarse):
+    run = driven_run(SIGNALS[:, 0], SIGNALS[:, :2], fs=fs, n_travels=1, is_driven=False)
+    assert (run.fs, run.coarse.fs) == (steps, coarse)
+    assert driven_run(SIGNALS[:, 0], SIGNALS[:, 1], fs=fs).coarse.fs == FS
 
 
 def test_gains_are_divided_out_and_leaks_taken_out_of_the_side_that_they_went_into():

@@ -9,16 +9,18 @@ from body_runs import LOADS, NOISE, PLACES, aircraft, arrays_of, study, task_of
 from law_runs import DAMPING, MASS_KG, STIFFNESS, fitted, gear_model, runs_of, study_of
 
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws.law import LINEAR, default_law, law
+from opid.mechanics.laws.law import LINEAR, Law, Term, default_law, law
 from opid.signals.recording import Recording
 from opid.suspensions import candidates, identification
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
 from opid.suspensions.fitting import search
+from opid.suspensions.fitting.fit import fit_model, refit
 from opid.suspensions.fitting.search import Question, find_model, is_hopeless, judge_search, measure_folded_power
 from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.model.unknowns import Group
+from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run
 from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
@@ -290,6 +292,21 @@ def test_at_a_coarse_rate_the_true_model_leaves_the_noise_as_well(true):
     # 470 lines of three sensors: 0.027 is one standard deviation
     for lines in coarse.evaluate(true.theta, sensitivity=False).lines:
         assert np.mean(np.abs(lines) ** 2) / 2 == pytest.approx(1.0, abs=0.12)
+
+
+def test_at_a_coarse_rate_no_memory_makes_up_for_a_lag():
+    """The lag is fitted as well as at the full rate, and a law with memory is not likelier than the true one."""
+    facts = SensorPair(sprung=SensorFacts(lag_tolerance_s=1e-3))
+    quiet = {"fs": 512.0, "road_class": "A", "upper_sensor": Sensor(noise_m_per_s2=NOISE, lag_s=5e-4)}
+    full = fitted(runs_of(**quiet), DEFAULT_LAW, sensors=facts)
+    coarse = fit_model(full.model.coarse, full.theta)
+    assert coarse.model.runs[0].stride == 2
+    for each in (full, coarse):
+        assert each.value("lag_s") == pytest.approx(5e-4, abs=4 * each.std[each.model.names.index("lag_s")])
+        assert each.ratio == pytest.approx(1.0, abs=0.05)
+        arm = Term("maxwell_arm", (10.0, 0.003))
+        other = refit(each, {"": Law((*each.laws[""].terms, arm))})
+        assert other.bic > each.bic
 
 
 def test_noise_below_the_suspensions_is_averaged_at_a_coarse_rate(fast, true):
