@@ -162,7 +162,7 @@ def test_at_a_coarse_rate_a_lag_averages_no_noise():
     ("fs", "steps", "coarse"), [(256.0, 512.0, 512.0), (512.0, 512.0, 512.0), (1024.0, 1024.0, 512.0)]
 )
 def test_a_drive_that_was_not_measured_takes_twice_as_many_steps(fs, steps, coarse):
-    run = driven_run(SIGNALS[:, 0], SIGNALS[:, :2], fs=fs, n_travels=1, is_driven=False)
+    run = driven_run(SIGNALS[:, 0], SIGNALS[:, :2], fs=fs, n_strut=1, is_driven=False)
     assert (run.fs, run.coarse.fs) == (steps, coarse)
     assert driven_run(SIGNALS[:, 0], SIGNALS[:, 1], fs=fs).coarse.fs == FS
 
