@@ -86,7 +86,7 @@ def main() -> None:
         with TemporaryDirectory() as empty:
             first.add([*identify, f"{out}_first"], NUMBA_CACHE_DIR=empty)
     reference = median(libraries.cpu_s)
-    print(*table_head("what", "processor time, s", "beside loading the libraries", "smallest to largest, s"))
+    print(table_head("what", "processor time, s", "beside loading the libraries", "smallest to largest, s"))
     for what, taken in (
         ("loading the libraries", libraries),
         ("`opid identify`, law searched, with its page", whole),
