@@ -127,6 +127,12 @@ def test_a_sensor_beside_the_damper_gives_no_mass(tmp_path, taxi_runs, channels,
 @pytest.mark.parametrize(
     ("channels", "options", "words"),
     [
+        (
+            '[channels]\nsprung = "upper_z"\n[channels.force]\nchannel = "load"\n'
+            '[channels.unsprung]\nchannel = "load"\nquantity = "travel"\n',
+            {},
+            "a force is read, too: the gain of the force is then told by nothing|both channel 'load'",
+        ),
         (FORCE, {"gains": (-1.0, -1.0)}, "falls as the body above is pushed .* give it sign = -1"),
         (FORCE, {"unit": "V"}, "its quantity is 'force' and its unit is V|channel 'force' is in V: give a force in N"),
         (STRAIN + "gain_tolerance = 0.1\n", {}, "is a strain, whose gain nobody knows, and has a gain_tolerance"),

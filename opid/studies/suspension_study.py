@@ -646,6 +646,11 @@ def _require_places(study: _Body, stated: Mapping[str, Quantity | None]) -> None
     alone = [each for each in study.interfaces if stated[each.unsprung] == "travel"]
     if any(each.travel for each in alone):
         raise InputError("[channels.unsprung] and [channels.travel] both read the travel: leave one of them out")
+    if alone and any(each.force for each in study.interfaces):
+        raise InputError(
+            f"[channels.{alone[0].unsprung}] reads a travel in the place of the sensor below, and a force is read, "
+            "too: the gain of the force is then told by nothing; leave the force out, or give a sensor below"
+        )
     if alone and len(alone) < len(study.interfaces):
         others = next(each.name for each in study.interfaces if each not in alone)
         raise InputError(
