@@ -38,6 +38,7 @@ from opid.suspensions.fitting.fit import (
     runs_contradict_each_other,
     unexplained,
 )
+from opid.suspensions.fitting.forces import WrongForce
 from opid.suspensions.fitting.noise import (
     KnownNoise,
     is_noise,
@@ -149,6 +150,7 @@ class FittedStructure:
         reason: why there is no fit; "" if there is one.
         error: what limits the answer if the residual exceeds the noise known beforehand; for a rigid body None if it is
             the model.
+        wrong_forces: the sensors of forces that contradict each other; no stated gain of a force is then used.
     """
 
     kind: str
@@ -158,6 +160,7 @@ class FittedStructure:
     task: Task
     reason: str = ""
     error: ModelError | None = None
+    wrong_forces: tuple[WrongForce, ...] = ()
 
     @property
     def settings(self) -> Settings:
@@ -818,34 +821,6 @@ def with_prior_mass(part: FittedStructure, prior: PriorMass) -> FittedStructure:
     except NO_FIT:
         return part
     return replace(part, found=replace(found, fit=again))
-
-
-def with_believed_forces(part: FittedStructure) -> FittedStructure:
-    """Return a structure without the stated gains of forces if the changes of mass contradict them.
-
-    The mass follows from the changes of mass alone then, and the gains from it.
-
-    Args:
-        part: a fitted structure.
-    """
-    if not part.has_fit or not part.fit.model.scales:
-        return part
-    fit, found, body = part.fit, part.found, replace(part.fit.model.body, scales=())
-    if not is_mass_free(fit.model.runs, body):
-        return part
-    assert found is not None  # it has a fit
-    try:
-        again = fit_model(replace(fit.model, body=body), fit.theta)
-    except NO_FIT:
-        return part
-    alone = replace(part, found=replace(found, fit=again))
-    mu, believed = alone.fit.model.inverse_mass(alone.fit.theta), part.settings.weighing.used_within_std
-    for scale, gain in fit.model.scales:
-        mass_kg = scale.kg * float(again.theta[gain])
-        ratio = alone.known.estimate(mu * mass_kg, {"inverse_mass": mass_kg, gain: mu * scale.kg})
-        if abs(mu * mass_kg - 1.0) > believed * math.hypot(ratio.std or 0.0, scale.tolerance):
-            return alone
-    return part
 
 
 def is_mass_free(runs: Sequence[DrivenRun], body: Body) -> bool:

@@ -27,17 +27,16 @@ from opid.suspensions.candidates import (
     fit_alone,
     fit_rigid,
     parts_of,
-    with_believed_forces,
     with_prior_mass,
 )
 from opid.suspensions.fitting.faults import ground_imitations
 from opid.suspensions.fitting.noise import known_noise, measure_whiteness, over_noise
 from opid.suspensions.fitting.search import Question
+from opid.suspensions.forces import estimate_gains, with_believed_forces
 from opid.suspensions.law_search.force_surface import force_surface
 from opid.suspensions.law_search.pursuit import alternatives, library
 from opid.suspensions.model.driven_model import noise_level
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
-from opid.suspensions.sensor_facts import ForceSensor
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW, Settings
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 from opid.suspensions.weighing import InverseMass, compare_with_weighed, find_prior_mass, warn_of_weighed
@@ -464,21 +463,8 @@ def _collect_evidence(part: FittedStructure, options: Options, *, is_refused: bo
         error=part.error,
         interfaces=part.interfaces,
         covariance=part.known.covariance,
-        gains_of_forces=_estimate_gains(part) if has_mass else {},
+        gains_of_forces=estimate_gains(part) if has_mass else {},
     )
-
-
-def _estimate_gains(part: FittedStructure) -> dict[str, Estimate]:
-    """Return what each sensor of a force reads for 1 N."""
-    found, model, study = dict[str, Estimate](), part.fit.model, part.task.study
-    assert study is not None  # a user's own structure has no sensors of forces
-    for scale, (_, sensor) in zip(study.strut_scales, study.strut_sensors, strict=True):
-        name = f"gain_sprung[{sensor.channel}]"
-        if isinstance(sensor, ForceSensor) and name in model.names and model.mass_free:
-            mu, gain = model.inverse_mass(part.fit.theta), part.fit.value(name)
-            by: dict[str | int, float] = {"inverse_mass": gain / scale, name: mu / scale}
-            found[sensor.channel] = part.known.estimate(mu * gain / scale, by)
-    return found
 
 
 def _explain_failure(choice: Choice) -> str | None:

@@ -532,6 +532,9 @@ class RepeatabilitySettings:
         contradicted_weight: ... with this probability.
         rules_below: if the interval of the mass would shrink below this fraction were all runs alike, repeatability
             limits it.
+        gain_doubt: log standard deviation, as a factor, of the stated repeatability of the gain of a strut sensor: less
+            than that of suspensions, because amplifiers and gauges are made to stay as they are.
+        gain_powers: values of it that are weighed, as powers of that factor; smaller ones do not widen an interval.
     """
 
     usual: float = 0.01
@@ -543,6 +546,8 @@ class RepeatabilitySettings:
     contradicted: float = 2.0
     contradicted_weight: float = 0.9
     rules_below: float = 0.5
+    gain_doubt: float = 2.0
+    gain_powers: tuple[float, ...] = (0.0, 1.0, 2.0, 3.0)
 
 
 @dataclass(frozen=True)

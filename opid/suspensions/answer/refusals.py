@@ -32,6 +32,9 @@ from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, 
 from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Study, rigid_faults
 
+# a tolerance of more than this fraction of a standard deviation rules it
+_MOST_OF_IT = 0.7
+
 
 def why_refused(choice: Choice) -> str | None:
     """Return why there are no numbers at all; None if there are."""
@@ -124,6 +127,13 @@ def why_no_mass(choice: Choice) -> str | None:
     study, parts = choice.study, choice.parts
     untold = [part for part in parts if not part.fit.model.mass_free]
     changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
+    wrong = [each for part in parts for each in part.wrong_forces]
+    if wrong:
+        listed = ", ".join(each.words for each in wrong)
+        return (
+            f"the forces in the struts contradict each other: with the mass that fits all of them best {listed}; check "
+            "their units and calibrations, or state the tolerances that they have; the ratios to the mass are given"
+        )
     if len(untold) == len(parts):
         return _explain_no_scale(study)
     if untold:
@@ -243,9 +253,15 @@ def _explain_no_mass_of_gear(choice: Choice) -> str | None:
     (mu, std), largest = part.known.inverse_mass, max(changes) - min(changes)
     is_loose = _is_loose(part.known.mass, choice.verdicts)
     if is_loose and not largest:
+        tolerance = min((scale.tolerance for scale, _ in part.fit.model.scales), default=0.0)
+        if tolerance > _MOST_OF_IT * std / max(mu, 1e-300):
+            return (
+                "the gain of the force in the strut is not known well enough for a mass: calibrate it, or add a run "
+                "with a known mass more or less; the ratios to the mass are given"
+            )
         return (
-            "the gain of the force in the strut is not known well enough for a mass: calibrate it, or add a run with a "
-            "known mass more or less; the ratios to the mass are given"
+            "one over the sprung mass is not told clearly from zero, whatever is known of scales and springs: record "
+            "longer runs, or add one with a known mass more or less; the ratios to the mass are given"
         )
     if part.known.has_negative_mass and is_loose:
         return (

@@ -17,6 +17,7 @@ from opid.suspensions.answer.numbers import warn_of_area
 from opid.suspensions.answer.refusals import ConfoundedTerm, describe_contact, worst_sensor
 from opid.suspensions.candidates import Choice, FittedStructure
 from opid.suspensions.fitting.noise import over_noise
+from opid.suspensions.forces import warn_of_unused_forces
 from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import (
     Evidence,
@@ -82,8 +83,8 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from _warn_of_ground(answer)
         yield from warn_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
         yield from warn_of_stops(answer.interfaces)
-    if reported:
-        yield from _warn_of_forces(answer)
+        for part, evidence in zip(reported, answer.evidence, strict=True):
+            yield from warn_of_unused_forces(choice.study, part, evidence.gains_of_forces)
     rules = any(each.repeatability.rules_mass for each in answer.evidence)
     if not any(part.fit.model.has_prior_mass for part in choice.parts):  # else the scale rests on what was weighed
         yield from _warn_of_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
@@ -305,23 +306,6 @@ def _warn_of_implausible_demands(part: FittedStructure) -> Iterator[str]:
             "(a unit, a channel, a law); the intervals are withheld: check the sensors, and state their properties "
             "under [sensors]"
         )
-
-
-def _warn_of_forces(answer: Answer) -> Iterator[str]:
-    """Yield that a force, whose gain is stated, contradicts the changes of mass."""
-    study = answer.choice.study
-    if any(part.fit.model.scales for part in answer.choice.parts):
-        return
-    gains = {channel: gain for each in answer.evidence for channel, gain in each.gains_of_forces.items()}
-    for sensor in study.forces:
-        gain = gains.get(sensor.channel)
-        if sensor.gain_tolerance is not None and gain is not None and gain.value is not None and gain.std is not None:
-            yield (
-                f"the force (channel {sensor.channel!r}) contradicts the changes of mass, and is not used for the "
-                f"mass: with the mass that follows from these it reads {gain.value:.3g} N for each N, with standard "
-                f"deviation {gain.std:.2g}, and its gain is stated to be right to "
-                f"{100 * sensor.gain_tolerance:.2g} %: check its unit, its calibration and the changes of mass"
-            )
 
 
 def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:

@@ -5,12 +5,16 @@ is small, but hardly how small: the stated repeatability is believed within a fa
 friction all changed by the same ratio from one mass to the other, or if a repeated run at the first mass agrees with
 the first one, the departures are small and the mass is well known; it is not if they changed by different ratios.
 
+The gains of sensors of forces differ from run to run as well, and a gain that grew looks like springs, damping and
+friction that all grew by one ratio. Their stated repeatability is believed within a factor of two.
+
 The posterior of the repeatability is computed on a grid of values; each value weights the departures differently
 (empirical hierarchical model, Gelman et al. 2013, ch. 5). The intervals are those of the mixture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,12 +34,14 @@ class Levels:
 
     Args:
         repeatability: (n_levels,) relative standard deviation of the departures.
+        gains_differ: (n_levels,) factor on the stated repeatability of gains; 1 where none differ.
         weight: (n_levels,) posterior probability of each value.
         moved: (n_levels, n_unknowns) the best vector minus that of the fit.
         covariance: (n_levels, n_unknowns, n_unknowns) covariance about the best vector.
     """
 
     repeatability: FloatArray
+    gains_differ: FloatArray
     weight: FloatArray
     moved: FloatArray
     covariance: FloatArray
@@ -43,7 +49,22 @@ class Levels:
     @property
     def median(self) -> float:
         """The median of the repeatability."""
-        return float(np.exp(np.interp(0.5, np.cumsum(self.weight), np.log(self.repeatability))))
+        return self._find_median(self.repeatability)
+
+    @property
+    def median_of_gains(self) -> float:
+        """The median of the factor on the stated repeatability of gains."""
+        return self._find_median(self.gains_differ)
+
+    @property
+    def at_median(self) -> int:
+        """Number of the level that is nearest to both medians."""
+        off = np.log(self.repeatability / self.median), np.log(self.gains_differ / self.median_of_gains)
+        return int(np.argmin(np.abs(off).sum(axis=0)))
+
+    def _find_median(self, values: FloatArray) -> float:
+        order = np.argsort(values, kind="stable")
+        return float(np.exp(np.interp(0.5, np.cumsum(self.weight[order]), np.log(values[order]))))
 
     def widen(self, factors: FloatArray) -> Levels:
         """Return the levels with the standard deviation of each entry multiplied by a factor, (n_unknowns,)."""
@@ -128,11 +149,16 @@ def levels(fit: Fit, stated: float) -> Levels:
     jacobian, left = errors.jacobian * weight[:, np.newaxis], errors.stacked * weight
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    # The Gram matrix without the prior of the departures, in units of each column.
+    gains, nominal = model.stds_of_run_gains, np.zeros(fit.theta.size)
+    nominal[list(gains)] = 1.0
+    # The Gram matrix without the prior of the departures and gains, in units of each column.
     before = np.where(free, 1 / (model.repeatability * size), 0.0) ** 2
+    for index, std in gains.items():
+        before[index] = 1 / (model.gains_differ * std * size[index]) ** 2
     gram = (jacobian / size).T @ (jacobian / size) - np.diag(before)
-    along = -(jacobian / size).T @ left + before * fit.theta * size
-    return weigh_levels(gram, along[:, np.newaxis], fit.theta, size, free, stated, known)[0]
+    departs = fit.theta - nominal
+    along = -(jacobian / size).T @ left + before * departs * size
+    return weigh_levels(gram, along[:, np.newaxis], departs, size, free, stated, known, gains)[0]
 
 
 def weigh_levels(
@@ -143,6 +169,7 @@ def weigh_levels(
     free: NDArray[np.bool_],
     stated: float,
     known: RepeatabilitySettings,
+    gains: Mapping[int, float],
 ) -> list[Levels]:
     """Return the posterior at each value of the repeatability for normal equations without a prior of the departures.
 
@@ -151,18 +178,26 @@ def weigh_levels(
     Args:
         gram: (n_unknowns, n_unknowns) J^T J of the weighted errors and of all other priors, in units of `size`.
         along: (n_unknowns, n_cases) -J^T e, likewise.
-        theta: (n_unknowns,) the vector about which the errors are linear.
+        theta: (n_unknowns,) the vector about which the errors are linear, gains that differ from run to run minus 1.
         size: (n_unknowns,) positive scale of each entry of the vector.
         free: (n_unknowns,) which entries are departures.
         stated: the stated repeatability.
         known: settings of the repeatability.
+        gains: stated standard deviations of the gains that differ from run to run, by their index; `gram` and `along`
+            hold no prior of them either.
     """
-    scaled = (theta * size)[:, np.newaxis]
-    log_level = np.linspace(*known.reach, known.n_levels)
+    scaled, of_prior = (theta * size)[:, np.newaxis], free.copy()
+    of_prior[list(gains)] = True
+    powers = known.gain_powers if gains else (0.0,)
+    log_level = np.tile(np.linspace(*known.reach, known.n_levels), len(powers))
+    power = np.repeat(powers, known.n_levels)
     repeatability = stated * np.exp(log_level * np.log(known.doubt))
+    gains_differ = np.exp(power * np.log(known.gain_doubt))
     log_weight, moved, covariance = [], [], []
-    for level, log in zip(repeatability, log_level, strict=True):
+    for level, factor, log, log_factor in zip(repeatability, gains_differ, log_level, power, strict=True):
         prior = np.where(free, 1 / (level * size), 0.0) ** 2
+        for index, std in gains.items():
+            prior[index] = 1 / (factor * std * size[index]) ** 2
         inside = gram + np.diag(prior)
         sizes, directions = np.linalg.eigh(inside)
         # A direction that nothing depends on, for example a stop that is never reached, does not change the weights.
@@ -171,12 +206,15 @@ def weigh_levels(
         slope = along - prior[:, np.newaxis] * scaled
         step = inverse @ slope
         likely = 0.5 * np.sum(slope * step, axis=0) - 0.5 * float(prior @ scaled[:, 0] ** 2)
-        likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.sum(np.log(sizes[seen])))
-        log_weight.append(likely - 0.5 * log**2)
+        likely += 0.5 * float(np.sum(np.log(prior[of_prior]))) - 0.5 * float(np.sum(np.log(sizes[seen])))
+        log_weight.append(likely - 0.5 * log**2 - 0.5 * log_factor**2)
         moved.append(step / size[:, np.newaxis])
         covariance.append(inverse / np.outer(size, size))
     weights, steps, spread = special.softmax(log_weight, axis=0), np.array(moved), np.array(covariance)
-    return [Levels(repeatability, weights[:, case], steps[:, :, case], spread) for case in range(along.shape[1])]
+    return [
+        Levels(repeatability, gains_differ, weights[:, case], steps[:, :, case], spread)
+        for case in range(along.shape[1])
+    ]
 
 
 def with_departures(fit: Fit, repeatability: float) -> Fit:
@@ -198,5 +236,6 @@ def with_own_repeatability(fit: Fit) -> Fit:
     """Fit once more at the repeatability estimated from the runs; a fit without departures is returned unchanged."""
     if not fit.model.repeatability:
         return fit
-    estimated = levels(fit, fit.model.repeatability).median
-    return fit_model(replace(fit.model, repeatability=estimated), fit.theta)
+    found = levels(fit, fit.model.repeatability)
+    differ = replace(fit.model, repeatability=found.median, gains_differ=found.median_of_gains)
+    return fit_model(differ, fit.theta)

@@ -99,6 +99,7 @@ class Unknowns:
         repeatability: relative standard deviation of springs, damping and friction from run to run; 0 if they are the
             same in all runs.
         held_inverse_mass: one over the reference mass if it is not fitted, 1/kg; 0 for ratios alone.
+        gains_differ: factor on the stated standard deviations by which gains differ from run to run.
     """
 
     runs: tuple[DrivenRun, ...]
@@ -110,6 +111,7 @@ class Unknowns:
     settings: Settings
     repeatability: float = 0.0
     held_inverse_mass: float = 0.0
+    gains_differ: float = 1.0
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -190,6 +192,15 @@ class Unknowns:
             for index, fault in enumerate(self.faults, start=self.first_fault)
             if (fault.kind, fault.side, fault.channel, fault.run) == ("gain", "sprung", scale.channel, None)
         )
+
+    @cached_property
+    def stds_of_run_gains(self) -> dict[int, float]:
+        """Stated standard deviations of the gains that differ from run to run, by their index in the vector."""
+        return {
+            index: fault.std
+            for index, fault in enumerate(self.faults, start=self.first_fault)
+            if fault.kind == "gain" and fault.run is not None
+        }
 
     @property
     def own_load(self) -> float:
@@ -296,7 +307,8 @@ class Unknowns:
             )
         farthest = self.settings.fit.farthest_std
         for k, fault in enumerate(self.faults, start=self.first_fault):
-            lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
+            reach = farthest * fault.std * (self.gains_differ if k in self.stds_of_run_gains else 1.0)
+            lower[k], upper[k] = fault.nominal - reach, fault.nominal + reach
             if fault.kind == "gain" and any(run.drive_step_m_per_s2 for run in self.runs):
                 # Without a measured drive a gain is the same as another stiffness, damping and law. What little tells
                 # them apart is what is assumed of the drive: the gain stays as stated, and only widens the intervals.
@@ -442,7 +454,10 @@ def compare_with_prior(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) 
     Those of sensor faults, of coordinates, and of initial states and departures of runs come first, then those of laws
     and of the mass.
     """
-    known = [(fault.nominal, fault.std) for fault in unknowns.faults]
+    known = [
+        (fault.nominal, fault.std * (unknowns.gains_differ if index in unknowns.stds_of_run_gains else 1.0))
+        for index, fault in enumerate(unknowns.faults, start=unknowns.first_fault)
+    ]
     known += [(0.0, coordinate.std) for coordinate in unknowns.body.coordinates]
     start_rms = unknowns.settings.runs.start_rms
     of_run = [(0.0, start_rms * float(rms)) for rms in unknowns.motion_rms.ravel()]

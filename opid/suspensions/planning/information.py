@@ -10,8 +10,8 @@ adds over runs, and grows in proportion to time:
 J_0 and P_0 are the derivatives by the state at the first sample and the information of its prior, J_s the derivatives
 by all other unknowns, and T0 is the duration of the given motion. In 20 s the unknown state takes away less than 1 % of
 the information, unless the spring is so hard that the motion depends on the state forever; then it takes away the same
-fraction of a run of any length. The other unknowns are those that all runs share, and the departures of springs,
-damping and friction of the run.
+fraction of a run of any length. The other unknowns are those that all runs share, and those of the run: the faults of
+sensors that differ from run to run (gains of forces, clocks), and the departures of springs, damping and friction.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg, signal
 
 from opid.signals.recording import FloatArray
@@ -28,6 +29,7 @@ from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.fitting.repeatability import Levels, weigh_levels
 from opid.suspensions.model.driven_model import Model
 from opid.suspensions.model.unknowns import compare_with_prior
+from opid.suspensions.sensor_facts import Fault, Side
 
 # A direction about which the runs tell nothing has this information, over that of each entry alone: its standard
 # deviation is then beyond all that is reported.
@@ -44,7 +46,8 @@ def measure_information(fit: Fit, motion: int, *, loading: FloatArray, road_fact
         road_factor: factor on that motion.
 
     Returns:
-        (n, n) for the shared unknowns, then the departures of the run.
+        (n, n) for the shared unknowns, then the faults of `faults_of_a_run`, then the departures of the run. The shared
+        unknowns keep rows of zeros for the faults that differ from run to run.
 
     Raises:
         UnboundedResponseError: springs that cannot carry the loading, or a motion that grows without bound.
@@ -73,12 +76,28 @@ def measure_information(fit: Fit, motion: int, *, loading: FloatArray, road_fact
     errors = planned.evaluate(theta)
     n_data = 2 * sum(line.size for line in errors.lines)
     jacobian = np.sqrt(planned.compared_fraction) * errors.jacobian[:n_data]
-    others = np.concatenate([jacobian[:, : model.n_shared], jacobian[:, departures]], axis=1)
+    shared, kinds = jacobian[:, : model.n_shared].copy(), list(faults_of_a_run(model))
+    own = np.zeros((n_data, len(kinds)))
+    for index, fault in enumerate(model.faults, start=model.first_fault):
+        if fault.run is not None:
+            shared[:, index] = 0.0
+        if fault.run == run.number:
+            own[:, kinds.index(_kind_of(fault))] = jacobian[:, index]
+    others = np.concatenate([shared, own, jacobian[:, departures]], axis=1)
     at_start, duration_s = jacobian[:, start], run.n_samples / run.fs
     prior = compare_with_prior(planned, theta, is_held=False)[1][:, start]
     both = at_start.T @ others
     lost = both.T @ linalg.solve(at_start.T @ at_start + prior.T @ prior, both, assume_a="pos")
     return np.asarray((others.T @ others - lost) / duration_s)
+
+
+def faults_of_a_run(model: Model) -> dict[tuple[str, Side, int], Fault]:
+    """Return the faults of sensors that differ from run to run by kind, side and channel: any run has one of each."""
+    return {_kind_of(fault): fault for fault in model.faults if fault.run is not None}
+
+
+def _kind_of(fault: Fault) -> tuple[str, Side, int]:
+    return fault.kind, fault.side, fault.channel
 
 
 def _predict_readings(model: Model, theta: FloatArray) -> FloatArray:
@@ -103,7 +122,7 @@ class Expectation:
     """What an identification of planned runs will know of the shared unknowns.
 
     Args:
-        information: (n_shared, n_shared) information of runs and priors, the departures of each run eliminated under
+        information: (n_shared, n_shared) information of runs and priors, the unknowns of each run eliminated under
             their prior.
         cases: the parameters with the covariance that an identification will state: one for each draw of how the runs
             happen to differ, a single one for runs that are alike.
@@ -141,42 +160,58 @@ def expect(
     model, n_shared = reference.model, reference.model.n_shared
     n_own = len(runs[0]) - n_shared
     n = n_shared + n_own * len(runs)
-    gram = np.zeros((n, n))
+    gram, free, stds, gains = np.zeros((n, n)), np.arange(n) >= n_shared, np.zeros(n), dict[int, float]()
     gram[:n_shared, :n_shared] = known_beforehand(reference)
     for index, run in enumerate(runs):
-        rows = np.r_[:n_shared, n_shared + index * n_own : n_shared + (index + 1) * n_own]
+        first = n_shared + index * n_own
+        rows = np.r_[:n_shared, first : first + n_own]
         gram[np.ix_(rows, rows)] += run
+        for row, fault in enumerate(faults_of_a_run(model).values(), start=first):
+            free[row], stds[row] = False, fault.std
+            if fault.kind == "gain":
+                gains[row] = fault.std
+            else:
+                gram[row, row] += fault.std**-2.0
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size = np.where(size > 0.0, size, 1.0)
     scaled = gram / np.outer(size, size) + _NOTHING * np.eye(n)
-    free = np.arange(n) >= n_shared
+    of_gains = np.zeros(n)
+    of_gains[list(gains)] = [std**-2.0 for std in gains.values()]
     if not repeatability:
-        units = np.outer(size[:n_shared], size[:n_shared])
-        covariance = np.linalg.inv(scaled[:n_shared, :n_shared]) / units
+        held = np.flatnonzero(~free)
+        inside = (scaled + np.diag(of_gains / size**2))[np.ix_(held, held)]
+        covariance = (np.linalg.inv(inside) / np.outer(size[held], size[held]))[:n_shared, :n_shared]
         widened = _fill(covariance, reference.theta.size) * np.outer(std_factors, std_factors)
-        return Expectation(gram[:n_shared, :n_shared], (Parameters(reference, widened),))
+        return Expectation(_eliminate(gram + np.diag(of_gains), held, n_shared), (Parameters(reference, widened),))
     departures = np.zeros((n, n_draws))
-    departures[n_shared:] = actual * rng.standard_normal((n - n_shared, n_draws))
+    departures[n_shared:] = rng.standard_normal((n - n_shared, n_draws))
+    departures *= np.where(free, actual, stds)[:, np.newaxis]
     # The gradient of the squared errors has the information as its covariance.
     sizes, directions = np.linalg.eigh(scaled)
     noise = (directions * np.sqrt(np.maximum(sizes, 0.0))) @ rng.standard_normal((n, n_draws))
     along = scaled @ (departures * size[:, np.newaxis]) + noise
     cases = []
-    for found in weigh_levels(scaled, along, np.zeros(n), size, free, repeatability, model.settings.repeatability):
+    settings = model.settings.repeatability
+    for found in weigh_levels(scaled, along, np.zeros(n), size, free, repeatability, settings, gains):
         # The fit is at the best vector for the median of the repeatability.
-        best = found.moved[int(np.argmin(np.abs(found.repeatability - found.median)))]
+        best = found.moved[found.at_median]
         shared = Levels(
             found.repeatability,
+            found.gains_differ,
             found.weight,
             _fill((found.moved - best)[:, :n_shared], reference.theta.size),
             _fill(found.covariance[:, :n_shared, :n_shared], reference.theta.size),
         ).widen(std_factors)
         cases.append(Parameters(reference, shared.second_moments(), shared))
-    inside = gram + np.diag(np.where(free, repeatability**-2.0, 0.0))
-    own = inside[n_shared:, n_shared:]
-    both = inside[n_shared:, :n_shared]
-    left = inside[:n_shared, :n_shared] - both.T @ linalg.solve(own, both, assume_a="pos")
-    return Expectation(left, tuple(cases))
+    inside = gram + np.diag(np.where(free, repeatability**-2.0, of_gains))
+    return Expectation(_eliminate(inside, np.arange(n), n_shared), tuple(cases))
+
+
+def _eliminate(information: FloatArray, held: NDArray[np.int64], n_shared: int) -> FloatArray:
+    """Return the information of the shared unknowns, of some unknowns that begin with them."""
+    inside, own = information[np.ix_(held, held)], slice(n_shared, held.size)
+    both = inside[own, :n_shared]
+    return np.asarray(inside[:n_shared, :n_shared] - both.T @ linalg.solve(inside[own, own], both, assume_a="pos"))
 
 
 def _fill(shared: FloatArray, n_unknowns: int) -> FloatArray:
