@@ -176,7 +176,14 @@ def test_a_channel_that_is_no_force_of_the_strut_is_refused(tmp_path, taxi_runs)
         replace(study, runs=(replace(run, recording=replace(run.recording, samples=samples)), study.runs[1]))
 
 
-@pytest.mark.parametrize("channels", [FORCE + "gain_tolerance = 0.02\n", STRAIN + "gain_repeatability = 0.01\n"])
+@pytest.mark.parametrize(
+    "channels",
+    [
+        FORCE + "gain_tolerance = 0.02\n",
+        FORCE + "gain_tolerance = 0.0\ngain_repeatability = 0.0\nlag_tolerance_s = 0.0\n",
+        STRAIN + "gain_repeatability = 0.01\n",
+    ],
+)
 def test_a_study_with_a_force_is_written_and_read_back(tmp_path, taxi_runs, channels):
     study = opid.read_study(write(tmp_path, taxi_runs, channels))
     (tmp_path / "again").mkdir()

@@ -315,3 +315,17 @@ def test_intervals_hold_where_the_gas_is_another(tmp_path, test_runs, channels, 
 def test_bad_pressures_are_refused(tmp_path, test_runs, channels, options, words):
     with pytest.raises(opid.InputError, match=words):
         opid.read_study(write_pressures(tmp_path, test_runs, channels, **options))
+
+
+def test_a_pressure_counts_as_the_accelerations_do(tmp_path, test_runs):
+    """Gas that expands extends the strut, which is the negative direction where the axis is 'down'."""
+    turned = 'axis = "down"\n[channels]\n' + "".join(
+        f'{side} = {{ channel = "{channel}", sign = -1 }}\n'
+        for side, channel in (("sprung", "upper_z"), ("unsprung", "lower_z"))
+    )
+    masses = []
+    for name, channels in (("up", GAS_BESIDE), ("down", turned + "[channels.travel]\n" + GAS)):
+        (tmp_path / name).mkdir()
+        masses.append(identify(write_pressures(tmp_path / name, test_runs, channels)).parameters.sprung_mass_kg)
+    assert masses[1].value == pytest.approx(masses[0].value, rel=1e-3)
+    assert masses[1].std == pytest.approx(masses[0].std, rel=1e-2)

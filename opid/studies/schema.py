@@ -275,7 +275,7 @@ def collect_faults(faults: list[str], words: str = "") -> Iterator[None]:
 
 
 def select_stated(record: Any) -> dict[str, Any]:
-    """Return the fields of a record that differ from their defaults.
+    """Return the fields of a record that differ from their defaults, or whose keys are `given`.
 
     >>> from opid.signals.log import LogSettings
     >>> select_stated(LogSettings(unit="g", skip_lines=2))
@@ -284,7 +284,7 @@ def select_stated(record: Any) -> dict[str, Any]:
     said = {}
     for name, (_, default) in _list_keys(record.__class__).items():
         value = getattr(record, name)
-        is_other = value != default
+        is_other = value != default or name in getattr(record, "given", ())
         if value is not None and (select_stated(value) if is_dataclass(value) and default is not MISSING else is_other):
             said[name] = value
     return said

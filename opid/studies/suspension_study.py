@@ -19,12 +19,9 @@ from opid.progress import Say
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.signals.quantities import Quantity, quantity_of, travel_of_gas
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
-from opid.studies.quantities import convert_run, differentiated_noises, name_travel, with_channel
 from opid.studies.run_files import (
     CHANNEL,
-    ChannelTable,
     RunFiles,
     Source,
     add_files,
@@ -46,19 +43,24 @@ from opid.studies.schema import (
     require_plain,
     select_stated,
 )
+from opid.studies.sensor_tables import (
+    FACTS,
+    STRUT_SENSORS,
+    InterfaceTable,
+    SensorTable,
+    read_other_quantities,
+    tabulate_struts,
+)
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.studies.triaxial import Mounting, TriaxialSensor, level_runs
 from opid.suspensions.sensor_facts import (
     IDEAL,
-    IDEAL_PAIR,
     LEAK_TOLERANCE,
     SIDES,
-    ForceSensor,
     Leak,
     SensorFacts,
     SensorPair,
     Side,
-    TravelSensor,
 )
 from opid.suspensions.study import (
     Axis,
@@ -78,21 +80,6 @@ LOADING_COLUMNS = ("mass_kg", "x_m", "y_m")
 
 FACTS_OF_RUN = ("weighed_mass_kg", "weighed_tolerance_kg", "speed_m_per_s")
 """The keys of a run that a record of it keeps as they are: what a scale read, and how fast the vehicle was."""
-MOST_TILT_DEG = 30.0
-"""The largest standard deviation of a vertical: with more of it nothing is known."""
-
-FACTS = (*(each.name for each in fields(SensorFacts)), "quantity", "noise_m", "gas_length_m", "gas_exponent")
-STRUT_SENSORS = ("travel", "force")
-"""Names of the channels of a gear that read its strut beside the sensors on either side."""
-
-GAS_EXPONENT = 1.2
-"""Usual polytropic exponent of the gas in a strut: between that of slow and that of quick motion."""
-
-USUAL_OF_GAS: dict[str, Any] = {"gain_tolerance": 0.05, "gain_repeatability": 0.02}
-"""What is known of a travel by a pressure: a drawing tells the length of the gas, and 6 K change it by 2 %."""
-
-AS_TRAVEL: tuple[Quantity | None, ...] = (None, "travel", "pressure")
-AS_FORCE: tuple[Quantity | None, ...] = (None, "force", "strain")
 OF_A_BODY = (
     "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
     "unsprung, x_m, y_m), or leave it out for one gear"
@@ -100,54 +87,7 @@ OF_A_BODY = (
 OF_ONE_GEAR = "which belongs to one gear: give it in each table [[interfaces]]"
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Channel(SensorFacts, ChannelTable):
-    quantity: Quantity | None = None
-    noise_m: float | None = None
-    gas_length_m: float | None = None
-    gas_exponent: float = GAS_EXPONENT
-    axes: tuple[str, ...] = ()
-    gyroscope: tuple[str, ...] = ()
-    vertical: Annotated[tuple[float, ...], "a list of three numbers, the upward direction in the axes"] = ()
-    tilt_tolerance_deg: float | None = None
-
-    def __post_init__(self) -> None:
-        SensorFacts.__post_init__(self)
-        ChannelTable.__post_init__(self)
-        if self.noise_m is not None and self.quantity not in (None, "travel"):
-            raise InputError("noise_m is given, which belongs to a travel: give quantity = 'travel', or leave it out")
-        if self.noise_m is not None and self.noise_m_per_s2 is not None:
-            raise InputError("noise_m and noise_m_per_s2 are given: give the noise of a travel by noise_m alone")
-        for name in ("gas_length_m", "gas_exponent"):
-            value = getattr(self, name)
-            if name in self.given and self.quantity != "pressure":
-                raise InputError(f"{name} is given, which belongs to quantity = 'pressure': leave it out")
-            if value is not None and not 0.0 < value < math.inf:
-                raise InputError(f"{name} is {value:g}: give a positive number")
-        if self.quantity == "pressure" and self.gas_length_m is None:
-            raise InputError(
-                "quantity is 'pressure' and gas_length_m is missing: give the length of the gas at rest in m, its "
-                "volume over the piston area"
-            )
-        for name in ("axes", "gyroscope"):
-            given = getattr(self, name)
-            if given and len(set(given)) != 3:
-                raise InputError(f"{name} is {list(given)}: give three different channels, as in a right-handed system")
-        if self.vertical and (len(self.vertical) != 3 or not 0 < math.hypot(*self.vertical) < math.inf):
-            raise InputError(f"vertical is {list(self.vertical)}: give the upward direction in the axes, as [0, 0, 1]")
-        if self.tilt_tolerance_deg is not None and not 0 < self.tilt_tolerance_deg <= MOST_TILT_DEG:
-            raise InputError(
-                f"tilt_tolerance_deg is {self.tilt_tolerance_deg:g}: give a positive angle up to {MOST_TILT_DEG:g}"
-            )
-        for name in ("channel", "sign", "offset", "quantity") if self.axes else ():
-            if name in self.given:
-                raise InputError(
-                    f"{name!r} and axes are given: gravity tells which way is up, axes are accelerations, and an axis "
-                    "with a scale, an offset or a sign of its own has a table [channels.NAME] of its own"
-                )
-
-
-_Channels = Mapping[str, Annotated[str | int | _Channel, CHANNEL]]
+_Channels = Mapping[str, Annotated[str | int | SensorTable, CHANNEL]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,17 +147,6 @@ class _GearSensors(_Sensors):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Interface(MeasuredInterface):
-    sprung: Annotated[str, "the channel on the body above the suspension, its name in quotes"]
-    unsprung: Annotated[str, "the channel below the suspension, its name in quotes"]
-    x_m: float
-    y_m: float
-    facts: Annotated[SensorPair, NO_KEY] = IDEAL_PAIR
-    travel: Annotated[str, "the channel that reads its travel, its name in quotes"] = ""  # type: ignore[assignment]
-    force: Annotated[str, "the channel that reads the force in its strut, its name in quotes"] = ""  # type: ignore[assignment]
-
-
-@dataclass(frozen=True, kw_only=True)
 class _BodySensor(BodySensor):
     facts: Annotated[SensorFacts, NO_KEY] = IDEAL
     leaks: Annotated[tuple[Leak, ...], NO_KEY] = ()
@@ -243,7 +172,7 @@ class _Body(_Study):
     sensors: Annotated[_Sensors, "tables [[sensors.leak]] (further sensors on the body are [[body_sensors]])"] = (
         _Sensors()
     )
-    interfaces: Annotated[tuple[_Interface, ...], "one table [[interfaces]] for each suspension"]
+    interfaces: Annotated[tuple[InterfaceTable, ...], "one table [[interfaces]] for each suspension"]
     body_sensors: tuple[_BodySensor, ...] = ()
     runs: Annotated[tuple[_BodyRun, ...], SUSPENSIONS.needs["runs"]]
 
@@ -270,14 +199,14 @@ class _Gear(_Study):
     def to_body(self) -> _Body:
         """Return the gear as a body with one interface; its channels have the names of the recordings."""
         names = {key: entry if isinstance(entry, str) else key for key, entry in self.channels.items()}
-        channels: dict[str, str | int | _Channel] = {}
+        channels: dict[str, str | int | SensorTable] = {}
         for key, entry in self.channels.items():
             if channels.setdefault(names[key], entry) != entry:
                 raise InputError(f"[channels]: {key!r} and another entry are both called {names[key]!r}: rename one")
         for side in SIDES:
             beside, table = (
                 select_stated(getattr(self.sensors, side)),
-                tabulate_channel(_Channel, side, self.channels[side]),
+                tabulate_channel(SensorTable, side, self.channels[side]),
             )
             for fact in sorted(beside.keys() & table.given):
                 raise InputError(f"{fact!r} stands in [channels.{side}] and in [sensors.{side}]: give it once")
@@ -301,7 +230,7 @@ class _Gear(_Study):
             for run in self.runs
         )
         read = {side: names[side] for side in SIDES} | {each: names.get(each, "") for each in STRUT_SENSORS}
-        gear = recast(_Interface, self, name="gear", x_m=0.0, y_m=0.0, **read)
+        gear = recast(InterfaceTable, self, name="gear", x_m=0.0, y_m=0.0, **read)
         return recast(_Body, self, channels=channels, sensors=_Sensors(leak=leaks), interfaces=(gear,), runs=runs)
 
 
@@ -334,7 +263,7 @@ def read_suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]
         f"{fact!r} stands in [{where}.{name}], give it in {right}"
         for where, entries, sensors in tables
         for name, entry in entries.items()
-        if isinstance(entry, _Channel) and name not in sensors
+        if isinstance(entry, SensorTable) and name not in sensors
         for fact in FACTS
         if fact in entry.given
     ]
@@ -397,7 +326,11 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
             level_pair=_find_level_pair(study, all_files),
         )
         interfaces, further = _attach_mountings(interfaces, further, mountings)
-        levelled, interfaces = _read_other_quantities(study, levelled, interfaces)
+        tables = {
+            channel: tabulate_channel(SensorTable, channel, study.channels.get(channel, channel))
+            for channel in (*study.sensor_channels, *study.strut_channels)
+        }
+        levelled, interfaces = read_other_quantities(study.interfaces, tables, levelled, interfaces)
     return recast(
         Study,
         study,
@@ -466,13 +399,13 @@ def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
         *study.channels,
         *(leak.channel for leak in study.sensors.leak),
     ]
-    channels = {name: tabulate_channel(_Channel, name, study.channels.get(name, name)) for name in named}
+    channels = {name: tabulate_channel(SensorTable, name, study.channels.get(name, name)) for name in named}
     for name, own in run.channels.items():
-        if isinstance(own, _Channel) and name in channels:
+        if isinstance(own, SensorTable) and name in channels:
             stated = {each: getattr(own, each) for each in own.given}
             channels[name] = replace(channels[name], **stated, given=channels[name].given | own.given)
         else:
-            channels[name] = tabulate_channel(_Channel, name, own)
+            channels[name] = tabulate_channel(SensorTable, name, own)
     triaxial = {name: table for name, table in channels.items() if table.axes}
     sensors = {
         name: TriaxialSensor(name, bool(table.gyroscope), table.vertical, table.tilt_tolerance_deg)
@@ -494,7 +427,9 @@ def _find_run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
     return RunFiles(run.name, sources, 0.0, run.start_s, run.stop_s, sensors)
 
 
-def _find_axes(sensor: TriaxialSensor, table: _Channel, channels: Mapping[str, _Channel]) -> dict[str, _Channel]:
+def _find_axes(
+    sensor: TriaxialSensor, table: SensorTable, channels: Mapping[str, SensorTable]
+) -> dict[str, SensorTable]:
     """Return the channels of a three-axis sensor: as their own entries say, or as that of the sensor says."""
     place: dict[str, Any] = {
         name: getattr(table, name) for name in ("file", "shift_s", "shift_tolerance_s", "drift_tolerance_ppm", "log")
@@ -503,7 +438,7 @@ def _find_axes(sensor: TriaxialSensor, table: _Channel, channels: Mapping[str, _
     found = {}
     for kind, names in (("axes", sensor.axes), ("gyroscope", sensor.rates)):
         for name, channel in zip(names, getattr(table, kind), strict=False):
-            own = channels.get(channel, _Channel(channel=channel))
+            own = channels.get(channel, SensorTable(channel=channel))
             others = {key: value for key, value in shared[kind].items() if key not in own.given}
             found[name] = replace(own, **others)
     return found
@@ -519,7 +454,7 @@ def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Bo
             )
 
     def find_facts(channel: str) -> SensorFacts:
-        return recast(SensorFacts, tabulate_channel(_Channel, channel, study.channels.get(channel, channel)))
+        return recast(SensorFacts, tabulate_channel(SensorTable, channel, study.channels.get(channel, channel)))
 
     def find_leaks(**channels: str) -> tuple[Leak, ...]:
         into = [(leak, side) for leak in study.sensors.leak for side in SIDES if channels.get(side) == leak.into]
@@ -542,162 +477,6 @@ def _attach_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[Bo
         recast(BodySensor, each, facts=find_facts(each.channel), leaks=find_leaks(sprung=each.channel))
         for each in study.body_sensors
     )
-
-
-def _read_other_quantities(
-    study: _Body, runs: Sequence[Run], interfaces: tuple[MeasuredInterface, ...]
-) -> tuple[list[Run], tuple[MeasuredInterface, ...]]:
-    """Return runs whose sensors all read accelerations, and the interfaces with the sensors of their struts."""
-    if not interfaces:
-        return list(runs), interfaces  # The study says that there are none.
-    tables = {
-        channel: tabulate_channel(_Channel, channel, study.channels.get(channel, channel))
-        for channel in (*study.sensor_channels, *study.strut_channels)
-    }
-    gases = {channel: table for channel, table in tables.items() if table.quantity == "pressure"}
-    stated: dict[str, Quantity | None] = {
-        channel: "travel" if channel in gases else tables[channel].quantity for channel in study.sensor_channels
-    }
-    _require_places(study, stated)
-    for channel, table in gases.items():
-        runs = _read_travel_of_gas(runs, channel, table)
-    alone = [each.unsprung for each in study.interfaces if stated[each.unsprung] == "travel"]
-    above = {each.travel: each.sprung for each in study.interfaces if each.travel}
-    above |= {each.unsprung: each.sprung for each in study.interfaces if each.unsprung in alone}
-    forces = [each.force for each in study.interfaces if each.force]
-    converted = [convert_run(run, stated, above=above, forces=forces) for run in runs]
-    _require_one_clock(runs if alone else ())
-    noises = differentiated_noises(runs, stated)
-    found = []
-    for each, interface in zip(study.interfaces, interfaces, strict=True):
-        changed = _with_noises(interface, noises)
-        if each.unsprung in alone:
-            travel = _find_travel(each.unsprung, tables[each.unsprung], is_alone=True)
-            changed = replace(changed, travel=travel, facts=replace(changed.facts, unsprung=IDEAL))
-        elif each.travel:
-            changed = replace(changed, travel=_find_travel(each.travel, tables[each.travel], is_alone=False))
-        if each.force:
-            changed = replace(changed, force=_find_force(each.force, tables[each.force]))
-        found.append(changed)
-    return converted, tuple(found)
-
-
-def _find_travel(channel: str, table: _Channel, *, is_alone: bool) -> TravelSensor:
-    """Return the sensor of a travel that a table describes."""
-    known, is_gas = ("noise_m", "gain_tolerance", "gain_repeatability", "lag_tolerance_s"), table.quantity == "pressure"
-    given = _read_facts(channel, table, AS_TRAVEL, (*known, *("gas_length_m", "gas_exponent")[: 2 * is_gas]))
-    facts = (USUAL_OF_GAS if is_gas else {}) | {key: value for key, value in given.items() if key in known}
-    return TravelSensor(name_travel(channel) if is_alone else channel, is_alone=is_alone, **facts)
-
-
-def _find_force(channel: str, table: _Channel) -> ForceSensor:
-    """Return the sensor of a force that a table describes."""
-    given = _read_facts(channel, table, AS_FORCE, ("gain_tolerance", "gain_repeatability", "lag_tolerance_s"))
-    if table.quantity == "strain":
-        if "gain_tolerance" in given:
-            raise InputError(
-                f"[channels.{channel}] is a strain, whose gain nobody knows, and has a gain_tolerance: leave it out, "
-                "or give the force in N"
-            )
-        given["gain_tolerance"] = None
-    return ForceSensor(channel, **given)
-
-
-def _read_travel_of_gas(runs: Sequence[Run], channel: str, table: _Channel) -> list[Run]:
-    """Return runs in which a channel of the gas's pressure has become the travel, which is zero at rest.
-
-    Rest in a run is its mean pressure. The length of the gas is that in the first run without a loading; where another
-    loading compresses the gas, it is shorter in proportion to the pressure, because that lasts.
-    """
-    reference = next((run for run in runs if not run.masses), runs[0])
-    if channel not in reference.recording.names or table.gas_length_m is None:
-        return list(runs)  # The study names the channel that is missing.
-    known_pa, found = float(reference.recording.channel(channel).mean()), []
-    for run in runs:
-        with prefix_errors(f"run {run.name!r}, channel {channel!r}: "):
-            quantity_of(run.recording.unit(channel), "pressure")
-            pressure_pa = run.recording.channel(channel)
-            rest_pa = float(pressure_pa.mean())
-            length_m = table.gas_length_m * known_pa / rest_pa
-            travel = travel_of_gas(pressure_pa, rest_pa=rest_pa, length_m=length_m, exponent=table.gas_exponent)
-        words = f"{channel}: the travel by the pressure of {length_m:.4g} m of gas at {rest_pa:.4g} Pa"
-        found.append(replace(run, recording=with_channel(run.recording, channel, travel, words, "m")))
-    return found
-
-
-def _require_places(study: _Body, stated: Mapping[str, Quantity | None]) -> None:
-    """Refuse sensors of struts in places of others.
-
-    Raises:
-        InputError: a travel or a force in the place of another sensor, one travel twice, or a travel in the place of
-            some sensors below the suspensions, but not of all.
-    """
-    for channel, quantity in stated.items():
-        if quantity in ("force", "strain"):
-            raise InputError(
-                f"[channels.{channel}] reads a force and stands for an acceleration: name it as the channel force, and "
-                "give the accelerations on both sides"
-            )
-        if quantity == "travel" and channel not in [each.unsprung for each in study.interfaces]:
-            raise InputError(
-                f"[channels.{channel}] reads a travel and stands for the sensor on the body: name it as the channel "
-                "unsprung if it stands for a sensor below the suspension, and as travel if it is a further one"
-            )
-    alone = [each for each in study.interfaces if stated[each.unsprung] == "travel"]
-    if any(each.travel for each in alone):
-        raise InputError("[channels.unsprung] and [channels.travel] both read the travel: leave one of them out")
-    if alone and any(each.force for each in study.interfaces):
-        raise InputError(
-            f"[channels.{alone[0].unsprung}] reads a travel in the place of the sensor below, and a force is read, "
-            "too: the gain of the force is then told by nothing; leave the force out, or give a sensor below"
-        )
-    if alone and len(alone) < len(study.interfaces):
-        others = next(each.name for each in study.interfaces if each not in alone)
-        raise InputError(
-            f"[channels.{alone[0].unsprung}] reads a travel in the place of the sensor below {alone[0].name!r}, and "
-            f"{others!r} has a sensor there: give travels in the place of all of them, or of none"
-        )
-
-
-def _read_facts(
-    name: str, facts: _Channel, quantities: Sequence[Quantity | None], known: Sequence[str]
-) -> dict[str, Any]:
-    """Return what the table of a sensor of a strut states of the known facts.
-
-    Raises:
-        InputError: another quantity, or a fact of an accelerometer.
-    """
-    what, *_ = [each for each in quantities if each]
-    if facts.quantity not in quantities:
-        raise InputError(f"[channels.{name}] has the quantity {facts.quantity!r}: leave it out, or call it otherwise")
-    for fact in FACTS:
-        if fact in facts.given and fact not in (*known, "quantity"):
-            raise InputError(
-                f"[channels.{name}] reads a {what} and states {fact}, which is that of another sensor: give "
-                f"{', '.join(known[:-1])} and {known[-1]} alone"
-            )
-    return {each: getattr(facts, each) for each in known if each in facts.given}
-
-
-def _require_one_clock(runs: Sequence[Run]) -> None:
-    """Refuse a travel in the place of a sensor below whose clock is known only by its motion."""
-    for run in runs:
-        if run.clocks:
-            raise InputError(
-                f"run {run.name!r}: the clock of the travel was matched by its motion, and what is left of its lag "
-                "passes for damping: record both channels by one recorder, or state shift_s and shift_tolerance_s = 0"
-            )
-
-
-def _with_noises(interface: MeasuredInterface, noises: Mapping[str, float]) -> MeasuredInterface:
-    """Return an interface with the noise of its channels that are differentiated, where none is stated."""
-
-    def change(facts: SensorFacts, channel: str) -> SensorFacts:
-        return replace(facts, noise_m_per_s2=facts.noise_m_per_s2 or noises.get(channel))
-
-    facts = interface.facts
-    below, above = change(facts.unsprung, interface.unsprung), change(facts.sprung, interface.sprung)
-    return replace(interface, facts=replace(facts, unsprung=below, sprung=above))
 
 
 def _find_level_pair(study: _Body, files: Sequence[RunFiles]) -> tuple[str, str] | None:
@@ -978,9 +757,9 @@ def _is_plain_gear(study: Study) -> bool:
 
 def _tabulate_gear(study: Study) -> _Gear:
     gear = study.interfaces[0]
-    channels: dict[str, str | int | _Channel] = {"unsprung": gear.unsprung, "sprung": gear.sprung}
+    channels: dict[str, str | int | SensorTable] = {"unsprung": gear.unsprung, "sprung": gear.sprung}
     facts, taken = gear.facts, [gear.unsprung, gear.sprung]
-    for place, table in _tabulate_struts(gear):
+    for place, table in tabulate_struts(gear):
         channels[place] = table
         taken.append(str(table.channel))
     leaks = tuple(recast(_GearLeak, leak) for leak in facts.leaks)
@@ -993,20 +772,6 @@ def _tabulate_gear(study: Study) -> _Gear:
         sensors=_GearSensors(unsprung=facts.unsprung, sprung=facts.sprung, leak=leaks),
         runs=tuple(_Run(**_tabulate_run(run), mass_change_kg=run.mass_change_kg) for run in study.runs),
     )
-
-
-def _tabulate_struts(interface: MeasuredInterface) -> Iterator[tuple[str, _Channel]]:
-    """Yield the tables of the sensors of a strut, each with its place: "unsprung", "travel" or "force"."""
-    travel, force = interface.travel, interface.force
-    if travel is not None:
-        stated = recast(_Channel, travel.facts, noise_m_per_s2=None, noise_m=travel.noise_m)
-        # Without a sensor below, the acceleration there is derived once more when the files are read.
-        place = "unsprung" if travel.is_alone else "travel"
-        yield place, replace(stated, channel=travel.channel, quantity="travel")
-    if force is not None:
-        is_known, tolerance = force.gain_tolerance is not None, force.gain_tolerance or 0.0
-        stated = recast(_Channel, force.facts, gain_tolerance=tolerance)
-        yield "force", replace(stated, channel=force.channel, quantity="force" if is_known else "strain")
 
 
 def _list_further_channels(study: Study, used: Collection[str]) -> dict[str, str]:
@@ -1024,10 +789,12 @@ def _tabulate_body(study: Study) -> _Body:
     known = {interface.sprung: interface.facts.sprung for interface in study.interfaces}
     known |= {interface.unsprung: interface.facts.unsprung for interface in study.interfaces}
     known |= {sensor.channel: sensor.facts for sensor in study.sensors}
-    struts = [dict(_tabulate_struts(each)) for each in study.interfaces]
+    struts = [dict(tabulate_struts(each)) for each in study.interfaces]
     taken = [*known, *(str(table.channel) for tables in struts for table in tables.values())]
-    channels: dict[str, str | int | _Channel] = {**_list_further_channels(study, taken)}
-    channels |= {name: recast(_Channel, facts, channel=name) for name, facts in known.items() if select_stated(facts)}
+    channels: dict[str, str | int | SensorTable] = {**_list_further_channels(study, taken)}
+    channels |= {
+        name: recast(SensorTable, facts, channel=name) for name, facts in known.items() if select_stated(facts)
+    }
     for each, tables in zip(study.interfaces, struts, strict=True):
         channels |= {
             each.unsprung if place == "unsprung" else str(table.channel): table for place, table in tables.items()
@@ -1042,7 +809,7 @@ def _tabulate_body(study: Study) -> _Body:
         channels=channels,
         interfaces=tuple(
             recast(
-                _Interface,
+                InterfaceTable,
                 each,
                 travel=str(tables["travel"].channel) if "travel" in tables else "",
                 force=str(tables["force"].channel) if "force" in tables else "",
