@@ -119,6 +119,9 @@ WORLDS = {
     "load cell, springs differ by 2 %": World(FORCE, differ=0.02, **CELL),
     "strain, springs differ by 2 %": World(STRAIN, gains=(3e-4, 3e-4), differ=0.02, **CELL),
     "strain, gain differs by 0.3 %": World(STRAIN, gains=(3e-4, 3.009e-4), differ=0.02, **CELL),
+    "strain, gain differs by 2 %": World(STRAIN, gains=(3e-4, 3.06e-4), differ=0.02, **CELL),
+    "strain, gain differs by 2 %, springs the same": World(STRAIN, gains=(3e-4, 3.06e-4), differ=0.0, **CELL),
+    "load cell, gain differs by 2 %": World(FORCE, gains=(1.0, 1.02), differ=0.02, **CELL),
     "load cell without the damper": World(FORCE, has_damper=False, **CELL),
 }
 
@@ -167,7 +170,7 @@ def run(job: tuple[str, int]) -> Outcome:
     (case, test), rng = simulate(world, seed), np.random.default_rng([seed, 23])
     gear, names, changes = case.gear, ("heavy", "light"), (0.0, test.mass_change_kg)
     below = "" if world.table and world.place == "unsprung" else 'unsprung = "lower_z"\n'
-    study = "" if world.differ else "repeatability = 0\n"
+    study = "" if world.differ is not None else "repeatability = 0\n"
     study += f'[channels]\nsprung = "upper_z"\n{below}'
     study += f"[channels.{world.place}]\n{world.table}" if world.table else ""
     nothing = Answer(np.nan, np.nan, np.nan, None)

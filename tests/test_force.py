@@ -11,6 +11,8 @@ from opid.mechanics.repeatability import Departure
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording
 from opid.studies.stored_fits import read_fits
+from opid.suspensions.planning.result import PlannedRun
+from opid.suspensions.planning.search import SearchSpace, plan_runs
 from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
 from opid.suspensions.study import PointMass
@@ -176,6 +178,23 @@ def test_a_channel_that_is_no_force_of_the_strut_is_refused(tmp_path, taxi_runs)
         replace(study, runs=(replace(run, recording=replace(run.recording, samples=samples)), study.runs[1]))
 
 
+@pytest.mark.parametrize("spoil", ["spike", "hum"])
+def test_a_force_with_a_spike_or_a_hum_is_read(tmp_path, taxi_runs, spoil):
+    """One sample far off, and a hum of three times the force at 100 Hz, say nothing against a sensor of a force."""
+    study = opid.read_study(write(tmp_path, taxi_runs, FORCE))
+    runs = []
+    for run in study.runs:
+        samples, channel = run.recording.samples.copy(), run.recording.index("force")
+        rms = samples[:, channel].std()
+        if spoil == "spike":
+            samples[1000, channel] = 1e4 * rms
+        else:
+            samples[:, channel] += 3 * rms * np.sin(200 * np.pi * np.arange(len(samples)) / run.recording.fs)
+        runs.append(replace(run, recording=replace(run.recording, samples=samples)))
+    spoilt = replace(study, runs=tuple(runs), strut_scales=())
+    assert spoilt.strut_scales[0] == pytest.approx(study.strut_scales[0], rel=0.05)
+
+
 @pytest.mark.parametrize(
     "channels",
     [
@@ -248,6 +267,17 @@ def test_forces_need_the_springs_that_they_measure(tmp_path, taxi_runs):
     result = identify(write(tmp_path, taxi_runs, FORCE))
     assert not result.evidence[0].fit.model.ground
     assert result.parameters.ground_stiffness_n_per_m.value in (None, 0.0)
+
+
+@pytest.mark.parametrize(("channels", "n_runs"), [(FORCE, 1), (FORCE, 2), (STRAIN, 2)])
+def test_a_plan_knows_that_gains_differ_between_runs(tmp_path, unlike_runs, channels, n_runs):
+    result = identify(write(tmp_path, unlike_runs, channels, n_runs=n_runs))
+    flown = (PlannedRun(24.0), PlannedRun(24.0, -REMOVED_KG))[:n_runs]
+    searched = SearchSpace((24.0,), (-REMOVED_KG,), (1,))
+    for runs in (None, flown):
+        planned = plan_runs(result, ["sprung_mass=50%"], search=searched, runs=runs).planned
+        std = planned.std_of("sprung_mass_kg")
+        assert std == pytest.approx(result.parameters.sprung_mass_kg.std, rel=0.05 if n_runs == 1 else 0.25)
 
 
 # ---- a body on several gears ------------------------------------------------------------------------

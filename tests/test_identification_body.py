@@ -133,7 +133,7 @@ def test_one_loading_gives_ratios_and_a_sentence(compared):
 
 
 def test_runs_of_one_loading_are_told_from_a_single_run():
-    part = SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
+    part = SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(mass_free=False)), wrong_forces=())
     twice = study(runs=tuple(replace(run, loading=()) for run in short_runs()))
     assert why_no_mass(SimpleNamespace(study=twice, parts=[part])).startswith(
         "all runs have the same loading: only ratios to the mass"

@@ -115,7 +115,7 @@ def test_deviations_are_those_of_draws_from_the_covariance(fit, known):
 def test_what_is_not_defined_has_no_estimate(fit, known, has_levels):
     """A suspension that does not spring back has no frequency, whether the runs may differ or not."""
     covariance = known.covariance
-    mixture = Levels(np.array([0.01]), np.ones(1), np.zeros((1, fit.theta.size)), covariance[np.newaxis])
+    mixture = Levels(np.array([0.01]), np.ones(1), np.ones(1), np.zeros((1, fit.theta.size)), covariance[np.newaxis])
     parameters = Parameters(fit, covariance, mixture) if has_levels else known
 
     def of_vector(theta):

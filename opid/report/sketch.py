@@ -69,7 +69,8 @@ def sketch_suspensions(result: AnyIdentification) -> Sketch | None:
     picture = [*_draw_column(head, "K₂", "C₂, f"), '<circle cx="155" cy="216" r="14"/>', _draw_road(231)]
     picture += [_draw_sensor(40, 24, "ẍ₂ measured")]
     picture += [_draw_sensor(255, 198, "ẍ₁ measured")] * result.study.is_driven
-    picture += [_draw_sensor(255, 176, "travel z measured")] * bool(result.study.travels)
+    struts = ["travel z measured"] * bool(result.study.travels) + ["force measured"] * bool(result.study.forces)
+    picture += [_draw_sensor(255, 176 - 22 * number, words) for number, words in enumerate(struts)]
     if has_ground:
         picture += [_draw_spring(306, 52, 231, turn=20), '<path d="M290 52H306"/>', _draw_text(318, 200, "K₃")]
     return _write_sketch(picture, (head, *words, _CHANGE), n_drawn=1)

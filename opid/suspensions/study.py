@@ -18,8 +18,10 @@ from opid.provenance import ReadFile
 from opid.result import first_lines
 from opid.signals.clock_matching import ClockMatch
 from opid.signals.health.result import Finding
+from opid.signals.health.spikes import remove_spikes
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.orientation import Orientation
+from opid.signals.quantities import DEFAULTS as QUANTITIES, accelerate
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import BY_METHOD, TransmissibilitySettings
 from opid.suspensions.sensor_facts import (
@@ -352,9 +354,8 @@ class Study:
                 yield TRAVEL_PER_S2
                 continue
             above, recordings = self.interfaces[k].sprung, [run.recording for run in self.runs]
-            yield 1.0 / float(
-                np.mean([each.channel(sensor.channel).std() / each.channel(above).std() for each in recordings])
-            )
+            pairs = [[_read_motion(each, name) for name in (sensor.channel, above)] for each in recordings]
+            yield 1.0 / float(np.mean([force.std() / acceleration.std() for force, acceleration in pairs]))
 
     def leaks(self) -> list[tuple[str, Side, int, float]]:
         """Return the leaks: channel, side and number of the sensor that it leaks into, and standard deviation."""
@@ -779,10 +780,18 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             yield from _list_force_faults(sensor, run.recording, above)
 
 
+def _read_motion(recording: Recording, channel: str) -> FloatArray:
+    """Return a channel without spikes in the band in which the springs of a suspension rule its force."""
+    low_hz, high_hz = QUANTITIES.slope_band_hz
+    samples, _ = remove_spikes(recording.channel(channel), fs=recording.fs)
+    slow, all_of_it = (accelerate(samples, fs=recording.fs, n_derivatives=0, highest_hz=hz) for hz in (low_hz, high_hz))
+    return np.asarray(all_of_it - slow)
+
+
 def _list_force_faults(sensor: ForceSensor, recording: Recording, above: str) -> Iterator[str]:
     """Yield what speaks against a channel as the force in the strut below the sensor `above`."""
     channel, unit = sensor.channel, recording.unit(sensor.channel)
-    force, acceleration = (recording.channel(each) - recording.channel(each).mean() for each in (channel, above))
+    force, acceleration = (_read_motion(recording, each) for each in (channel, above))
     alike = float(force @ acceleration) / max(float(np.linalg.norm(force) * np.linalg.norm(acceleration)), 1e-300)
     if sensor.gain_tolerance is not None and unit != "N":
         yield f"channel {channel!r} is in {unit}: give a force in N, or quantity = 'strain' if nobody knows the gain"

@@ -180,6 +180,10 @@ def warn_of_weighed(study: Study, weighed: Sequence[WeighedMass], settings: Weig
         weighed: its weighed masses.
         settings: from how many standard deviations on there is a contradiction.
     """
+    blamed = "mass_change_kg, and the gains of the sensors"
+    if study.forces:
+        changes_mass = any(run.masses for run in study.runs)
+        blamed = f"{'mass_change_kg, ' * changes_mass}and the gains of the forces and of the other sensors"
     for each in weighed:
         if each.deviations is not None and abs(each.deviations) > settings.contradicts_std:
             apart, own = abs(each.deviations), each.by_runs_kg
@@ -187,8 +191,8 @@ def warn_of_weighed(study: Study, weighed: Sequence[WeighedMass], settings: Weig
             yield (
                 f"the weighed mass of run {each.run!r}, {with_std(each.weighed_kg, each.tolerance_kg)} kg, contradicts "
                 f"the runs, which give {theirs}: {apart:.1f} standard deviations; check what "
-                "was weighed (all that the suspension carries, without wheels), mass_change_kg, and the gains of the "
-                "sensors; the answer is that of the runs alone"
+                f"was weighed (all that the suspension carries, without wheels), {blamed}; the answer is that of the "
+                "runs alone"
             )
     changes = {run.name: run.mass_change_kg for run in study.runs}
     for one, other in combinations(weighed, 2):

@@ -99,7 +99,9 @@ def build_document(result: AnyIdentification, truth: TaxiTruth | None = None) ->
 def _say_sources(study: Study) -> str:
     if not study.strut_sensors:
         return "accelerations alone"
-    names = ["the travel"] * bool(study.travels) + ["the force in the strut"] * bool(study.forces)
+    travels, forces = len(study.travels), len(study.forces)
+    names = ["the travels" if travels > 1 else "the travel"] * bool(travels)
+    names += ["the forces in the struts" if forces > 1 else "the force in the strut"] * bool(forces)
     if not study.is_driven:
         return " and ".join([*names, "the acceleration above"])
     return f"accelerations and {' and '.join(names)}"

@@ -462,9 +462,10 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed:
     if fit.model.scales:
         if mass.value is not None and mass.std is not None:
             percent = 196 * mass.std / mass.value
+            force = "forces in the struts" if len(fit.model.scales) > 1 else "force in the strut"
             beside = " and the mass change" * any(run.loading.any() for run in fit.model.runs)
             yield (
-                f"the mass is known to {percent:.2g} % (half of its 95 % interval) by the force in the strut{beside}; "
+                f"the mass is known to {percent:.2g} % (half of its 95 % interval) by the {force}{beside}; "
                 "a gain that is known better would narrow the interval"
             )
         return
@@ -549,13 +550,14 @@ def _name_fault(fit: Fit, covariance: FloatArray, index: int, what: str) -> Iter
     widening = float(np.sqrt(own / max(left[best], 1e-300)))
     if widening > fit.model.settings.intervals.widening_named:
         fault = faults[best]
-        of_strut = fault.channel >= len(fit.model.sensors.sprung) - fit.model.runs[0].n_strut
-        sensor = "sensor of the strut" if of_strut else f"{fault.side} sensor"
-        side = "" if fault.kind in ("lag", "drift", "leak") else f" of the {sensor}"
-        name = fit.model.sensors.names[fault.channel]
-        where = f" at {name!r}" if name else ""
+        where = f" of the {fit.model.describe_sensor(fault)}"
+        if fault.kind in ("lag", "drift", "leak"):
+            name = fit.model.sensors.names[fault.channel]
+            where = f" at {name!r}" if name else ""
+        if fault.run is not None:
+            where += f" in run {fit.model.sensors.runs[fault.run]!r}"
         times = f"{widening:.1f} times" if widening < 10 else "more than ten times"
         yield (
-            f"{what} is limited by the {_WORDS[fault.kind]}{side}{where}, which widens its interval {times}: calibrate "
+            f"{what} is limited by the {_WORDS[fault.kind]}{where}, which widens its interval {times}: calibrate "
             "it and state a smaller standard deviation"
         )

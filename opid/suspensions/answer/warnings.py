@@ -327,16 +327,14 @@ def _warn_of_stated_facts(part: FittedStructure) -> Iterator[str]:
         if fault.name in demanded or off <= part.settings.faults.contradicted_std:
             continue
         unit = units.get(fault.kind, "")
-        # A gear alone has one group, and its sensors need no names.
-        model = part.fit.model
-        name = model.sensors.names[fault.channel] or model.groups[0].name
-        of_strut = fault.side == "sprung" and fault.channel >= len(model.sensors.sprung) - model.runs[0].n_strut
-        sensor = "sensor of the strut" if of_strut else f"{fault.side} sensor"
-        index = part.fit.model.names.index(fault.name)
+        index, model = part.fit.model.names.index(fault.name), part.fit.model
+        where = model.describe_sensor(fault)
+        if fault.run is not None:
+            where += f" in run {model.sensors.runs[fault.run]!r}"
         # The value may lie beyond the bound of the fit.
         more = " or less" * bool(value <= lower[index]) + " or more" * bool(value >= upper[index])
         yield (
-            f"the stated {what[fault.kind]} of the {sensor}{f' at {name!r}' if name else ''}, "
+            f"the stated {what[fault.kind]} of the {where}, "
             f"{fault.nominal:.3g}{unit} with standard deviation {fault.std:.2g}{unit}, contradicts the runs, "
             f"which show {value:.3g}{unit}{more} ({off:.1f} standard deviations away): check {source[fault.kind]}, "
             "or state a larger standard deviation"

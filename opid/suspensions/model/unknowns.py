@@ -202,6 +202,18 @@ class Unknowns:
             if fault.kind == "gain" and fault.run is not None
         }
 
+    def describe_sensor(self, fault: Fault) -> str:
+        """Return the sensor that has a fault in words: "sprung sensor", or "sensor of the strut at 'nose_load'".
+
+        Args:
+            fault: one of `faults`.
+        """
+        first_of_struts = len(self.sensors.sprung) - self.runs[0].n_strut
+        of_strut = fault.side == "sprung" and fault.channel >= first_of_struts
+        # A gear alone has one group, and its sensors need no names.
+        name = self.sensors.names[fault.channel] or self.groups[0].name
+        return ("sensor of the strut" if of_strut else f"{fault.side} sensor") + (f" at {name!r}" if name else "")
+
     @property
     def own_load(self) -> float:
         """Weight of a body on one suspension without a loading, with its sign; 0 if no weight acts.

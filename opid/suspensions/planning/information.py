@@ -144,8 +144,8 @@ def expect(
 ) -> Expectation:
     """Return what an identification of planned runs will know.
 
-    If the runs may differ, each case draws the departures of their suspensions and the noise, and weighs the possible
-    values of the repeatability as an identification does (`opid.suspensions.fitting.repeatability`).
+    If several runs may differ, each case draws the departures of their suspensions and the noise, and weighs the
+    possible values of the repeatability as an identification does (`opid.suspensions.fitting.repeatability`).
 
     Args:
         reference: a fit of one run, whose parameters are the guessed ones.
@@ -154,7 +154,7 @@ def expect(
             will state.
         actual: relative standard deviation by which they really differ.
         std_factors: (n_unknowns of the reference,) factors of the standard deviations for a coloured residual.
-        n_draws: number of cases if the runs may differ.
+        n_draws: number of cases if several runs may differ.
         rng: source of the draws.
     """
     model, n_shared = reference.model, reference.model.n_shared
@@ -177,7 +177,7 @@ def expect(
     scaled = gram / np.outer(size, size) + _NOTHING * np.eye(n)
     of_gains = np.zeros(n)
     of_gains[list(gains)] = [std**-2.0 for std in gains.values()]
-    if not repeatability:
+    if not repeatability or len(runs) == 1:
         held = np.flatnonzero(~free)
         inside = (scaled + np.diag(of_gains / size**2))[np.ix_(held, held)]
         covariance = (np.linalg.inv(inside) / np.outer(size[held], size[held]))[:n_shared, :n_shared]
