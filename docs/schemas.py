@@ -26,6 +26,7 @@ from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.response_fit import SCHEMA as MODES, FittedModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
@@ -337,6 +338,16 @@ def _free_decay() -> Json:
     return fields_of(Decay, "name", "mode", *curve, *rest) | _residual_of(Decay) | _powers()
 
 
+def _linear_modes() -> Json:
+    names = ("band_hz", "sensors", "unexplained", "warnings", "frequency_hz", "damping_ratio", "modal_mass_kg")
+    matrices = fields_of(FittedModes, "shapes", "shape_std")
+    return fields_of(FittedModes, *names, "delay_s") | {
+        **{name: array(array(NUMBER)) | {"description": each["description"]} for name, each in matrices.items()},
+        "drive_points": array(TEXT),
+        "settings": {"type": "object"},
+    }
+
+
 def _residual_of(record: type) -> Json:
     return {"residual_share": fields_of(record, "residual_fraction")["residual_fraction"]}
 
@@ -402,6 +413,7 @@ FILES = (
     (FLEET, "which struts of a fleet changed (opid compare CAMPAIGN)", _fleet, ()),
     (PLAN, "what planned runs will determine, and the cheapest plan (opid plan)", _plan, ()),
     (HEALTH, "what is wrong with logs (opid inspect)", _health, ()),
+    (MODES, "linear modes of measured responses (opid modes)", _linear_modes, ()),
     (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
     (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),
     (UPDATING, "the joints of a finite-element model from backbones (opid update)", _updating, ()),

@@ -24,6 +24,7 @@ GIVEN = {
     "inspect": ("log.csv", "--out"),
     "law": ("bench.csv", "--force-channel", "load", "--travel-channel", "stroke", "--out"),
     "modal": ("study.toml", "--out"),
+    "modes": ("log.csv", "--drive-point", "az", "--band", "1", "9", "--out"),
     "plan": ("guess.toml", "--target", "sprung_mass=0.5%", "--out"),
     "sense": ("study.toml", "study_result", "--out"),
     "simulate": (),

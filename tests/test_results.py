@@ -24,6 +24,9 @@ from opid.estimate import Estimate
 from opid.json_values import json_text
 from opid.mechanics.laws.law import law
 from opid.mechanics.truth import UpdatingTruth
+from opid.modal.linear.frequency_response import resynthesised
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.response_fit import fit_modes
 from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
@@ -130,6 +133,12 @@ def decay(request, folder):
     return small_decay()
 
 
+def linear_modes(request, folder):
+    pytest.importorskip("sdypy")
+    known = LinearModes([20.0, 30.0], [0.01, 0.02], [[0.3, 0.2], [0.4, -0.3]], ("tip", "root"))
+    return fit_modes([resynthesised(known, np.arange(10.0, 40.0, 0.05), "tip")], band_hz=(12.0, 38.0))
+
+
 def modal(request, folder):
     return small_result(decays=[small_decay()])
 
@@ -143,7 +152,7 @@ def inspection(request, folder):
 
 
 OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, wheel, planned, flights, campaign, fleet)
-MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, modal, updating)
+MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, linear_modes, modal, updating)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)

@@ -1,4 +1,4 @@
-"""Nonlinear modes: models from sine beats by `opid modal`, and the law of a free decay by `opid decay`."""
+"""Modes: linear ones by `opid modes`, nonlinear models by `opid modal`, and the law of a free decay by `opid decay`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import click
 
 from opid.cli.group import (
     PATH,
+    REPORT,
     Output,
     Unit,
     example,
@@ -27,6 +28,7 @@ from opid.progress import Say
 
 if TYPE_CHECKING:
     from opid.modal.decay.free_decay import Decay
+    from opid.modal.linear.response_fit import FittedModes
     from opid.signals.recording import Recording
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)
@@ -97,6 +99,74 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
         result = identify_modes(tests, progress=say)
         notes = output.write(result, known, command=write_command(result, given), progress=say)
     output.show(result, known, notes=notes)
+
+
+@main.command(
+    epilog=example("opid modes hit_1.csv hit_2.csv --force force --drive-point tip_z --band 20 800 --out modes")
+)
+@click.argument("logs", type=PATH, metavar="LOG...", nargs=-1, required=True)
+@click.option("--force-channel", default="force", show_default=True, metavar="NAME", help="Channel of the force.")
+@click.option(
+    "--drive-point",
+    "drive_points",
+    required=True,
+    multiple=True,
+    metavar="NAME",
+    help="Channel of the sensor where the force acts: one for all logs, or one for each of them in turn.",
+)
+@click.option(
+    "--band",
+    type=(float, float),
+    required=True,
+    metavar="LOW HIGH",
+    help="Band, Hz, that begins and ends between modes.",
+)
+@out_option("Folder for result.json, report and modes.csv, which a study takes as its modes.")
+@with_output
+def modes(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
+    """Find linear modes from impacts or random forces: frequencies, damping, and mass-normalised shapes.
+
+    Each log is a record that begins at rest and has decayed at its end, in which one force drives the structure. All
+    channels in m/s^2, g or m/s are sensors. Several logs of one drive point are averaged; several drive points separate
+    modes of nearly one frequency.
+    """
+    from opid.modal.linear.modes_file import write_modes
+
+    output = output.reserve((*REPORT, "modes.csv"))
+    with output.progress() as say:
+        found = _find_modes(logs, settings, say)
+        notes = output.write(found, progress=say)
+        if output.out is not None:
+            write_modes(found.modes, output.out / "modes.csv")
+            notes = (*notes, f"Modes: {output.out / 'modes.csv'} (the file that a study names as its modes)")
+    output.show(found, notes=notes)
+
+
+def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -> FittedModes:
+    """Return the linear modes of logs of forced records."""
+    from opid.modal.linear.frequency_response import ForcedRecord, forced_record, measured_response
+    from opid.modal.linear.response_fit import fit_modes
+    from opid.signals.logs import read_log
+
+    drive_points = settings["drive_points"]
+    if len(drive_points) not in (1, len(logs)):
+        raise InputError(
+            f"--drive-point is given {len(drive_points)} times for {len(logs)} logs: give it once for all of them, or "
+            "once for each in their order"
+        )
+    records: dict[str, list[ForcedRecord]] = {}
+    for number, log in enumerate(logs):
+        say(f"log {number + 1} of {len(logs)}")
+        drive_point = drive_points[number % len(drive_points)]
+        record = forced_record(read_log(log), name=str(log), force=settings["force_channel"], drive_point=drive_point)
+        records.setdefault(drive_point, []).append(record)
+    longest = max(record.force.size for several in records.values() for record in several)
+    padded = [[record.padded_to(longest) for record in several] for several in records.values()]
+    say("the modes")
+    found = fit_modes([measured_response(each) for each in padded], band_hz=settings["band"])
+    given = {"logs": [str(log) for log in logs], **settings}
+    files = tuple(file for several in padded for record in several for file in record.files)
+    return replace(found, settings=given, files=files)
 
 
 @main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))

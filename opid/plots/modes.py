@@ -71,6 +71,7 @@ def mode_indicators(
     *,
     marked: Mapping[int, float] | None = None,
     zoomed: Sequence[int] = (),
+    title: str = "Nonlinear modes by number",
     axes: Any = None,
 ) -> np.ndarray:
     """Draw the largest value of mode indicator functions, measured and of the linear modes (Figs. 6 and 7 of Pacini).
@@ -80,6 +81,7 @@ def mode_indicators(
         resynthesised: from the linear modes.
         marked: frequency of modes by their number: dashed lines.
         zoomed: numbers of marked modes that get a panel of their own below.
+        title: what the marked modes are.
         axes: 1 + len(zoomed) Axes, or None for a new figure.
 
     Returns:
@@ -101,7 +103,7 @@ def mode_indicators(
         least = 0.3 * float(np.nanmin(resynthesised.value[:, 0]))
         whole.set(ylim=(max(top * 10.0**-DECADES_SHOWN, least), 3 * top), ylabel="CMIF [m/s²/N]")
         whole.set_xlabel("frequency [Hz]")
-        whole.set_title("Nonlinear modes by number" if marked else "Mode indicator", pad=14)
+        whole.set_title(title if marked else "Mode indicator", pad=14)
         thicken(whole.legend(loc="lower right", ncols=2))
         for ax, number in zip(flat[1:], zoomed, strict=True):
             _zoom(ax, marked[number], measured, resynthesised)

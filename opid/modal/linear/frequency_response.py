@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft
 
-from opid.errors import InputError
+from opid.errors import InputError, nearest
 from opid.mechanics.structure import ComplexArray
-from opid.modal.linear.modes import LinearModes, ModalTest
-from opid.signals.recording import FloatArray
+from opid.modal.linear.modes import LinearModes, ModalTest, check_force, with_accelerations
+from opid.provenance import ReadFile
+from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import Window, cross_spectra
 
 
@@ -38,6 +39,66 @@ class FrequencyResponse:
 
 
 @dataclass(frozen=True, eq=False)
+class ForcedRecord:
+    """The record of a structure that was driven at one point, of whose modes nothing is known yet.
+
+    Args:
+        name: the name of the test.
+        fs: sampling rate, Hz.
+        force: (n,) force at the drive point, N.
+        at_sensors: (n, n_sensors) accelerations, m/s^2.
+        sensors: names of their columns.
+        drive_point: the sensor where and in whose direction the force acts.
+        files: the files that it was read from.
+    """
+
+    name: str
+    fs: float
+    force: FloatArray
+    at_sensors: FloatArray
+    sensors: tuple[str, ...]
+    drive_point: str
+    files: tuple[ReadFile, ...] = ()
+
+    def padded_to(self, n_samples: int) -> ForcedRecord:
+        """Return the record followed by rest, of so many samples."""
+        more = n_samples - self.force.size
+        return replace(
+            self, force=np.pad(self.force, (0, more)), at_sensors=np.pad(self.at_sensors, ((0, more), (0, 0)))
+        )
+
+
+def forced_record(recording: Recording, *, name: str, force: str, drive_point: str) -> ForcedRecord:
+    """Return a recording as that of a structure driven at one point; its sensors are all channels that read a motion.
+
+    Args:
+        recording: a recording with the force in N and accelerations in m/s^2; velocities are differentiated.
+        name: the name of the test.
+        force: channel of the force.
+        drive_point: the sensor where and in whose direction the force acts.
+
+    Raises:
+        InputError: no such channel, a force in another unit or none, or no sensor.
+    """
+    sensors = [each for each in recording.names if recording.unit(each) in ("m/s^2", "m/s")]
+    for what, wanted, known in (("force", force, recording.names), ("sensor", drive_point, sensors)):
+        if wanted not in known:
+            raise InputError(f"test {name!r} has no {what} {wanted!r}: {nearest(wanted, known)}")
+    check_force(recording, force, name)
+    accelerations = with_accelerations(recording, sensors)
+    columns = [accelerations.index(each) for each in sensors]
+    return ForcedRecord(
+        name,
+        recording.fs,
+        recording.channel(force),
+        accelerations.samples[:, columns],
+        tuple(sensors),
+        drive_point,
+        recording.files,
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class ModeIndicator:
     """The complex mode indicator function: how many modes respond at a line, and how strongly.
 
@@ -51,7 +112,7 @@ class ModeIndicator:
 
 
 def measured_response(
-    tests: Sequence[ModalTest], *, nperseg: int | None = None, window: Window = "hann"
+    tests: Sequence[ModalTest | ForcedRecord], *, nperseg: int | None = None, window: Window = "hann"
 ) -> FrequencyResponse:
     """Return the frequency response that tests with one drive point show, H1 = sum X conj(F) / sum |F|^2.
 
@@ -172,7 +233,7 @@ def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
     return ModeIndicator(first.frequency_hz, value)
 
 
-def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
+def _require_alike(tests: Sequence[ModalTest | ForcedRecord]) -> tuple[tuple[str, ...], str]:
     """Return the sensors and the drive point that all tests have in common."""
     if not tests:
         raise InputError("there is no test: give one or several with a force at one drive point")

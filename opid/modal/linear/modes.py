@@ -255,7 +255,7 @@ def modal_test(
                 f"channel {sensor!r} of test {name!r} is in {recording.unit(sensor) or 'no unit'} where an "
                 "acceleration or a velocity is needed: give its unit in [channels]"
             )
-    recording = _with_accelerations(recording, sensors)
+    recording = with_accelerations(recording, sensors)
     if force is not None:
         _require_force(recording, modes, name, force, drive_point)
     accelerations = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
@@ -296,8 +296,13 @@ def _require_counts(modes: LinearModes) -> None:
             raise InputError(f"the sensor {name!r} is named {modes.sensors.count(name)} times: rename one")
 
 
-def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
-    """Return the recording with velocities (of a laser vibrometer, say) differentiated to accelerations."""
+def with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
+    """Return the recording with velocities (of a laser vibrometer, say) differentiated to accelerations.
+
+    Args:
+        recording: a recording.
+        sensors: its channels that read a motion.
+    """
     velocities = [sensor for sensor in sensors if recording.unit(sensor) == "m/s"]
     if not velocities:
         return recording
@@ -315,6 +320,20 @@ def _require_force(recording: Recording, modes: LinearModes, name: str, force: s
     if drive_point is None:
         raise InputError(f"test {name!r} has a force and no drive point: name the sensor at which the force acts")
     modes.row(drive_point)
+    check_force(recording, force, name)
+
+
+def check_force(recording: Recording, force: str, name: str) -> None:
+    """Refuse a force in another unit, or none.
+
+    Args:
+        recording: a recording.
+        force: the channel of the force.
+        name: the name of the test.
+
+    Raises:
+        InputError: the force is not in N, or zero throughout.
+    """
     if recording.unit(force) != "N":
         raise InputError(
             f"the force channel {force!r} of test {name!r} is in {recording.unit(force) or 'no unit'} where N, "

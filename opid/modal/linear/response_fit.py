@@ -1,0 +1,538 @@
+"""Linear modes from measured frequency responses: natural frequencies, damping ratios and mass-normalised shapes.
+
+sdypy-EMA gives the poles at many orders (LSCF, Verboven 2002). Those that stay from order to order begin a fit of
+
+    H = sum phi phi_d (-w^2) / (w_r^2 - w^2 + 2j zeta_r w_r w) + a - b w^2
+
+to all responses at once by maximum likelihood, with a delay of the accelerations behind the force; a and b are real and
+stand for the modes below and above the band. The residues are eliminated (variable projection, Golub & Pereyra 1973).
+Each line is weighted by its noise, which has a part that grows with the response, as the noise of the force does. The
+intervals are those of the sandwich over cells of neighbouring lines of all responses, because the noise of the force is
+the same for all sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from opid.errors import InputError, NotDeterminedError, list_names, require
+from opid.estimate import Estimate
+from opid.json_values import plain
+from opid.mechanics.structure import ComplexArray
+from opid.modal.linear.frequency_response import FrequencyResponse
+from opid.modal.linear.modes import LinearModes
+from opid.provenance import ReadFile
+from opid.result import Result, SummaryRow
+from opid.signals.recording import FloatArray
+
+DELAY_S = 1e-5
+"""Unit of the delay in the vector of unknowns, s."""
+
+
+@dataclass(frozen=True)
+class ResponseFitSettings:
+    """How linear modes are found in frequency responses.
+
+    Args:
+        highest_order: highest order of the poles; two thirds of them are mathematical.
+        same_frequency: a pole is that of the order before if its frequency differs by less, relative ...
+        same_damping: ... and its damping ratio by less, relative.
+        same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
+        fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
+        most_damping: poles with a larger damping ratio describe no mode of a structure.
+        n_weightings: how often the noise of the lines is estimated and the fit repeated.
+        lines_per_cell: number of neighbouring lines whose noise may be correlated: a mode is some lines wide.
+        least_std: a mode whose largest residue is below so many standard deviations is left out.
+        least_coherence: median coherence about a resonance at the drive point below which a warning says so.
+        most_left: rms fraction of the responses that the modes may leave before nothing is reported.
+        gain: relative standard deviation of a residue by the calibrations of force and acceleration, each good to 1 %.
+        complexity: standard deviation of a natural frequency, over the square of its damping ratio: damping couples
+            modes, whose frequencies without damping are others by about so much.
+        left_at_end: relative standard deviation of a damping ratio by what a record still holds when it ends, a
+            thousandth of its peak, and by a weak window of the recorder.
+    """
+
+    highest_order: int = 60
+    same_frequency: float = 0.002
+    same_damping: float = 0.1
+    same_mode: float = 0.5
+    fewest_orders: int = 8
+    most_damping: float = 0.2
+    n_weightings: int = 3
+    lines_per_cell: int = 8
+    least_std: float = 6.0
+    least_coherence: float = 0.9
+    most_left: float = 0.3
+    gain: float = 0.014
+    complexity: float = 2.0
+    left_at_end: float = 0.002
+
+
+SCHEMA = "opid.modes/1"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FittedModes(Result):
+    """Linear modes of measured frequency responses, with intervals.
+
+    Args:
+        frequency_hz: natural frequency of each mode, Hz.
+        damping_ratio: its fraction of critical damping.
+        modal_mass_kg: its modal mass where its shape is 1 at the drive point; the first one at which it moves clearly.
+        shapes: (n_sensors, n_modes) mass-normalised shapes, kg^-1/2.
+        shape_std: their standard deviations, without that of the calibrations.
+        sensors: names of the sensors.
+        band_hz: the band of the fit.
+        delay_s: delay of the accelerations behind the force.
+        unexplained: rms fraction of each response that the modes leave, by drive point.
+        responses: the measured responses in the band.
+        fitted: those of the modes.
+        warnings: one sentence each.
+        settings: the options of `opid modes` by their names, and `logs`; empty if another program made the result.
+        files: the files that the records were read from.
+    """
+
+    frequency_hz: tuple[Estimate, ...]
+    damping_ratio: tuple[Estimate, ...]
+    modal_mass_kg: tuple[Estimate, ...]
+    shapes: FloatArray
+    shape_std: FloatArray
+    sensors: tuple[str, ...]
+    band_hz: tuple[float, float]
+    delay_s: Estimate
+    unexplained: tuple[float, ...]
+    responses: tuple[FrequencyResponse, ...]
+    fitted: tuple[FrequencyResponse, ...]
+    warnings: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    files: tuple[ReadFile, ...] = ()
+
+    @property
+    def modes(self) -> LinearModes:
+        """The modes as a study takes them."""
+        frequency_hz, damping = (
+            np.array([each.value for each in several]) for several in (self.frequency_hz, self.damping_ratio)
+        )
+        return LinearModes(frequency_hz, damping, self.shapes, self.sensors)
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return frequency, damping ratio and modal mass of each mode."""
+        return tuple(
+            SummaryRow.of(f"{name}.{number}", each, unit)
+            for number, three in enumerate(
+                zip(self.frequency_hz, self.damping_ratio, self.modal_mass_kg, strict=True), start=1
+            )
+            for name, each, unit in zip(
+                ("frequency_hz", "damping_ratio", "modal_mass_kg"), three, ("Hz", "1", "kg"), strict=True
+            )
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, which docs/schemas/modes-1.schema.json describes."""
+        found = {name: getattr(self, name) for name in ("band_hz", "sensors", "unexplained", "warnings")}
+        for name in ("frequency_hz", "damping_ratio", "modal_mass_kg"):
+            found[name] = [asdict(each) for each in getattr(self, name)]
+        found["delay_s"] = asdict(self.delay_s)
+        shapes = {"shapes": self.shapes.tolist(), "shape_std": self.shape_std.tolist()}
+        drives = [each.drive_point for each in self.responses]
+        return plain({"schema": SCHEMA, **found, **shapes, "drive_points": drives, "settings": self.settings})
+
+    def _write_headline(self) -> str:
+        low_hz, high_hz = self.band_hz
+        return f"{len(self.frequency_hz)} modes from {low_hz:g} to {high_hz:g} Hz"
+
+
+def fit_modes(
+    responses: Sequence[FrequencyResponse],
+    *,
+    band_hz: tuple[float, float],
+    settings: ResponseFitSettings = ResponseFitSettings(),
+) -> FittedModes:
+    """Return the linear modes of measured responses to forces at one or several drive points.
+
+    Args:
+        responses: accelerance of the same sensors at the same lines for each drive point, which is one of the sensors.
+        band_hz: lowest and highest frequency of the fit; it should begin and end between modes.
+        settings: tuned numbers.
+
+    Raises:
+        InputError: no response, responses of other sensors or lines, a drive point without a sensor, or an empty band.
+        NotDeterminedError: no mode in the band, or modes that do not explain the responses.
+    """
+    data = _Data.of(responses, band_hz)
+    begun = _find_poles(data, settings)
+    if not begun.size:
+        raise NotDeterminedError(
+            f"no pole between {band_hz[0]:g} and {band_hz[1]:g} Hz stays the same over {settings.fewest_orders} "
+            "orders: take another band, average more records, or see whether the structure was driven there"
+        )
+    fit = _fit_poles(data, begun, settings)
+    while (weakest := fit.find_weakest(settings)) is not None:
+        if len(fit.poles) == 1:
+            raise NotDeterminedError("no mode in the band is above the noise: average more records, or drive harder")
+        # Two poles of one mode are both weak, and only one of them is too many.
+        fit = _fit_poles(data, np.delete(fit.poles, weakest, axis=0), settings)
+    left = fit.unexplained()
+    if max(left) > settings.most_left:
+        raise NotDeterminedError(
+            f"{len(fit.poles)} modes leave {100 * max(left):.0f} % of the responses, and at most "
+            f"{100 * settings.most_left:.0f} % are accepted: take a narrower band that begins and ends between modes, "
+            "and see whether records begin at rest and have decayed at their ends"
+        )
+    return fit.result(settings, left)
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    responses: tuple[FrequencyResponse, ...]
+    omega: FloatArray
+    value: ComplexArray
+    band_hz: tuple[float, float]
+
+    @classmethod
+    def of(cls, responses: Sequence[FrequencyResponse], band_hz: tuple[float, float]) -> _Data:
+        if not responses:
+            raise InputError("there is no response: give one for each drive point")
+        first = responses[0]
+        for each in responses:
+            if each.sensors != first.sensors or not np.array_equal(each.frequency_hz, first.frequency_hz):
+                raise InputError(
+                    f"the responses to {each.drive_point!r} and {first.drive_point!r} have other sensors or lines: use "
+                    "records of one length and rate with the same sensors"
+                )
+            if each.drive_point not in each.sensors:
+                raise InputError(
+                    f"no sensor is called {each.drive_point!r}, where the force acts: its response gives the modal "
+                    f"masses; the sensors are {list_names(map(repr, each.sensors))}"
+                )
+        low, high = band_hz
+        known = np.isfinite(np.stack([each.value for each in responses])).all(axis=(0, 2))
+        lines = known & (first.frequency_hz >= low) & (first.frequency_hz <= high) & (first.frequency_hz > 0)
+        if lines.sum() < 16:
+            raise InputError(
+                f"{int(lines.sum())} lines lie between {low:g} and {high:g} Hz and at least 16 are needed: take a "
+                "wider band or longer records"
+            )
+        value = np.concatenate([each.value[lines].T for each in responses])
+        within = tuple(
+            replace(
+                each,
+                frequency_hz=each.frequency_hz[lines],
+                value=each.value[lines],
+                coherence=None if each.coherence is None else each.coherence[lines],
+            )
+            for each in responses
+        )
+        return cls(within, 2 * np.pi * first.frequency_hz[lines], value, (low, high))
+
+    @property
+    def drives(self) -> list[int]:
+        """Row of the sensor at each drive point."""
+        sensors = self.responses[0].sensors
+        return [d * len(sensors) + sensors.index(each.drive_point) for d, each in enumerate(self.responses)]
+
+
+def _find_poles(data: _Data, settings: ResponseFitSettings) -> FloatArray:
+    """Return frequency (Hz) and damping ratio of the poles that stay from order to order, (n, 2)."""
+    require("sdypy", "linear modes from frequency responses", "sdypy-EMA", "ema")
+    from sdypy import EMA
+
+    lines_hz = data.omega / (2 * np.pi)
+    found = EMA.Model(
+        data.value,
+        lines_hz,
+        lower=lines_hz[0],
+        upper=lines_hz[-1],
+        pol_order_high=settings.highest_order,
+        frf_form="accelerance",
+    )
+    found.get_poles(method="lscf", show_progress=False)
+    chains: list[list[tuple[int, float, float]]] = []
+    for order, (frequencies, ratios) in enumerate(zip(found.pole_freq, found.pole_xi, strict=True)):
+        for frequency_hz, ratio in zip(np.asarray(frequencies).tolist(), np.asarray(ratios).tolist(), strict=True):
+            if not (data.band_hz[0] <= frequency_hz <= data.band_hz[1] and 0.0 < ratio < settings.most_damping):
+                continue
+            for chain in chains:
+                last, before_hz, before = chain[-1]
+                same = abs(frequency_hz / before_hz - 1) < settings.same_frequency
+                if last == order - 1 and same and abs(ratio / before - 1) < settings.same_damping:
+                    chain.append((order, frequency_hz, ratio))
+                    break
+            else:
+                chains.append([(order, frequency_hz, ratio)])
+    stable = [chain for chain in chains if len(chain) >= settings.fewest_orders]
+    stable.sort(key=len, reverse=True)
+    poles: list[tuple[float, float]] = []
+    for chain in stable:
+        middle = np.median(np.array(chain)[:, 1:], axis=0)
+        apart = max(settings.same_frequency, settings.same_mode * float(middle[1]))
+        if all(abs(middle[0] / other[0] - 1) > apart for other in poles):
+            poles.append((float(middle[0]), float(middle[1])))
+    return np.array(sorted(poles)).reshape(-1, 2)
+
+
+def _fit_poles(data: _Data, poles: FloatArray, settings: ResponseFitSettings) -> _Fit:
+    """Return the fit of all responses that begins at some poles."""
+    delay_s = 0.0
+    weight = np.broadcast_to(1 / np.sqrt(np.mean(np.abs(data.value) ** 2, axis=1)), data.value.shape[::-1]).T
+    for _ in range(settings.n_weightings):
+        fit = _minimize(data, poles, delay_s, weight)
+        poles, delay_s, weight = fit.poles, fit.delay_s, fit.weigh()
+    return _minimize(data, poles, delay_s, weight)
+
+
+def _minimize(data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray) -> _Fit:
+    def unpack(theta: FloatArray) -> _Fit:
+        return _Fit.at(data, np.exp(theta[:-1].reshape(-1, 2)), DELAY_S * float(theta[-1]), weight)
+
+    begun = np.append(np.log(poles).ravel(), delay_s / DELAY_S)
+    # Poles that move by more than this have left their mode.
+    reach = np.append(np.tile([0.02, 2.0], len(poles)), 1e3)
+    found = optimize.least_squares(
+        lambda theta: unpack(theta).error.ravel(),
+        begun,
+        lambda theta: unpack(theta).by_poles(),
+        bounds=(begun - reach, begun + reach),
+        x_scale=np.append(np.tile([1e-3, 1e-1], len(poles)), 1.0),
+        xtol=1e-10,
+        ftol=1e-10,
+    )
+    return unpack(found.x)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The best residues for some poles.
+
+    Args:
+        poles: (n_modes, 2) frequency (Hz) and damping ratio.
+        delay_s: delay of the accelerations behind the force, s.
+        weight: (n_pairs, n_lines) one over the standard deviation of the noise.
+        shape: (2 n_lines, n_columns) real and imaginary part of each mode for a unit residue, then of a and b.
+        slopes: (2, 2 n_lines, n_modes) its derivatives by the logarithms of frequency and damping ratio.
+        by_delay: (2 n_lines, n_columns) that by the delay, 1/s.
+        residues: (n_pairs, n_columns).
+        error: (n_pairs, 2 n_lines) weighted errors.
+        bases: (n_pairs, 2 n_lines, n_columns) orthonormal basis of the weighted columns of each pair.
+        inverses: (n_pairs, n_columns, n_columns) inverse of the triangular factor of these columns.
+    """
+
+    data: _Data
+    poles: FloatArray
+    delay_s: float
+    weight: FloatArray
+    shape: FloatArray
+    slopes: FloatArray
+    by_delay: FloatArray
+    residues: FloatArray
+    error: FloatArray
+    bases: FloatArray
+    inverses: FloatArray
+
+    @classmethod
+    def at(cls, data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray) -> _Fit:
+        omega, own = data.omega[:, np.newaxis], 2 * np.pi * poles[:, 0]
+        late = np.exp(-1j * omega * delay_s)
+        dynamic = own**2 - omega**2 + 2j * poles[:, 1] * own * omega
+        mode = -late * omega**2 / dynamic
+        by_frequency = -mode / dynamic * (2 * own**2 + 2j * poles[:, 1] * own * omega)
+        by_damping = -mode / dynamic * (2j * poles[:, 1] * own * omega)
+        rest = late * np.stack([np.ones(omega.size), -((data.omega / data.omega[-1]) ** 2)], axis=1)
+        columns = np.concatenate([mode, rest], axis=1)
+        shape, by_delay = _split(columns), _split(-1j * omega * columns)
+        slopes = np.stack([_split(by_frequency), _split(by_damping)])
+        read, both = _split(data.value.T).T, np.concatenate([weight, weight], axis=1)
+        bases, triangles = np.linalg.qr(both[:, :, np.newaxis] * shape)
+        inverses = np.linalg.inv(triangles)
+        along = np.einsum("plk,pl->pk", bases, both * read)
+        residues = np.einsum("pkj,pj->pk", inverses, along)
+        error = both * read - np.einsum("plk,pk->pl", bases, along)
+        return cls(data, poles, delay_s, weight, shape, slopes, by_delay, residues, error, bases, inverses)
+
+    @property
+    def _both(self) -> FloatArray:
+        return np.concatenate([self.weight, self.weight], axis=1)
+
+    def _by_poles_of(self, pair: int) -> FloatArray:
+        """Return the derivatives of the weighted response of a pair by poles and delay, (2 n_lines, 2 n_modes + 1)."""
+        n_modes, weight = len(self.poles), self._both[pair][:, np.newaxis]
+        own = weight * self.residues[pair, :n_modes]
+        by_poles = np.stack([self.slopes[0] * own, self.slopes[1] * own], axis=2).reshape(len(own), -1)
+        return np.concatenate(
+            [by_poles, weight * (self.by_delay @ self.residues[pair])[:, np.newaxis] * DELAY_S], axis=1
+        )
+
+    def by_poles(self) -> FloatArray:
+        """Return the derivatives of the errors by the logarithms of the poles (Kaufman 1975)."""
+        found = []
+        for pair, basis in enumerate(self.bases):
+            slopes = self._by_poles_of(pair)
+            found.append(basis @ (basis.T @ slopes) - slopes)
+        return np.concatenate(found)
+
+    def weigh(self) -> FloatArray:
+        """Return one over the noise of each line: a constant part of each pair, and one that grows as it responds."""
+        read = np.abs(self.data.value - _join(self.shape @ self.residues.T).T) ** 2
+        size = np.abs(_join(self.shape @ self.residues.T).T) ** 2
+        variance = np.empty_like(read)
+        for pair, (left, of) in enumerate(zip(read, size, strict=True)):
+            # Squared errors scatter as much as they are large, so each is divided by what is expected of it.
+            expected = np.full(left.size, left.mean())
+            for _ in range(3):
+                columns = np.stack([np.ones(left.size), of], axis=1) / expected[:, np.newaxis]
+                parts, _ = optimize.nnls(columns, left / expected)
+                expected = np.maximum(parts[0] + parts[1] * of, 1e-6 * left.mean())
+            variance[pair] = expected
+        return np.asarray(1 / np.sqrt(np.maximum(variance / 2, 1e-300)))
+
+    def unexplained(self) -> tuple[float, ...]:
+        """Return the rms fraction of the responses that is left, for each drive point."""
+        left = np.abs(self.data.value - _join(self.shape @ self.residues.T).T) ** 2
+        n = len(self.data.responses)
+        return tuple(
+            float(np.sqrt(one.sum() / (np.abs(of) ** 2).sum()))
+            for one, of in zip(np.split(left, n), np.split(self.data.value, n), strict=True)
+        )
+
+    def covariances(self, settings: ResponseFitSettings) -> tuple[FloatArray, FloatArray]:
+        """Return the covariance of the logarithms of the poles, and the standard deviations of the residues."""
+        n_lines = self.data.omega.size
+        cells = np.tile(np.arange(n_lines) // settings.lines_per_cell, 2)
+        n_cells = int(cells.max()) + 1
+        projected = self.by_poles().reshape(len(self.bases), 2 * n_lines, -1)
+        inverse = np.linalg.inv(np.einsum("plk,plj->kj", projected, projected))
+        scores = np.zeros((n_cells, inverse.shape[0]))
+        np.add.at(scores, cells, np.einsum("plk,pl->lk", projected, self.error))
+        covariance = inverse @ (scores.T @ scores) @ inverse
+        stds = np.empty_like(self.residues)
+        for pair, basis in enumerate(self.bases):
+            own = np.zeros((n_cells, basis.shape[1]))
+            np.add.at(own, cells, basis * self.error[pair][:, np.newaxis])
+            by_pole = self.inverses[pair] @ (basis.T @ self._by_poles_of(pair))
+            influence = own @ self.inverses[pair].T + scores @ inverse @ by_pole.T
+            stds[pair] = np.sqrt(np.sum(influence**2, axis=0))
+        return covariance, stds
+
+    def find_weakest(self, settings: ResponseFitSettings) -> int | None:
+        """Return the mode that stands least above its noise, or is damped too much; None if all are clear."""
+        _, stds = self.covariances(settings)
+        n_modes = len(self.poles)
+        size = np.max(np.abs(self.residues[:, :n_modes]) / np.maximum(stds[:, :n_modes], 1e-300), axis=0)
+        size = np.where(self.poles[:, 1] > settings.most_damping, 0.0, size)
+        weakest = int(np.argmin(size))
+        return weakest if size[weakest] < settings.least_std else None
+
+    def result(self, settings: ResponseFitSettings, left: tuple[float, ...]) -> FittedModes:
+        """Return the modes with their intervals."""
+        covariance, stds = self.covariances(settings)
+        n_modes, data = len(self.poles), self.data
+        n_drives, sensors = len(data.responses), data.responses[0].sensors
+        drives = [sensors.index(each.drive_point) for each in data.responses]
+        residues, of_residues = (each[:, :n_modes].reshape(n_drives, -1, n_modes) for each in (self.residues, stds))
+        own, of_own = (
+            np.stack([each[d, sensor] for d, sensor in enumerate(drives)]) for each in (residues, of_residues)
+        )
+        if np.max(-own / of_own) > np.max(own / of_own):
+            raise InputError(
+                "the acceleration at the drive point falls as the force grows, as if modal masses were negative: the "
+                "force or that sensor counts in the other direction, so give one of them sign = -1"
+            )
+        kept: NDArray[np.int64] = np.flatnonzero(np.max(own / of_own, axis=0) >= settings.least_std)
+        shapes, shape_std, masses = np.empty((len(sensors), kept.size)), np.empty((len(sensors), kept.size)), []
+        for column, mode in enumerate(kept):
+            phi, std = _split_residues(residues[..., mode], of_residues[..., mode], drives)
+            shapes[:, column], shape_std[:, column] = phi, std
+            best = max(drives, key=lambda sensor: abs(phi[sensor]) / std[sensor])
+            mass_kg = 1 / phi[best] ** 2
+            masses.append(Estimate.normal(mass_kg, mass_kg * float(np.hypot(2 * std[best] / phi[best], settings.gain))))
+        relative = np.sqrt(np.diag(covariance))[:-1].reshape(-1, 2)
+        relative[:, 0] = np.hypot(relative[:, 0], settings.complexity * self.poles[:, 1] ** 2)
+        relative[:, 1] = np.hypot(relative[:, 1], settings.left_at_end)
+        frequencies, ratios = (
+            tuple(Estimate.normal(value, value * std) for value, std in zip(own, of.tolist(), strict=True))
+            for own, of in zip(self.poles[kept].T.tolist(), relative[kept].T, strict=True)
+        )
+        values = np.split(_join(self.shape @ self.residues.T), n_drives, axis=1)
+        return FittedModes(
+            frequencies,
+            ratios,
+            tuple(masses),
+            shapes,
+            shape_std,
+            sensors,
+            data.band_hz,
+            Estimate.normal(self.delay_s, DELAY_S * float(np.sqrt(covariance[-1, -1]))),
+            left,
+            data.responses,
+            tuple(
+                FrequencyResponse(each.frequency_hz, value, sensors, each.drive_point, n_averages=0)
+                for each, value in zip(data.responses, values, strict=True)
+            ),
+            tuple(_list_warnings(self, kept, data, settings)),
+        )
+
+
+def _split_residues(residues: FloatArray, stds: FloatArray, drives: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Return the shape whose products with itself at the drive points are the residues, and its standard deviations.
+
+    Args:
+        residues: (n_drives, n_sensors) of one mode.
+        stds: their standard deviations.
+        drives: the sensor at each drive point.
+
+    """
+    over = [residues[d, sensor] / stds[d, sensor] for d, sensor in enumerate(drives)]
+    best = int(np.argmax(over))
+    begun = residues[best] / np.sqrt(residues[best, drives[best]])
+    found = optimize.least_squares(lambda phi: ((phi[drives][:, np.newaxis] * phi - residues) / stds).ravel(), begun)
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    return found.x * np.sign(found.x[np.argmax(np.abs(found.x))]), np.sqrt(np.diag(covariance))
+
+
+def _list_warnings(fit: _Fit, kept: NDArray[np.int64], data: _Data, settings: ResponseFitSettings) -> Iterator[str]:
+    """Yield what limits the modes, one sentence each."""
+    names = list_names([repr(each.drive_point) for each in data.responses])
+    lost = [f"{fit.poles[mode, 0]:.4g}" for mode in range(len(fit.poles)) if mode not in kept]
+    if lost:
+        yield (
+            f"{len(lost)} mode(s) at {', '.join(lost)} Hz are left out, because they hardly move {names}, where the "
+            "force acts, so that their modal masses are unknown: drive the structure at a further point"
+        )
+    for response in data.responses:
+        if response.coherence is None:
+            continue
+        coherence = response.coherence[:, response.sensors.index(response.drive_point)]
+        low = [
+            f"{own_hz:.4g}"
+            for own_hz, ratio in fit.poles[kept].tolist()
+            if _median_near(coherence, response.frequency_hz, own_hz, 2 * ratio) < settings.least_coherence
+        ]
+        if low:
+            yield (
+                f"the coherence at {response.drive_point!r} is below {settings.least_coherence:g} about "
+                f"{', '.join(low)} Hz: the records differ there by more than noise; hits of other levels on a "
+                "nonlinear structure, or a structure that moved, do that"
+            )
+
+
+def _median_near(coherence: FloatArray, frequency_hz: FloatArray, own_hz: float, width: float) -> float:
+    """Return the median of the lines within a relative width of a frequency, at least of the nearest one."""
+    off = np.abs(frequency_hz / own_hz - 1)
+    return float(np.median(coherence[off <= max(width, float(off.min()))]))
+
+
+def _split(value: ComplexArray) -> FloatArray:
+    """Return the real parts of complex rows, then their imaginary parts."""
+    return np.concatenate([value.real, value.imag])
+
+
+def _join(value: FloatArray) -> ComplexArray:
+    """Return complex rows from their real parts, then their imaginary parts."""
+    real, imaginary = np.split(value, 2)
+    return np.asarray(real + 1j * imaginary)

@@ -1,0 +1,111 @@
+"""The report of linear modes fitted to measured frequency responses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from opid.errors import list_names
+from opid.estimate import Estimate, format_number, format_percent, rounded
+from opid.modal.linear.frequency_response import cmif
+from opid.modal.linear.response_fit import FittedModes
+from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings
+
+MODES_IN_A_TABLE = 5
+"""Shapes beside each other, in 80 columns."""
+
+
+def build_document(result: FittedModes) -> Document:
+    """Return the report: frequency, damping, modal mass and shape of each mode, and the responses beside the fit."""
+    low_hz, high_hz = (format_number(each, 4) for each in result.band_hz)
+    drives = list_names([each.drive_point for each in result.responses])
+    n = len(result.frequency_hz)
+    return Document(
+        f"Linear modes from responses to forces at {drives}",
+        "natural frequencies, damping ratios, modal masses and shapes",
+        f"{n} mode{'s' * (n != 1)} lie between {low_hz} and {high_hz} Hz.",
+        None,
+        (
+            Paragraph(_say_basis(result)),
+            Table(
+                (
+                    Column("mode"),
+                    *(Column("frequency", "Hz"), Column("std. dev.")),
+                    *(Column("damping", "%"), Column("std. dev.")),
+                    *(Column("modal mass", "kg"), Column("std. dev.")),
+                ),
+                tuple(_list_rows(result)),
+                legend="The modal mass belongs to a shape that is 1 at the drive point; its standard deviation holds "
+                "1.4 % for the calibrations of force and acceleration.",
+            ),
+            *_tabulate_shapes(result),
+            build_warnings(result.warnings),
+        ),
+        lambda: [_build_figure(result)],
+        _write_command(result.settings),
+        source="record",
+    )
+
+
+def _say_basis(result: FittedModes) -> str:
+    n_averages = ", ".join(f"{each.n_averages:g}" for each in result.responses)
+    left = ", ".join(format_percent(each, 2) for each in result.unexplained)
+    delay, std = result.delay_s.value or 0.0, result.delay_s.std or 0.0
+    return (
+        f"From {n_averages} record(s) and {len(result.sensors)} sensors; the modes leave {left} of the responses (rms) "
+        f"in the band. The accelerations come {rounded(1e6 * delay, 1e6 * std)} µs after the force (standard deviation "
+        f"{rounded(1e6 * std, 1e6 * std)} µs), which is fitted."
+    )
+
+
+def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
+    """Yield the shapes, some modes beside each other in a table."""
+    n = len(result.frequency_hz)
+    for first in range(0, n, MODES_IN_A_TABLE):
+        some = range(first, min(first + MODES_IN_A_TABLE, n))
+        yield Table(
+            (Column("sensor", align="left"), *(Column(f"mode {k + 1}") for k in some)),
+            tuple(
+                (name, *(rounded(float(result.shapes[row, k]), float(result.shape_std[row, k])) for k in some))
+                for row, name in enumerate(result.sensors)
+            ),
+            title="Mass-normalised shapes, kg^-1/2" if first == 0 else "",
+            legend="" if some.stop < n else "They are rounded by their standard deviations.",
+        )
+
+
+def _list_rows(result: FittedModes) -> Iterator[Row]:
+    columns = zip(result.frequency_hz, result.damping_ratio, result.modal_mass_kg, strict=True)
+    for number, (frequency, damping, mass) in enumerate(columns, start=1):
+        yield (str(number), *_format(frequency), *_format(damping, 100.0), *_format(mass))
+
+
+def _format(estimate: Estimate, factor: float = 1.0) -> tuple[str, str]:
+    value, std = factor * (estimate.value or 0.0), factor * (estimate.std or 0.0)
+    return rounded(value, std), rounded(std, std)
+
+
+def _build_figure(result: FittedModes) -> Figure:
+    def draw() -> Any:
+        from opid import plots
+
+        measured = {"measured": cmif(result.responses)}
+        marked = {number: each.value or 0.0 for number, each in enumerate(result.frequency_hz, start=1)}
+        return plots.mode_indicators(measured, cmif(result.fitted), marked=marked, title="Modes by number")
+
+    return Figure(
+        "mode_indicator",
+        "Measured responses and the modes",
+        "Largest singular value of all responses at each line (complex mode indicator function), measured and of the "
+        "fitted modes. A peak without a number is a mode that was left out, or no mode.",
+        draw,
+    )
+
+
+def _write_command(settings: Mapping[str, Any]) -> list[str]:
+    words = ["opid", "modes", *map(str, settings.get("logs", ["LOG"]))]
+    for drive_point in settings.get("drive_points", ()):
+        words += ["--drive-point", str(drive_point)]
+    if "band" in settings:
+        words += ["--band", *(f"{each:g}" for each in settings["band"])]
+    return words + (["--force-channel", str(settings["force_channel"])] if settings else [])

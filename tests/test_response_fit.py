@@ -1,0 +1,172 @@
+"""Linear modes from frequency responses: known modes with noise, worlds that break an assumption, and `opid modes`."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sdypy")
+
+from cli_runs import opid
+
+from opid.errors import InputError, NotDeterminedError
+from opid.modal.linear.frequency_response import FrequencyResponse, forced_record, measured_response, resynthesised
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes_file import read_modes
+from opid.modal.linear.response_fit import fit_modes
+from opid.signals.logs import write_log
+from opid.signals.recording import Channel, Recording
+
+SENSORS = ("tip", "middle", "root", "side")
+MODES = LinearModes(
+    np.array([0.0, 40.0, 63.0, 91.0]),
+    np.array([0.0, 0.006, 0.004, 0.009]),
+    np.array([[0.3, 0.5, -0.4, 0.3], [0.3, -0.2, 0.5, 0.4], [0.3, 0.1, 0.2, -0.6], [0.3, -0.4, -0.3, 0.1]]),
+    SENSORS,
+)
+LINES_HZ = np.arange(20.0, 120.0, 0.05)
+BAND_HZ = (25.0, 115.0)
+
+
+def respond(modes=MODES, drive="tip", *, noise=1e-3, seed=0):
+    """Return the response of modes with noise, a fraction of the rms of each sensor and of each line."""
+    rng, made = np.random.default_rng(seed), resynthesised(modes, LINES_HZ, drive)
+
+    def draw(shape):
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+    size = np.sqrt(np.mean(np.abs(made.value) ** 2, axis=0))
+    value = made.value * (1 + 3 * noise * draw((LINES_HZ.size, 1))) + noise * size * draw(made.value.shape)
+    return replace(made, value=value)
+
+
+def test_known_modes_are_found_and_their_intervals_hold():
+    """Over many seeds three intervals in a hundred may miss; of 270 here at most five in a hundred do."""
+    misses = total = 0
+    for seed in range(30):
+        found = fit_modes([respond(seed=seed)], band_hz=BAND_HZ)
+        assert len(found.frequency_hz) == 3
+        for k in range(3):
+            truths = MODES.frequency_hz[k + 1], MODES.damping_ratio[k + 1], 1 / MODES.shapes[0, k + 1] ** 2
+            estimates = found.frequency_hz[k], found.damping_ratio[k], found.modal_mass_kg[k]
+            total += 3
+            misses += sum(not each.holds(true) for each, true in zip(estimates, truths, strict=True))
+        np.testing.assert_allclose(np.abs(found.shapes), np.abs(MODES.shapes[:, 1:]), atol=2e-3)
+    assert misses <= 0.05 * total
+
+
+def test_two_drive_points_separate_modes_of_nearly_one_frequency():
+    near = replace(MODES, frequency_hz=np.array([0.0, 40.0, 63.0, 63.4]))
+    found = fit_modes([respond(near, "tip"), respond(near, "root", seed=1)], band_hz=BAND_HZ)
+    np.testing.assert_allclose([each.value for each in found.frequency_hz], near.frequency_hz[1:], rtol=2e-4)
+    np.testing.assert_allclose(np.abs(found.shapes), np.abs(near.shapes[:, 1:]), atol=0.02)
+
+
+def test_a_delay_of_the_accelerations_is_fitted_and_told():
+    late = respond()
+    late = replace(late, value=late.value * np.exp(-2j * np.pi * late.frequency_hz * 1e-4)[:, np.newaxis])
+    found = fit_modes([late], band_hz=BAND_HZ)
+    assert found.delay_s.value == pytest.approx(1e-4, abs=4 * found.delay_s.std)
+    assert found.damping_ratio[0].value == pytest.approx(0.006, rel=0.02)
+
+
+def test_a_mode_that_hardly_moves_the_drive_point_is_left_out():
+    shapes = MODES.shapes.copy()
+    shapes[0, 2] = 0.0
+    found = fit_modes([respond(replace(MODES, shapes=shapes))], band_hz=BAND_HZ)
+    np.testing.assert_allclose([each.value for each in found.frequency_hz], [40.0, 91.0], rtol=1e-4)
+
+
+def test_modes_that_another_drive_point_moves_are_named():
+    """A mode that moves the drive point slightly is seen by the sensors, but its mass is not."""
+    shapes = MODES.shapes.copy()
+    shapes[0, 2] = 0.007
+    found = fit_modes([respond(replace(MODES, shapes=shapes), noise=3e-3)], band_hz=BAND_HZ)
+    assert len(found.frequency_hz) == 2
+    assert any("at 63 Hz are left out, because they hardly move 'tip'" in each for each in found.warnings)
+
+
+def test_a_force_of_wrong_polarity_is_refused():
+    turned = respond()
+    with pytest.raises(InputError, match="the force or that sensor counts in the other direction"):
+        fit_modes([replace(turned, value=-turned.value)], band_hz=BAND_HZ)
+
+
+def test_noise_has_no_modes():
+    rng = np.random.default_rng(0)
+    value = rng.standard_normal((LINES_HZ.size, 4)) + 1j * rng.standard_normal((LINES_HZ.size, 4))
+    with pytest.raises(NotDeterminedError):
+        fit_modes([FrequencyResponse(LINES_HZ, value, SENSORS, "tip")], band_hz=BAND_HZ)
+
+
+def test_bad_responses_are_refused():
+    one = respond()
+    for responses, band_hz, words in (
+        ([], BAND_HZ, "there is no response"),
+        ([one, respond(replace(MODES, sensors=("tip", "b", "c", "d")))], BAND_HZ, "other sensors or lines"),
+        ([replace(one, drive_point="nose")], BAND_HZ, "no sensor is called 'nose'"),
+        ([one], (60.0, 60.2), "at least 16 are needed"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fit_modes(responses, band_hz=band_hz)
+
+
+def ring(seed, fs=512.0, duration_s=30.0):
+    """Return the record of a hit at the tip, from the responses of the modes."""
+    rng, n = np.random.default_rng(seed), round(fs * duration_s)
+    time_s = np.arange(n) / fs
+    force = (
+        100
+        * rng.uniform(0.5, 1)
+        * np.where((time_s > 0.05) & (time_s < 0.06), np.sin(np.pi * (time_s - 0.05) / 0.01), 0)
+    )
+    lines_hz = np.fft.rfftfreq(n, 1 / fs)
+    response = np.zeros((lines_hz.size, 4), dtype=complex)
+    response[1:] = resynthesised(MODES, lines_hz[1:], "tip").value
+    motion = np.fft.irfft(np.fft.rfft(force)[:, np.newaxis] * response, n, axis=0)
+    samples = np.column_stack([motion, force])
+    samples += 1e-3 * samples.std(axis=0) * rng.standard_normal(samples.shape)
+    channels = (*(Channel(name, "m/s^2") for name in SENSORS), Channel("hammer", "N"))
+    return Recording(samples, fs, channels)
+
+
+def test_the_command_writes_modes_that_a_study_reads(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    logs = [f"hit_{number}.csv" for number in range(3)]
+    for number, log in enumerate(logs):
+        write_log(ring(number), tmp_path / log)
+    words = ("--drive-point", "tip", "--force-channel", "hammer", "--band", "25", "115", "--out", "found")
+    done = opid("modes", *logs, *words)
+    assert done.exit_code == 0, done.output
+    assert "3 modes lie between 25 and 115 Hz." in done.stdout
+    modes = read_modes(tmp_path / "found" / "modes.csv")
+    np.testing.assert_allclose(modes.frequency_hz, MODES.frequency_hz[1:], rtol=1e-4)
+    written = json.loads((tmp_path / "found" / "result.json").read_text())
+    assert written["frequency_hz"][0]["value"] == pytest.approx(40.0, rel=1e-4)
+    assert written["drive_points"] == ["tip"]
+    assert "opid modes hit_0.csv hit_1.csv hit_2.csv --drive-point tip --band 25 115 --force-channel hammer" in (
+        tmp_path / "found" / "report.html"
+    ).read_text(encoding="utf-8")
+    twice = opid("modes", *logs, "--drive-point", "tip", "--drive-point", "root", "--band", "25", "115")
+    assert "--drive-point is given 2 times for 3 logs" in twice.stderr
+
+
+def test_bad_records_are_refused():
+    record = ring(0)
+    for changes, words in (
+        ({"force": "load"}, "test 'hit' has no force 'load'"),
+        ({"drive_point": "nose"}, "test 'hit' has no sensor 'nose'"),
+        ({"force": "tip"}, "the force channel 'tip' of test 'hit' is in m/s\\^2"),
+    ):
+        with pytest.raises(InputError, match=words):
+            forced_record(record, **{"name": "hit", "force": "hammer", "drive_point": "tip"} | changes)
+
+
+def test_records_of_other_lengths_are_averaged():
+    short, long = (
+        forced_record(each, name="hit", force="hammer", drive_point="tip")
+        for each in (ring(0), ring(1, duration_s=32.0))
+    )
+    found = measured_response([short.padded_to(long.force.size), long])
+    assert found.n_averages == 2
