@@ -154,7 +154,7 @@ def test_files_that_hold_no_modes_are_refused(tmp_path):
         ("b.npz", b"PK\x03\x04 cut off", "not a valid .npz"),
         ("c.npz", b"", "not a valid .npz"),
         ("d.csv", b"sensor,\xff\xfe\n", "not UTF-8"),
-        ("e.txt", b"", "npz or .csv"),
+        ("e.txt", b"", "npz, .csv, .uff or .unv"),
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=words):
@@ -202,3 +202,55 @@ def test_damping_in_percent_is_suspected():
     assert looks_in_percent(LinearModes([0, 10, 20], [0, 0.4, 0.6], shapes, ("a",)))
     assert not looks_in_percent(LinearModes([0, 10, 20], [0.9, 0.01, 0.6], shapes, ("a",)))
     assert not looks_in_percent(LinearModes([0, 0, 0], [0.9, 0.3, 0.6], shapes, ("a",)))
+
+
+def universal(path, *, mass_kg=2.0, analysis=2, drop=False):
+    """Write three modes at four nodes, of which z alone moves, as a universal file; return their shapes."""
+    pyuff = pytest.importorskip("pyuff")
+    rng, sets, shapes = np.random.default_rng(0), [], []
+    for number in range(3):
+        shapes.append(rng.standard_normal(4))
+        nodes = [1, 2, 3, 14 + (drop and number)]
+        text = {f"id{k}": "NONE" for k in range(1, 6)}
+        still = np.zeros(4)
+        own = {
+            "r1": still,
+            "r2": still,
+            "r3": shapes[-1],
+            "node_nums": nodes,
+            "freq": 10.0 + number,
+            "mode_n": number + 1,
+        }
+        sets.append(
+            pyuff.prepare_55(
+                model_type=1, analysis_type=analysis, data_ch=3, spec_data_type=8, data_type=2, n_data_per_node=3,
+                load_case=1, modal_m=mass_kg, modal_damp_vis=0.01, modal_damp_his=0.0, **text, **own,
+            )
+        )  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(sets, "overwrite")
+    return np.column_stack(shapes)
+
+
+def test_normal_modes_of_a_universal_file_are_read(tmp_path):
+    shapes = universal(tmp_path / "modes.unv")
+    modes = read_modes(tmp_path / "modes.unv")
+    assert modes.sensors == ("1_z", "2_z", "3_z", "14_z")
+    np.testing.assert_allclose(modes.shapes, shapes / np.sqrt(2.0), rtol=1e-4)
+    np.testing.assert_allclose(modes.frequency_hz, [10.0, 11.0, 12.0], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"mass_kg": 0.0}, "a modal mass in it is 0 or missing"), ({"drop": True}, "its modes have different nodes")],
+)
+def test_bad_universal_files_of_modes_are_refused(tmp_path, options, words):
+    universal(tmp_path / "modes.uff", **options)
+    with pytest.raises(InputError, match=words):
+        read_modes(tmp_path / "modes.uff")
+
+
+def test_what_is_no_universal_file_of_modes_is_refused(tmp_path):
+    pytest.importorskip("pyuff")
+    (tmp_path / "modes.uff").write_text("nothing\n")
+    with pytest.raises(InputError, match=r"none with normal modes|not a valid universal file"):
+        read_modes(tmp_path / "modes.uff")

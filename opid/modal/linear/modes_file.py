@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, meant_by, nearest
+from opid.errors import InputError, meant_by, nearest, require
 from opid.modal.linear.modes import LinearModes
 from opid.modal.settings import MODAL
 from opid.signals.files import read_table_text, write_whole
@@ -36,7 +36,9 @@ def read_modes(path: str | os.PathLike[str]) -> LinearModes:
         path: an .npz file with the arrays `frequency_hz`, `damping_ratio`, `shapes` (sensors x modes) and `sensors`; or
             a .csv file with a header and the rows `frequency_hz`, `damping_ratio` and one for each sensor. A row has
             its name first, then one value for each mode, separated by comma, semicolon or tab (a decimal comma needs
-            one of the latter two). The damping of a mode of 0 Hz may be left empty.
+            one of the latter two). The damping of a mode of 0 Hz may be left empty. Or a universal file (.uff, .unv;
+            needs pyuff) with normal modes and their modal masses (dataset 55), whose sensors are named by node and
+            direction, like 12_z.
 
     Raises:
         InputError: no such file, another kind of file, an array or row that is missing or given twice, a cell that is
@@ -52,7 +54,7 @@ def read_modes(path: str | os.PathLike[str]) -> LinearModes:
     source = Path(path)
     kind = source.suffix.lower()
     if kind not in _READERS:
-        raise InputError(f"{path} is not a file of modes: give one that ends in .npz or .csv")
+        raise InputError(f"{path} is not a file of modes: give one that ends in .npz, .csv, .uff or .unv")
     if not source.is_file():
         raise InputError(f"there is no file of modes {path}: check the name")
     try:
@@ -180,7 +182,49 @@ def _read_csv(source: Path) -> LinearModes:
     return _make_modes(frequency_hz, damping_ratio, shapes, tuple(sensors))
 
 
-_READERS = {".npz": _read_npz, ".csv": _read_csv}
+NORMAL_MODE = 2
+"""The type of analysis of a universal file that holds a real mode with its modal mass."""
+
+DIRECTIONS = {"r1": "x", "r2": "y", "r3": "z", "r4": "rx", "r5": "ry", "r6": "rz"}
+"""The values of a node in a universal file, and what is added to its number to name a sensor."""
+
+
+def _read_universal(source: Path) -> LinearModes:
+    """Return the normal modes of a universal file, dataset 55: sensors are named by node and direction, like 12_z."""
+    require("pyuff", "universal files", "pyuff", "uff")
+    import pyuff
+
+    try:
+        file = pyuff.UFF(str(source))
+        sets = [each for k, kind in enumerate(file.get_set_types()) if kind == 55 for each in [file.read_sets(k)]]
+        modes = [each for each in sets if int(each.get("analysis_type", 0)) == NORMAL_MODE]
+        nodes = [tuple(int(node) for node in each["node_nums"]) for each in modes]
+        columns = [{key: np.asarray(each[key]) for key in DIRECTIONS if key in each} for each in modes]
+        facts = [[float(each[key]) for key in ("freq", "modal_damp_vis", "modal_m")] for each in modes]
+    except OSError:
+        raise
+    except Exception as error:  # pyuff raises nothing more specific
+        raise InputError(f"it is not a valid universal file ({error}): write it again") from None
+    if not modes:
+        raise InputError(
+            f"it has {len(sets)} dataset(s) 55 and none with normal modes (type of analysis {NORMAL_MODE}): write real "
+            "modes with their modal masses, or a CSV file"
+        )
+    if len(set(nodes)) > 1:
+        raise InputError("its modes have different nodes: give all modes the same nodes in the same order")
+    if any(np.iscomplexobj(each) for several in columns for each in several.values()):
+        raise InputError("its shapes are complex: give real normal modes (rotate the phase, take the real part)")
+    if any(mass <= 0.0 for *_, mass in facts):
+        raise InputError("a modal mass in it is 0 or missing, so that its shape has no scale: give the modal masses")
+    used = [key for key in DIRECTIONS if any(key in each and each[key].any() for each in columns)]
+    names = [f"{node}_{DIRECTIONS[key]}" for node in nodes[0] for key in used]
+    zero = np.zeros(len(nodes[0]))
+    shapes = [np.column_stack([each.get(key, zero) for key in used]).ravel() for each in columns]
+    frequency_hz, damping_ratio, mass = np.array(facts).T
+    return _make_modes(frequency_hz, damping_ratio, np.column_stack(shapes) / np.sqrt(mass), tuple(names))
+
+
+_READERS = {".npz": _read_npz, ".csv": _read_csv, ".uff": _read_universal, ".unv": _read_universal}
 
 
 def _make_modes(
