@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -288,22 +289,25 @@ def _fit_poles(data: _Data, poles: FloatArray, settings: ResponseFitSettings) ->
 
 
 def _minimize(data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray) -> _Fit:
-    def unpack(theta: FloatArray) -> _Fit:
-        return _Fit.at(data, np.exp(theta[:-1].reshape(-1, 2)), DELAY_S * float(theta[-1]), weight)
+    @lru_cache(maxsize=1)  # errors and derivatives are asked for at the same vector
+    def unpack(theta: bytes) -> _Fit:
+        vector = np.frombuffer(theta)
+        return _Fit.at(data, np.exp(vector[:-1].reshape(-1, 2)), DELAY_S * float(vector[-1]), weight)
 
     begun = np.append(np.log(poles).ravel(), delay_s / DELAY_S)
     # Poles that move by more than this have left their mode.
     reach = np.append(np.tile([0.02, 2.0], len(poles)), 1e3)
     found = optimize.least_squares(
-        lambda theta: unpack(theta).error.ravel(),
+        lambda theta: unpack(theta.tobytes()).error.ravel(),
         begun,
-        lambda theta: unpack(theta).by_poles(),
+        lambda theta: unpack(theta.tobytes()).by_poles(),
         bounds=(begun - reach, begun + reach),
-        x_scale=np.append(np.tile([1e-3, 1e-1], len(poles)), 1.0),
+        x_scale="jac",
         xtol=1e-10,
         ftol=1e-10,
+        tr_solver="lsmr",  # the exact solver decomposes the long Jacobian, which has few columns
     )
-    return unpack(found.x)
+    return unpack(found.x.tobytes())
 
 
 @dataclass(frozen=True, eq=False)
