@@ -60,6 +60,8 @@ from .resonance.appropriation import (
     levels_for as levels_for,
     modal_interaction as modal_interaction,
 )
+from .resonance.identification import identify_resonance as identify_resonance
+from .resonance.result import Resonance as Resonance
 from .result import ModalIdentification as ModalIdentification
 from .study import (
     ModalStudy as ModalStudy,

@@ -66,6 +66,7 @@ KINDS = (
     KindOfResult("signals.health.result.Inspection", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "decay"),
     KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
+    KindOfResult("modal.resonance.result.Resonance", "resonance", (ModalTruth,)),
     KindOfResult("updating.result.Updating", "updating", (UpdatingTruth,)),
 )
 
