@@ -25,6 +25,7 @@ GIVEN = {
     "law": ("bench.csv", "--force-channel", "load", "--travel-channel", "stroke", "--out"),
     "modal": ("study.toml", "--out"),
     "plan": ("guess.toml", "--target", "sprung_mass=0.5%", "--out"),
+    "resonance": ("study.toml", "--out"),
     "sense": ("study.toml", "study_result", "--out"),
     "simulate": (),
     "update": ("study.toml", "--out"),

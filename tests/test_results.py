@@ -15,6 +15,7 @@ from made_fleet import draw_fleet, make_campaign
 from made_flights import body_result, write_result
 from made_health import sound_health
 from made_modal import small_decay, small_result
+from made_resonance import held_study
 from made_updating import small_updating
 from scripts import script
 
@@ -24,6 +25,7 @@ from opid.estimate import Estimate
 from opid.json_values import json_text
 from opid.mechanics.laws.law import law
 from opid.mechanics.truth import UpdatingTruth
+from opid.modal.resonance.identification import identify_resonance
 from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
@@ -134,6 +136,10 @@ def modal(request, folder):
     return small_result(decays=[small_decay()])
 
 
+def resonance(request, folder):
+    return identify_resonance(held_study())
+
+
 def updating(request, folder):
     return small_updating()
 
@@ -143,7 +149,7 @@ def inspection(request, folder):
 
 
 OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, wheel, planned, flights, campaign, fleet)
-MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, modal, updating)
+MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, modal, resonance, updating)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)

@@ -14,7 +14,7 @@ from opid.modal.resonance.appropriation import Appropriation, Interaction, modal
 from opid.modal.resonance.law import ResonanceLaw, fit_states
 from opid.modal.resonance.result import Resonance
 from opid.modal.resonance.settings import ResonanceSettings
-from opid.modal.resonance.steady import MeasuredLevel, measure_levels
+from opid.modal.resonance.steady import MeasuredLevel, SteadyState, measure_levels
 from opid.modal.study import ModalStudy
 from opid.progress import Say
 
@@ -62,16 +62,15 @@ def identify_resonance(
     outside = float(np.median([each.outside for each in states]))
     say("the law")
     orders: dict[str, Any] = {"stiffness_order": study.stiffness_order, "damping_order": study.damping_order}
-    # A transient beside a level that does not count may hold what made it not count.
-    names_left_out = {test.name for test, each in steady if each.fault}
-    moving = [each.state for test, each in found if not each.is_steady and test.name not in names_left_out]
-    moving = [each for each in moving if max(each.force_error, each.motion_error) * chosen.least_signal < 1.0]
+    moving = _choose_transients([each for _, each in found], chosen)
     reason = ""
     laws: list[ResonanceLaw] = []
     try:
+        by_records = fit_states([*states, *moving], chosen, **orders, systematic=outside)
+        seen = by_records.force_phase_deg
         laws = [
-            fit_states(states, chosen, **orders, measured_waves=False, systematic=outside),
-            fit_states([*states, *moving], chosen, **orders, systematic=outside),
+            fit_states(states, chosen, **orders, measured_waves=False, systematic=outside, known_phase_deg=seen),
+            by_records,
         ]
     except NotDeterminedError as error:
         reason = str(error)
@@ -114,6 +113,18 @@ def _choose_tests(study: ModalStudy, mode: int | None) -> tuple[list[ModalTest],
     if not tests:
         raise InputError(f"no test holds mode {number}: they hold {', '.join(map(str, sorted({*of_mode})))}")
     return tests, number
+
+
+def _choose_transients(found: Sequence[MeasuredLevel], settings: ResonanceSettings) -> list[SteadyState]:
+    """Return the motions of the transients that stand out from the noise, below the amplitude at which sensors clip."""
+    limit = min((each.state.amplitude for each in found if each.is_clipped), default=np.inf)
+    return [
+        each.state
+        for each in found
+        if not each.is_steady
+        and max(each.state.force_error, each.state.motion_error) * settings.least_signal < 1.0
+        and (limit == np.inf or each.state.amplitude < settings.below_clipping * limit)
+    ]
 
 
 def _require_levels(
@@ -186,16 +197,17 @@ def _list_warnings(
         yield f"{interaction.statement} The law of one mode does not hold where modes interact"
     if law is None:
         return
-    gain, phase = law.force_gain, law.force_phase_deg
+    phase = law.force_phase_deg
+    if law.n_states == len(kept):
+        yield (
+            "levels at quadrature alone do not show a phase between force and accelerations: the intervals assume a "
+            f"standard deviation of {settings.phase_tolerance_deg:g} degrees; keep the transients between the levels "
+            "in the logs"
+        )
     if abs(phase.value or 0.0) > max(settings.warned_phase_deg, settings.hidden_sigma * (phase.std or 0.0)):
         yield (
             f"the transients show that the force is {phase.value:.1f} degrees ahead of what moves the mode (standard "
             f"deviation {phase.std:.1g}): the law is corrected for it; check delay and filters of the force channel"
-        )
-    if abs((gain.value or 1.0) - 1.0) > max(settings.warned_gain, settings.hidden_sigma * (gain.std or 0.0)):
-        yield (
-            f"the transients show a force of {gain.value:.3g} times what moves the mode: check the scale of its shape "
-            "and of the force"
         )
     if law.misfit > settings.warned_misfit:
         yield (

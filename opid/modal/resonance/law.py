@@ -5,15 +5,15 @@ Each motion q of the mode balances its fundamental, with F the modal force and p
     F / q_1 - p^2 = k0 + c0 p + sum_n k_n <q|q|^(n-1)>_1 / q_1 + sum_n c_n <q'|q'|^(n-1)>_1 / q_1
 
 (Pacini eq. 11 in one line of the spectrum), where <>_1 is the fundamental of a power over a period. It is linear in the
-coefficients. A wrong gain g and phase theta of the force multiply F by 1 + g + j theta: two further unknowns, known
-beforehand by their standard deviations only. Levels held at quadrature alone cannot show theta, which then widens the
-interval of the stiffness; transients and response curves do show it.
+coefficients. A measured force is 1 + g + j theta times what moves the mode. Its gain g is known by its standard
+deviation only, which widens the intervals; the phase theta is one more unknown. Levels held at quadrature alone cannot
+show it, and it widens the interval of the stiffness; transients do show it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -45,7 +45,6 @@ class ResonanceLaw:
         frequency_std_hz: (n,) its standard deviation, Hz.
         damping_ratio: (n,) damping ratio at these amplitudes.
         damping_std: (n,) its standard deviation.
-        force_gain: gain of the force against the accelerations that the motions show, 1 where all is in order.
         force_phase_deg: phase of the force against the accelerations that the motions show, degrees.
         misfit: rms error of the equation over its standard deviation; noise alone gives 1.
         n_states: number of motions that were fitted.
@@ -58,7 +57,6 @@ class ResonanceLaw:
     frequency_std_hz: FloatArray
     damping_ratio: FloatArray
     damping_std: FloatArray
-    force_gain: Estimate
     force_phase_deg: Estimate
     misfit: float
     n_states: int
@@ -74,7 +72,6 @@ class ResonanceLaw:
         return {
             **coefficients_json(self.stiffness, self.damping),
             **{name: getattr(self, name) for name in names},
-            "force_gain": asdict(self.force_gain),
             "force_phase_deg": asdict(self.force_phase_deg),
         }
 
@@ -87,6 +84,7 @@ def fit_states(
     damping_order: int | None = None,
     measured_waves: bool = True,
     systematic: float = 0.0,
+    known_phase_deg: Estimate | None = None,
 ) -> ResonanceLaw:
     """Fit one law to the motions of a mode at one frequency each.
 
@@ -102,6 +100,8 @@ def fit_states(
             harmonics that the law itself makes, which needs no harmonic to be measured.
         systematic: standard deviation of an error of gain and phase that all motions share, as a fraction: motion that
             the shapes miss.
+        known_phase_deg: phase of the force against the accelerations that other motions have shown; where None, that
+            of the settings, until the motions contradict it.
 
     Raises:
         InputError: an order outside 1 to 5.
@@ -118,13 +118,17 @@ def fit_states(
             f"the amplitudes differ by a factor of {amplitude.max() / amplitude.min():.2f} only where a law needs "
             f"{settings.least_range:g}: record lower levels, or higher ones"
         )
+    orders = (stiffness_order, damping_order)
+    gain = float(np.hypot(settings.gain_tolerance, systematic))
     phase = float(np.hypot(np.radians(settings.phase_tolerance_deg), systematic))
-    law = _fit_with_prior(states, settings, (stiffness_order, damping_order), measured_waves, (systematic, phase))
-    shown = np.radians(law.force_phase_deg.value or 0.0)
-    if abs(shown) > settings.disbelief * phase:
+    if known_phase_deg is not None:
+        centre, std = np.radians([known_phase_deg.value or 0.0, known_phase_deg.std or 0.0])
+        return _fit_with_prior(states, settings, orders, measured_waves, (gain, float(std), float(centre)))
+    law = _fit_with_prior(states, settings, orders, measured_waves, (gain, phase, 0.0))
+    if abs(np.radians(law.force_phase_deg.value or 0.0)) > settings.disbelief * phase:
         # The motions contradict what was believed of the phase: they alone tell it then.
-        free = (systematic, max(np.radians(settings.doubted_phase_deg), phase))
-        law = _fit_with_prior(states, settings, (stiffness_order, damping_order), measured_waves, free)
+        free = max(float(np.radians(settings.doubted_phase_deg)), phase)
+        law = _fit_with_prior(states, settings, orders, measured_waves, (gain, free, 0.0))
     return law
 
 
@@ -133,7 +137,7 @@ def _fit_with_prior(
     settings: ResonanceSettings,
     orders: tuple[int | None, int | None],
     measured_waves: bool,
-    prior: tuple[float, float],
+    prior: tuple[float, float, float],
 ) -> ResonanceLaw:
     amplitude = np.array([each.amplitude for each in states])
     equations = _Equations.of(states, prior)
@@ -154,19 +158,19 @@ def _fit_with_prior(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Left sides (n,) over k0's scale, their standard deviations without the amplitude's, and priors of gain, phase."""
+    """Left sides (n,) over the scale of k0, their errors but for those of the amplitude, and what is known of the force."""
 
     left: ComplexArray
     force: ComplexArray
     std: tuple[FloatArray, FloatArray]
     amplitude_error: FloatArray
-    prior: tuple[float, float]
+    prior: tuple[float, float, float]  # standard deviations of gain and phase, and the phase itself, rad
     scale: float
     omega: FloatArray
     length: float
 
     @classmethod
-    def of(cls, states: Sequence[SteadyState], prior: tuple[float, float]) -> _Equations:
+    def of(cls, states: Sequence[SteadyState], prior: tuple[float, float, float]) -> _Equations:
         pole, force = np.array([e.pole for e in states]), np.array([e.receptance_inverse for e in states])
         scale = float(np.median(pole.imag)) ** 2
         noise = np.abs(force) * np.hypot([e.force_error for e in states], [e.motion_error for e in states])
@@ -177,7 +181,7 @@ class _Equations:
             np.asarray(force / scale, dtype=np.complex128),
             (std, std),
             np.array([e.motion_error for e in states]),
-            (max(prior[0], 1e-6), max(prior[1], 1e-6)),
+            prior,
             scale,
             pole.imag,
             max(e.amplitude for e in states),
@@ -191,20 +195,19 @@ class _Equations:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Coefficients of one choice of powers, in units of the length and the scale, then gain and phase of the force."""
+    """Coefficients of one choice of powers, in units of the length and the scale, then the phase of the force."""
 
     powers: Powers
     value: FloatArray
     covariance: FloatArray
+    by_gain: FloatArray  # change of the values by one standard deviation of the gain
     misfit: float  # sum of squared errors over their variances
     score: float
     scales: FloatArray  # what each coefficient is multiplied by to be in SI units
 
     def estimates(self) -> tuple[dict[int, float], dict[int, float]]:
         """Return k_n and c_n by power in SI units."""
-        values, n = self.value[:-2] * self.scales, len(self.powers.k)
-        k, c = (dict(zip(p, v, strict=True)) for p, v in ((self.powers.k, values[:n]), (self.powers.c, values[n:])))
-        return {p: float(v) for p, v in k.items()}, {p: float(v) for p, v in c.items()}
+        return _split_by_power(self, self.value[:-1] * self.scales)
 
 
 def _list_powers(stiffness_order: int | None, damping_order: int | None) -> list[Powers]:
@@ -227,7 +230,9 @@ def _find_columns(states: Sequence[SteadyState], waves: Sequence[ComplexArray]) 
         q, v = _sample(wave, state.pole.imag)
         for n in range(1, HIGHEST_ORDER + 1):
             stiffness[row, n - 1], damping[row, n - 1] = (
-                _find_first(motion * np.abs(motion) ** (n - 1)) / wave[0] for motion in (q, v)
+                # The mean of A^n over the window is larger than the n-th power of the mean of A by this factor.
+                np.exp(0.5 * n * (n - 1) * state.spread) * _find_first(motion * np.abs(motion) ** (n - 1)) / wave[0]
+                for motion in (q, v)
             )
         # The power 1 of a motion that grows is the pole itself.
         damping[row, 0] = state.pole
@@ -268,36 +273,36 @@ def _solve(equations: _Equations, columns: tuple[ComplexArray, ComplexArray], po
     )
     chosen = [columns[0][:, n - 1] for n in powers.k] + [columns[1][:, n - 1] for n in powers.c]
     matrix = np.column_stack(chosen) * scales / equations.scale
-    shared = np.column_stack([equations.force, 1j * equations.force])
-    whole = np.column_stack([matrix, shared])
-    prior = np.zeros((2, whole.shape[1]))
-    prior[0, -2], prior[1, -1] = 1.0 / equations.prior[0], 1.0 / equations.prior[1]
+    whole = np.column_stack([matrix, 1j * equations.force])
+    prior = np.zeros((1, whole.shape[1]))
+    prior[0, -1] = 1.0 / equations.prior[1]
     std = equations.std
     for _ in range(3):
         rows = np.vstack([whole.real / std[0][:, None], whole.imag / std[1][:, None], prior])
-        left = np.concatenate([equations.left.real / std[0], equations.left.imag / std[1], [0.0, 0.0]])
-        norms = np.linalg.norm(rows, axis=0)
+        believed = [equations.prior[2] / equations.prior[1]]
+        left = np.concatenate([equations.left.real / std[0], equations.left.imag / std[1], believed])
+        norms, std_last = np.linalg.norm(rows, axis=0), std
         inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
         value = inverse @ left / norms
         # The equation moves with an error of the amplitude by as much as its terms depend on it.
         depends = np.array([n - 1.0 for n in (*powers.k, *powers.c)])
-        slope = (matrix * depends) @ value[:-2]
+        slope = (matrix * depends) @ value[:-1]
         std = (
             np.hypot(equations.std[0], np.abs(slope.real) * equations.amplitude_error),
             np.hypot(equations.std[1], np.abs(slope.imag) * equations.amplitude_error),
         )
     covariance = inverse @ inverse.T / np.outer(norms, norms)
     misfit = float(np.sum((left - rows @ value) ** 2))
-    return _Fit(powers, value, covariance, misfit, misfit, scales)
+    # A gain stands in no column: the noise of the force would be mistaken for it.
+    shared = np.concatenate([equations.force.real / std_last[0], equations.force.imag / std_last[1], [0.0]])
+    by_gain = equations.prior[0] * (inverse @ shared) / norms
+    return _Fit(powers, value, covariance, by_gain, misfit, misfit, scales)
 
 
 def _rank(fits: Sequence[_Fit], n_rows: int) -> list[_Fit]:
     """Return the fits by their Bayesian criterion; where no law explains the motions, the best one sets the scale."""
-    scale = max(min(fit.misfit / max(n_rows - fit.value.size + 2, 1) for fit in fits), 1.0)
-    ranked = [
-        _Fit(f.powers, f.value, f.covariance, f.misfit, f.misfit / scale + f.value.size * np.log(n_rows), f.scales)
-        for f in fits
-    ]
+    scale = max(min(fit.misfit / max(n_rows - fit.value.size + 1, 1) for fit in fits), 1.0)
+    ranked = [replace(fit, score=fit.misfit / scale + fit.value.size * np.log(n_rows)) for fit in fits]
     return sorted(ranked, key=lambda fit: fit.score)
 
 
@@ -308,12 +313,13 @@ def _make_law(
     fits: Sequence[_Fit], equations: _Equations, amplitude: FloatArray, settings: ResonanceSettings
 ) -> ResonanceLaw:
     best = fits[0]
-    freedom = max(equations.n_rows - best.value.size + 2, 1)
+    freedom = max(equations.n_rows - best.value.size + 1, 1)
     ratio = float(np.sqrt(best.misfit / freedom))
     weights = np.exp(-0.5 * np.array([fit.score - best.score for fit in fits]))
     a = np.linspace(float(amplitude.min()), float(amplitude.max()), settings.n_curve)
     curves = np.array([_find_curve(fit, a) for fit in fits])
-    k, c = _find_std(best, max(ratio, 1.0))
+    covariance = best.covariance * max(ratio, 1.0) ** 2 + np.outer(best.by_gain, best.by_gain)
+    k, c = _split_by_power(best, np.sqrt(np.diag(covariance)[:-1]) * best.scales)
     tables: list[dict[int, Estimate]] = []
     for which, stds in enumerate((k, c)):
         tables.append({})
@@ -323,11 +329,9 @@ def _make_law(
             total = sum(w for w, each in others if power in each)
             tables[-1][power] = Estimate.normal(value, float(np.hypot(stds[power], np.sqrt(spread / total))))
     gradient = _find_gradient(best, a)
-    of_fit = np.sqrt(np.einsum("xan,nm,xam->xa", gradient, best.covariance, gradient)) * max(ratio, 1.0)
+    of_fit = np.sqrt(np.einsum("xan,nm,xam->xa", gradient, covariance, gradient))
     of_choice = np.sqrt(np.einsum("f,fxa->xa", weights / weights.sum(), (curves - curves[0]) ** 2))
     std = np.hypot(of_fit, of_choice)
-    gain, phase = -best.value[-2:] * np.array([1.0, np.degrees(1.0)])
-    stds = np.sqrt(np.diag(best.covariance)[-2:]) * np.array([1.0, np.degrees(1.0)]) * max(ratio, 1.0)
     return ResonanceLaw(
         stiffness=tables[0],
         damping=tables[1],
@@ -336,8 +340,7 @@ def _make_law(
         frequency_std_hz=std[0],
         damping_ratio=curves[0, 1],
         damping_std=std[1],
-        force_gain=Estimate.normal(1.0 + gain, stds[0]),
-        force_phase_deg=Estimate.normal(phase, stds[1]),
+        force_phase_deg=Estimate.normal(*np.degrees([best.value[-1], np.sqrt(covariance[-1, -1])])),
         misfit=ratio,
         n_states=amplitude.size,
     )
@@ -359,14 +362,14 @@ def _find_gradient(fit: _Fit, amplitude: FloatArray) -> FloatArray:
         step = 1e-6 * max(abs(fit.value[j]), 1e-3)
         moved = fit.value.copy()
         moved[j] += step
-        there = _find_curve(_Fit(fit.powers, moved, fit.covariance, fit.misfit, fit.score, fit.scales), amplitude)
+        there = _find_curve(replace(fit, value=moved), amplitude)
         columns.append((there - start) / step)
     return np.stack(columns, axis=-1)
 
 
-def _find_std(fit: _Fit, widened: float) -> tuple[dict[int, float], dict[int, float]]:
-    std, n = np.sqrt(np.diag(fit.covariance)[:-2]) * fit.scales * widened, len(fit.powers.k)
-    return (
-        {p: float(s) for p, s in zip(fit.powers.k, std[:n], strict=True)},
-        {p: float(s) for p, s in zip(fit.powers.c, std[n:], strict=True)},
-    )
+def _split_by_power(fit: _Fit, values: FloatArray) -> tuple[dict[int, float], dict[int, float]]:
+    """Return what belongs to k_n and to c_n, by power, from values in the order of the coefficients."""
+    n = len(fit.powers.k)
+    both = ((fit.powers.k, values[:n]), (fit.powers.c, values[n:]))
+    k, c = ({p: float(v) for p, v in zip(powers, of, strict=True)} for powers, of in both)
+    return k, c

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,9 @@ from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.resonance/1"
+
+OF_INTERACTION = ("target", "mode", "harmonic", "flagged", "first_level", "fraction", "driven_fraction", "statement")
+"""What result.json holds of the interaction."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,9 +135,7 @@ class Resonance(Result):
                 "left_out": self.left_out,
                 "records_law": None if self.records_law is None else self.records_law.as_json(),
                 "backbone_law": None if self.backbone_law is None else self.backbone_law.as_json(),
-                "interaction": None
-                if found is None
-                else {name: value for name, value in asdict(found).items() if name not in ("fractions", "assurance")},
+                "interaction": None if found is None else {name: getattr(found, name) for name in OF_INTERACTION},
                 "linear_modes": {name: getattr(self.modes, name) for name in ("frequency_hz", "damping_ratio")},
                 "warnings": self.warnings,
             }

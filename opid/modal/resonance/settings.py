@@ -25,16 +25,18 @@ class ResonanceSettings:
         least_signal: amplitude over its standard deviation that force and motion of a level need.
         phase_tolerance_deg: standard deviation of an unknown phase between force and accelerations: that of
             conditioners of one rack.
+        gain_tolerance: standard deviation of an unknown gain of the force over the accelerations and the shape, as a
+            fraction: that of a calibration.
         disbelief: phase that the motions show over this standard deviation, from which it is no longer believed.
         doubted_phase_deg: standard deviation that is believed then: any phase that a filter or a delay makes.
         fewest_levels: levels that a law needs at least.
         least_range: largest amplitude over the smallest, below which powers cannot be told from k0 and c0.
-        hidden_sigma: standard deviations from which a phase or a gain that the data show is warned of.
+        hidden_sigma: standard deviations from which a phase that the data show is warned of.
         warned_phase_deg: phase of the force against the accelerations below which there is no warning.
-        warned_gain: error of the modal mass below which there is no warning.
         warned_misfit: misfit of the law in standard deviations above which there is a warning.
         warned_outside: motion that no shape makes, as a fraction, below which there is no warning.
         most_named: levels left out that are named one by one.
+        below_clipping: a transient counts up to this fraction of the least amplitude at which a sensor is clipped.
         n_curve: amplitudes at which frequency and damping by the law are given.
         flat_fraction: samples of a level that lie at its largest value, beyond those of a sine of that resolution, from
             which it is clipped.
@@ -50,15 +52,16 @@ class ResonanceSettings:
     farthest_deg: float = 45.0
     least_signal: float = 10.0
     phase_tolerance_deg: float = 0.5
+    gain_tolerance: float = 0.01
     disbelief: float = 2.0
     doubted_phase_deg: float = 20.0
     fewest_levels: int = 5
     least_range: float = 1.5
     hidden_sigma: float = 4.0
     warned_phase_deg: float = 1.0
-    warned_gain: float = 0.05
     warned_misfit: float = 3.0
     warned_outside: float = 0.01
     most_named: int = 5
+    below_clipping: float = 0.9
     n_curve: int = 60
     flat_fraction: float = 0.01

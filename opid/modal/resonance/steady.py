@@ -24,6 +24,8 @@ from opid.modal.resonance.phase_lock import N_HARMONICS, find_resonance_error
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.signals.recording import FloatArray
 
+HANN_VARIANCE = 1.0 / 12.0 - 1.0 / (2.0 * np.pi**2)  # of the time under a Hann window, over the square of its length
+
 
 @dataclass(frozen=True, eq=False)
 class SteadyState:
@@ -38,6 +40,7 @@ class SteadyState:
         force_error: standard deviation of real and imaginary part of the force, over its size.
         motion_error: the same of the motion.
         pole_std: standard deviation of real and imaginary part of the pole, 1/s.
+        spread: variance of the amplitude over the window in which it was measured, over its square.
         outside: rms of the motion at the fundamental that no shape makes, over that of the sensors, beyond the noise.
     """
 
@@ -48,6 +51,7 @@ class SteadyState:
     force_error: float
     motion_error: float
     pole_std: float
+    spread: float = 0.0
     outside: float = 0.0
 
     @property
@@ -92,6 +96,7 @@ class MeasuredLevel:
         state: what it says of the equation of the mode.
         is_steady: whether amplitude and frequency stand still in it; otherwise it is a block of a transient.
         fault: why the level does not count, "" if it does.
+        is_clipped: whether a sensor is clipped in it.
     """
 
     start_s: float
@@ -100,6 +105,7 @@ class MeasuredLevel:
     state: SteadyState
     is_steady: bool
     fault: str
+    is_clipped: bool
 
 
 def measure_levels(test: ModalTest, mode: int, settings: ResonanceSettings) -> tuple[MeasuredLevel, ...]:
@@ -270,9 +276,11 @@ def _measure_stretch(
         force_error=float(error[1]),
         motion_error=float(error[0]),
         pole_std=float(fit.growth_std[0]) * test.fs,
+        spread=(pole.real * n / test.fs) ** 2 * HANN_VARIANCE,
         outside=outside,
     )
-    fault = _find_fault(test, channels, error, state, settings) if is_steady else ""
+    clipped = _find_clipped(test, channels, settings) if is_steady else ""
+    fault = (clipped or _find_fault(error, state, settings)) if is_steady else ""
     point = sensors[test.sensors.index(test.drive_point), 0] if test.drive_point in test.sensors else found[0, 0]
     level = AppropriationLevel(
         voltage_v=float(np.abs(found[-1, 0])) if volts else float("nan"),
@@ -286,7 +294,7 @@ def _measure_stretch(
         modal=modal,
         text=fault,
     )
-    return MeasuredLevel(stretch[0] / test.fs, stretch[1] / test.fs, level, state, is_steady, fault)
+    return MeasuredLevel(stretch[0] / test.fs, stretch[1] / test.fs, level, state, is_steady, fault, bool(clipped))
 
 
 def _find_frequency(samples: FloatArray, omega: float, fs: float) -> float:
@@ -348,21 +356,23 @@ def _find_outside(measured: ComplexArray, by_shapes: ComplexArray, noise: FloatA
     return float(np.sqrt(max(missed, 0.0) / np.sum(np.abs(measured) ** 2)))
 
 
-def _find_fault(
-    test: ModalTest, channels: FloatArray, error: FloatArray, state: SteadyState, settings: ResonanceSettings
-) -> str:
+def _find_fault(error: FloatArray, state: SteadyState, settings: ResonanceSettings) -> str:
     """Return why a level does not count, "" if it does."""
-    names = ["the mode", "the force", *test.sensors]
-    for name, value in zip(names[:2], error[:2], strict=True):
+    for name, value in zip(("the mode", "the force"), error, strict=False):
         if value * settings.least_signal > 1.0:
             return f"{name} does not stand out from the noise (amplitude {1.0 / value:.1f} standard deviations)"
-    for name, samples in zip(names[1:], channels.T[1:], strict=False):
-        if is_flat_topped(samples, settings.flat_fraction):
-            return f"{name if name == names[1] else repr(name)} is clipped: measure it with a larger range"
-    if settings.farthest_deg < abs(state.phase_error_deg) < 90.0:
+    if settings.farthest_deg < abs(state.phase_error_deg) < 180.0 - settings.farthest_deg:
         return (
             f"the phase is {state.phase_error_deg:.0f} degrees off quadrature: hold the level nearer to phase resonance"
         )
+    return ""
+
+
+def _find_clipped(test: ModalTest, channels: FloatArray, settings: ResonanceSettings) -> str:
+    """Return which channel of a level is clipped, "" if none is."""
+    for name, samples in zip(("the force", *map(repr, test.sensors)), channels.T[1:], strict=False):
+        if is_flat_topped(samples, settings.flat_fraction):
+            return f"{name} is clipped: measure it with a larger range"
     return ""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.errors import InputError
 from opid.mechanics.rig import FORCE, rig_run
@@ -16,7 +17,7 @@ from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.resonance.appropriation import appropriate_force, levels_for
 from opid.modal.study import ModalStudy, StudyTest
 from opid.progress import Say
-from opid.signals.recording import Channel, Recording
+from opid.signals.recording import Channel, FloatArray, Recording
 from opid.virtual.modal_tests.series import VirtualSeries
 
 SETTLING = 4.0
@@ -75,7 +76,7 @@ def resonance_study(
     fs = series.fs
     seconds = SETTLING / (2.0 * np.pi * zeta * hz) + RECORDED_PERIODS / hz
     counts = np.round(seconds * fs).astype(int)
-    phase = 2.0 * np.pi * np.cumsum(np.repeat(hz, counts)) / fs
+    phase = 2.0 * np.pi * np.cumsum(_follow_steps(hz, counts, 2.0 * np.pi * zeta * hz / fs)) / fs
     drive = np.repeat(voltages, counts) * np.sin(phase)
     run = rig_run(case.rig, drive, fs=fs, rng=rng, noise_fraction=0.0)
     recording = _add_noise(run.clean, np.repeat(np.arange(counts.size), counts), noise_fraction, rng)
@@ -85,6 +86,13 @@ def resonance_study(
     test = modal_test(recording, modes, name=f"levels_mode_{number}", force=FORCE, drive_point=case.drive_point)
     title = f"{series.title}, mode {number} at phase resonance"
     return ModalStudy(title, modes, (number,), (StudyTest(test, "resonance", number),), case.drive_point)
+
+
+def _follow_steps(hz: FloatArray, counts: NDArray[np.int64], rate: FloatArray) -> FloatArray:
+    """Return the frequency of each sample: a loop follows each step with the time constant of the mode."""
+    before = np.concatenate([hz[:1], hz[:-1]])
+    parts = zip(before, hz, counts, rate, strict=True)
+    return np.concatenate([end + (start - end) * np.exp(-each * np.arange(n)) for start, end, n, each in parts])
 
 
 def _add_noise(clean: Recording, level: np.ndarray, noise_fraction: float, rng: np.random.Generator) -> Recording:
