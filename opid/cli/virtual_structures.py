@@ -24,17 +24,14 @@ FEWEST_CONTROLLED = 10
 """Points of a curve of a controlled test; with fewer, larger steps it loses quadrature after a minute."""
 
 
-@simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
-@click.argument("out", type=PATH)
-@click.option(
+case_option = click.option(
     "--case",
     type=click.Choice(("cubic", "1", "2")),
     default="cubic",
     show_default=True,
     help="cubic: one mode with a known law; 1: 18 modes, 5 nonlinear; 2: 26 modes, one to 300 g.",
 )
-@seed_option("the noise")
-@click.option(
+noise_option = click.option(
     "--noise",
     type=click.FloatRange(min=0),
     default=0.01,
@@ -42,6 +39,13 @@ FEWEST_CONTROLLED = 10
     metavar="X",
     help="Noise, a fraction of each channel's rms.",
 )
+
+
+@simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
+@click.argument("out", type=PATH)
+@case_option
+@seed_option("the noise")
+@noise_option
 @click.option(
     "--shaker/--no-shaker",
     default=None,
@@ -87,25 +91,12 @@ def sine_beats(
 
 @simulate.command("resonance", epilog=example("opid simulate resonance bracket --levels 20"))
 @click.argument("out", type=PATH)
-@click.option(
-    "--case",
-    type=click.Choice(("cubic", "1", "2")),
-    default="cubic",
-    show_default=True,
-    help="cubic: one mode with a known law; 1: 18 modes, 5 nonlinear; 2: 26 modes, one to 300 g.",
-)
+@case_option
 @seed_option("the noise")
 @click.option(
     "--levels", type=click.IntRange(min=2), default=70, show_default=True, metavar="N", help="Levels of the voltage."
 )
-@click.option(
-    "--noise",
-    type=click.FloatRange(min=0),
-    default=0.01,
-    show_default=True,
-    metavar="X",
-    help="Noise, a fraction of each channel's rms in each level.",
-)
+@noise_option
 @click.option(
     "--phase-error", default=0.0, show_default=True, metavar="DEG", help="Phase by which the loop misses quadrature."
 )

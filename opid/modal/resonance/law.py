@@ -158,7 +158,7 @@ def _fit_with_prior(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Left sides (n,) over the scale of k0, their errors but for those of the amplitude, and what is known of the force."""
+    """Left sides (n,) over the scale of k0, their errors without those of the amplitude, and what the force is like."""
 
     left: ComplexArray
     force: ComplexArray
