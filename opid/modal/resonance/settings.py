@@ -37,6 +37,8 @@ class ResonanceSettings:
         warned_outside: motion that no shape makes, as a fraction, below which there is no warning.
         most_named: levels left out that are named one by one.
         below_clipping: a transient counts up to this fraction of the least amplitude at which a sensor is clipped.
+        least_of_peak: amplitude of a point of a response curve over the largest, below which other modes and noise
+            dominate.
         n_curve: amplitudes at which frequency and damping by the law are given.
         flat_fraction: samples of a level that lie at its largest value, beyond those of a sine of that resolution, from
             which it is clipped.
@@ -63,5 +65,6 @@ class ResonanceSettings:
     warned_outside: float = 0.01
     most_named: int = 5
     below_clipping: float = 0.9
+    least_of_peak: float = 0.2
     n_curve: int = 60
     flat_fraction: float = 0.01
