@@ -230,15 +230,12 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
                 if shown.any() or shown is locked:
                     ax.plot(amplitude[shown], values[shown], **dots, markerfacecolor=face, label=word)
             ax.set(xlabel="amplitude of q [µm √kg]", ylabel=label)
-        for ax, name, scale in zip(grid[0], ("frequency", "damping"), (1, 100), strict=True) if law else ():
-            curve, std = (
-                (law.frequency_hz, law.frequency_std_hz)
-                if name == "frequency"
-                else (law.damping_ratio, law.damping_std)
-            )
-            ax.plot(1e6 * law.amplitude, scale * curve, color=INK, linewidth=1.1, label="law")
-            low, high = scale * (curve - 1.96 * std), scale * (curve + 1.96 * std)
-            ax.fill_between(1e6 * law.amplitude, low, high, color=GREY, alpha=0.35, linewidth=0)
+        if law is not None:
+            scaled = (law.frequency_hz, law.frequency_std_hz), (100 * law.damping_ratio, 100 * law.damping_std)
+            for ax, (curve, std) in zip(grid[0], scaled, strict=True):
+                ax.plot(1e6 * law.amplitude, curve, color=INK, linewidth=1.1, label="law")
+                ends = curve - 1.96 * std, curve + 1.96 * std
+                ax.fill_between(1e6 * law.amplitude, *ends, color=GREY, alpha=0.35, linewidth=0)
         grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
         thicken(grid[0, 0].legend(loc="best"))
     return grid

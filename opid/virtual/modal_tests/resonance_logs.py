@@ -7,6 +7,7 @@ frequency step from level to level.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def resonance_study(
     )
     top = series.top_m_per_s2 * abs(float(case.modes.row(case.drive_point)[index] / row))
     say("the voltages")
-    shared = {"drive_point": case.drive_point, "noise_fraction": noise_fraction}
+    shared: dict[str, Any] = {"drive_point": case.drive_point, "noise_fraction": noise_fraction}
     voltages = levels_for(case.rig, case.modes, number, top_m_per_s2=top, rng=rng, n_levels=n_levels, **shared)
     say("phase resonance")
     held = appropriate_force(case.rig, case.modes, number, levels_v=voltages, rng=rng, **shared)
