@@ -28,6 +28,9 @@ from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.response_fit import SCHEMA as MODES, FittedModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
+from opid.modal.resonance.appropriation import Interaction
+from opid.modal.resonance.law import ResonanceLaw
+from opid.modal.resonance.result import OF_INTERACTION, SCHEMA as RESONANCE, Resonance
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
 from opid.signals.health.result import SCHEMA as HEALTH, ChannelHealth, Health
@@ -377,6 +380,25 @@ def _modal() -> Json:
     }
 
 
+def _resonance() -> Json:
+    curves = ("amplitude", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
+    law = or_null(keys(fields_of(ResonanceLaw, *curves, "force_phase_deg", "misfit", "n_states") | _powers()))
+    numbers = ("start_s", "stop_s", "voltage_v", "driven_hz", "phase_error_deg", "amplitude", "resonance_hz")
+    level = {"test": TEXT} | dict.fromkeys((*numbers, "damping_ratio"), NUMBER)
+    level["force_n"] = NUMBERS | {"description": "amplitudes of the harmonics 1 to 5, N"}
+    level["sensors"] = array(NUMBERS) | {"description": "those of each sensor, m/s^2"}
+    level["modal"] = array(NUMBERS) | {"description": "those of each modal acceleration, m/s^2 kg^1/2"}
+    own = ("title", "mode", "drive_point", "left_out", "warnings", "not_determined", "settings")
+    return fields_of(Resonance, *own) | {
+        "levels": array(keys(level)),
+        "sensors": TEXTS,
+        "records_law": law,
+        "backbone_law": law,
+        "interaction": or_null(keys(fields_of(Interaction, *OF_INTERACTION))),
+        "linear_modes": keys(fields_of(LinearModes, "frequency_hz", "damping_ratio")),
+    }
+
+
 def _updating() -> Json:
     posterior = fields_of(Estimate)
     posterior = {"mean": posterior.pop("value"), **posterior}
@@ -416,6 +438,7 @@ FILES = (
     (MODES, "linear modes of measured responses (opid modes)", _linear_modes, ()),
     (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
     (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),
+    (RESONANCE, "one mode in measured tests at phase resonance (opid resonance)", _resonance, ()),
     (UPDATING, "the joints of a finite-element model from backbones (opid update)", _updating, ()),
 )
 

@@ -26,6 +26,7 @@ GIVEN = {
     "modal": ("study.toml", "--out"),
     "modes": ("log.csv", "--drive-point", "az", "--band", "1", "9", "--out"),
     "plan": ("guess.toml", "--target", "sprung_mass=0.5%", "--out"),
+    "resonance": ("study.toml", "--out"),
     "sense": ("study.toml", "study_result", "--out"),
     "simulate": (),
     "update": ("study.toml", "--out"),

@@ -15,6 +15,7 @@ from made_fleet import draw_fleet, make_campaign
 from made_flights import body_result, write_result
 from made_health import sound_health
 from made_modal import small_decay, small_result
+from made_resonance import held_study
 from made_updating import small_updating
 from scripts import script
 
@@ -27,6 +28,7 @@ from opid.mechanics.truth import UpdatingTruth
 from opid.modal.linear.frequency_response import resynthesised
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.response_fit import fit_modes
+from opid.modal.resonance.identification import identify_resonance
 from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
@@ -143,6 +145,10 @@ def modal(request, folder):
     return small_result(decays=[small_decay()])
 
 
+def resonance(request, folder):
+    return identify_resonance(held_study())
+
+
 def updating(request, folder):
     return small_updating()
 
@@ -152,7 +158,7 @@ def inspection(request, folder):
 
 
 OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, wheel, planned, flights, campaign, fleet)
-MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, linear_modes, modal, updating)
+MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, linear_modes, modal, resonance, updating)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)

@@ -1,4 +1,4 @@
-"""Modes: linear ones by `opid modes`, nonlinear models by `opid modal`, and the law of a free decay by `opid decay`."""
+"""Modes: linear ones from impacts, nonlinear models from sine beats, tests at phase resonance, and free decays."""
 
 from __future__ import annotations
 
@@ -101,9 +101,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     output.show(result, known, notes=notes)
 
 
-@main.command(
-    epilog=example("opid modes hit_1.csv hit_2.csv --force force --drive-point tip_z --band 20 800 --out modes")
-)
+@main.command(epilog=example("opid modes hit_1.csv hit_2.csv --drive-point tip_z --band 20 800 --out tip_modes"))
 @click.argument("logs", type=PATH, metavar="LOG...", nargs=-1, required=True)
 @click.option("--force-channel", default="force", show_default=True, metavar="NAME", help="Channel of the force.")
 @click.option(
@@ -167,6 +165,39 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     given = {"logs": [str(log) for log in logs], **settings}
     files = tuple(file for several in padded for record in several for file in record.files)
     return replace(found, settings=given, files=files)
+
+
+@main.command(epilog=example("opid resonance bracket/study.toml --truth bracket/truth.json --out bracket_result"))
+@click.argument("study", type=PATH, metavar="STUDY.toml")
+@out_option("Folder for the report.  [default: STUDY_result]")
+@click.option(
+    "--mode", type=click.IntRange(min=1), metavar="N", help="Number of the mode.  [default: that of the tests]"
+)
+@truth_option
+@with_output
+def resonance(study: Path, mode: int | None, truth: Path | None, output: Output) -> None:
+    """Read tests at phase resonance: backbone, damping and harmonics over amplitude, and the law of the mode.
+
+    From logs of force appropriation or control-based continuation, of one level each or of several, whose tests have
+    use = "resonance" in a study like that of `opid modal`. Steady levels are found, and what is off quadrature is
+    corrected.
+
+    The report goes to the folder STUDY_result here: bracket_result for bracket.toml, and for bracket/study.toml.
+
+    `opid simulate resonance OUT` writes a study as a template, with a log to try it on.
+    """
+    from opid.mechanics.truth import ModalTruth
+    from opid.modal.resonance.identification import identify_resonance
+    from opid.modal.study import ModalStudy
+    from opid.studies.study_file import read_study
+    from opid.virtual.truth_file import read_truth
+
+    output = output.reserve(default=f"{result_name(study)}_result")
+    known = None if truth is None else read_truth(truth, ModalTruth)
+    with output.progress() as say:
+        result = identify_resonance(read_study(study, kind=ModalStudy, progress=say), mode=mode, progress=say)
+        notes = output.write(result, known, progress=say)
+    output.show(result, known, notes=notes)
 
 
 @main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))

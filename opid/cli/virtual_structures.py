@@ -1,4 +1,4 @@
-"""Virtual tests of structures with nonlinear modes: `opid simulate sine-beats`, `opid simulate backbones`."""
+"""Virtual tests of structures with nonlinear modes: `opid simulate sine-beats`, `resonance` and `backbones`."""
 
 from __future__ import annotations
 
@@ -24,17 +24,14 @@ FEWEST_CONTROLLED = 10
 """Points of a curve of a controlled test; with fewer, larger steps it loses quadrature after a minute."""
 
 
-@simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
-@click.argument("out", type=PATH)
-@click.option(
+case_option = click.option(
     "--case",
     type=click.Choice(("cubic", "1", "2")),
     default="cubic",
     show_default=True,
     help="cubic: one mode with a known law; 1: 18 modes, 5 nonlinear; 2: 26 modes, one to 300 g.",
 )
-@seed_option("the noise")
-@click.option(
+noise_option = click.option(
     "--noise",
     type=click.FloatRange(min=0),
     default=0.01,
@@ -42,6 +39,13 @@ FEWEST_CONTROLLED = 10
     metavar="X",
     help="Noise, a fraction of each channel's rms.",
 )
+
+
+@simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
+@click.argument("out", type=PATH)
+@case_option
+@seed_option("the noise")
+@noise_option
 @click.option(
     "--shaker/--no-shaker",
     default=None,
@@ -83,6 +87,46 @@ def sine_beats(
         say("the files")
         path = write_field_test(study, modal_truth(series, settings=settings), output.folder)
     output.show_made(f"{len(study.tests)} tests: {series.case.text}", "modal", path)
+
+
+@simulate.command("resonance", epilog=example("opid simulate resonance bracket --levels 20"))
+@click.argument("out", type=PATH)
+@case_option
+@seed_option("the noise")
+@click.option(
+    "--levels", type=click.IntRange(min=2), default=70, show_default=True, metavar="N", help="Levels of the voltage."
+)
+@noise_option
+@click.option(
+    "--phase-error", default=0.0, show_default=True, metavar="DEG", help="Phase by which the loop misses quadrature."
+)
+@with_files
+def resonance_logs(case: str, seed: int, levels: int, noise: float, phase_error: float, output: Output) -> None:
+    """Write a force appropriation of a nonlinear mode, level after level, into the directory OUT.
+
+    Makes modes.npz, the log, study.toml for `opid resonance`, and truth.json.
+    """
+    import numpy as np
+
+    from opid.virtual.modal_tests.resonance_logs import resonance_study
+    from opid.virtual.modal_tests.series import modal_truth, virtual_series
+    from opid.virtual.truth_file import write_field_test
+
+    output = output.reserve(("modes.npz", *STUDY_FILES))
+    settings = {"case": case, "seed": seed, "levels": levels, "noise": noise, "phase_error_deg": phase_error}
+    with output.progress() as say:
+        series = virtual_series(case)
+        study = resonance_study(
+            series,
+            rng=np.random.default_rng(seed),
+            n_levels=levels,
+            noise_fraction=noise,
+            phase_error_deg=phase_error,
+            progress=say,
+        )
+        say("the files")
+        path = write_field_test(study, modal_truth(series, settings=settings), output.folder)
+    output.show_made(f"{levels} levels: {series.case.text}", "resonance", path)
 
 
 @simulate.command("backbones", epilog=example("opid simulate backbones wing --true-class 2 --points 20"))

@@ -60,6 +60,10 @@ from .resonance.appropriation import (
     levels_for as levels_for,
     modal_interaction as modal_interaction,
 )
+from .resonance.curves import read_curve_states as read_curve_states
+from .resonance.identification import identify_resonance as identify_resonance
+from .resonance.law import fit_states as fit_states
+from .resonance.result import Resonance as Resonance
 from .result import ModalIdentification as ModalIdentification
 from .study import (
     ModalStudy as ModalStudy,

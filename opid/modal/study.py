@@ -12,7 +12,7 @@ from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.result import first_lines
 
-Use = Literal["fit", "truth", "level", "decay"]
+Use = Literal["fit", "truth", "level", "decay", "resonance"]
 USES: tuple[Use, ...] = get_args(Use)
 
 THRESHOLDS = ("frequency_threshold", "damping_threshold")  # the relative shifts from which a mode counts as nonlinear
@@ -25,7 +25,8 @@ class StudyTest:
     Args:
         test: the test in modal coordinates.
         use: "fit" to fit laws to it, "truth" to compare the model with it, "level" for one of several levels that are
-            compared mode by mode, "decay" for a free decay (no force).
+            compared mode by mode, "decay" for a free decay (no force), "resonance" for levels at phase
+            resonance.
         mode: number of the nonlinear mode that the test excites, from 1; found from its response where None.
     """
 
@@ -107,7 +108,7 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
         name = each.test.name
         if each.use not in USES:
             yield f"test {name!r} has use = {each.use!r}, give one of {', '.join(USES)}"
-        if each.use in ("truth", "level") and each.test.force is None:
+        if each.use in ("truth", "level", "resonance") and each.test.force is None:
             yield f"test {name!r} has use = {each.use!r} and no force, name the channel of its force"
         if each.test.drive_point not in (None, study.drive_point):
             drives = f"{each.test.drive_point!r} and the study at {study.drive_point!r}"
@@ -123,5 +124,5 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
                 f"test {name!r} has {each.test.modes.n_modes} modes of its own and the study {study.modes.n_modes}: "
                 "give every test the same modes in the same order"
             )
-    if not study.of_use("fit", "decay", "level"):
-        yield 'there is no test to identify from, give one the use = "fit" (or "decay", "level")'
+    if not study.of_use("fit", "decay", "level", "resonance"):
+        yield 'there is no test to identify from, give one the use = "fit" (or "decay", "level", "resonance")'

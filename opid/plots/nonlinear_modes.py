@@ -17,6 +17,7 @@ from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
+from opid.modal.resonance.result import Resonance
 from opid.modal.result import ModalIdentification
 from opid.plots.modes import number_modes
 from opid.plots.style import (
@@ -201,12 +202,13 @@ def _choose_prefix(values: np.ndarray) -> tuple[float, str]:
 # ---- force appropriation ----------------------------------------------------------------------------
 
 
-def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
-    """Draw frequency and damping ratio of phase resonance over the amplitude of the mode.
+def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance | None = None) -> np.ndarray:
+    """Draw frequency and damping ratio of phase resonance over the amplitude of the mode (Fig. 11 of Pacini).
 
     Args:
         appropriation: all levels; those that did not lock are hollow.
         axes: two Axes, or None for a new figure.
+        found: what a measured appropriation shows: its levels corrected to quadrature, and its law with a 95 % band.
 
     Returns:
         (1, 2) Axes.
@@ -214,17 +216,26 @@ def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
     amplitude = 1e6 * appropriation.amplitude
     index = appropriation.modes.index(appropriation.mode)
     linear = (appropriation.modes.frequency_hz[index], 100 * appropriation.modes.damping_ratio[index])
-    found, locked = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
+    values_of, locked = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
+    if found is not None:
+        amplitude, values_of = 1e6 * found.amplitude, (found.resonance_hz, 100 * found.damping_ratio)
+    law = None if found is None else found.records_law
     dots: dict[str, Any] = {"color": VERMILION, "linestyle": "none", "marker": "o", "markersize": 4}
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.3)
         labels = ("frequency at phase resonance [Hz]", "damping ratio [%]")
-        for ax, values, low, label in zip(grid[0], found, linear, labels, strict=True):
+        for ax, values, low, label in zip(grid[0], values_of, linear, labels, strict=True):
             ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="linear")
             for word, shown, face in (("locked", locked, VERMILION), ("not locked", ~locked, "white")):
                 if shown.any() or shown is locked:
                     ax.plot(amplitude[shown], values[shown], **dots, markerfacecolor=face, label=word)
             ax.set(xlabel="amplitude of q [µm √kg]", ylabel=label)
+        if law is not None:
+            scaled = (law.frequency_hz, law.frequency_std_hz), (100 * law.damping_ratio, 100 * law.damping_std)
+            for ax, (curve, std) in zip(grid[0], scaled, strict=True):
+                ax.plot(1e6 * law.amplitude, curve, color=INK, linewidth=1.1, label="law")
+                ends = curve - 1.96 * std, curve + 1.96 * std
+                ax.fill_between(1e6 * law.amplitude, *ends, color=GREY, alpha=0.35, linewidth=0)
         grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
         thicken(grid[0, 0].legend(loc="best"))
     return grid

@@ -191,7 +191,7 @@ def _list_mode_rows(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
     free = "k0 and c0 corrected (k1, c1)" if fit.free_linear else "k0 and c0 as given"
     damping = f"{format_percent(fit.damping_ratio, 3)} of critical damping"
     yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {damping}: {free}",)
-    yield from _list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
+    yield from list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
 
 
 def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:
@@ -200,10 +200,10 @@ def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth |
     names = [decay.name for decay in result.decays if decay.mode == mode]
     many = f"{len(names)} free decays together" if len(names) > 1 else f"free decay {names[0]!r}" if names else "decays"
     yield (f"Mode {mode} by {many}, {law.frequency_low_hz.value or 0:.2f} Hz: k1 and c1 are k0 and c0",)
-    yield from _list_power_rows(mode, law.stiffness, law.damping, truth, lowest=2)
+    yield from list_power_rows(mode, law.stiffness, law.damping, truth, lowest=2)
 
 
-def _list_power_rows(
+def list_power_rows(
     mode: int,
     stiffness: Mapping[int, Estimate],
     damping: Mapping[int, Estimate],

@@ -67,6 +67,7 @@ KINDS = (
     KindOfResult("modal.decay.free_decay.Decay", "decay"),
     KindOfResult("modal.linear.response_fit.FittedModes", "linear_modes"),
     KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
+    KindOfResult("modal.resonance.result.Resonance", "resonance", (ModalTruth,)),
     KindOfResult("updating.result.Updating", "updating", (UpdatingTruth,)),
 )
 

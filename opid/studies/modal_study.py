@@ -167,12 +167,14 @@ def _read_test(
 ) -> ModalTest:
     log = open_log(directory / entry.log, how)
     force = entry.force
-    if force is None and entry.use is None and (seen := _find_force(log)):
+    if force is None and entry.use is None and (seen := _find_channel(log, "N")):
         raise InputError(
             f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
             "if nothing acts in the stretch that is used"
         )
     wanted = _choose_channels(log, modes, force, channels)
+    if entry.use == "resonance" and (voltage := _find_channel(log, "V")):
+        wanted[voltage] = ChannelSettings(voltage)
     recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
     _require_alive(recording, modes)
     return modal_test(recording, modes, name=entry.label, force=force, drive_point=drive_point)
@@ -194,12 +196,12 @@ def _choose_channels(
     return wanted
 
 
-def _find_force(log: Log) -> str:
-    """Return the name of a channel in a unit of force; "" if there is none."""
+def _find_channel(log: Log, unit: str) -> str:
+    """Return the name of a channel in a unit of the kind of `unit`, of SI; "" if there is none."""
     for track in log.tracks:
         for channel in track.channels:
             try:
-                if channel.unit and to_si(channel.unit)[1] == "N":
+                if channel.unit and to_si(channel.unit)[1] == unit:
                     return channel.name
             except InputError:
                 continue  # An unknown unit is refused when the channel is used.

@@ -144,10 +144,10 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     cross-validation where left out), `free_linear` (true or false; decided by the data where left out),
     `frequency_threshold` and `damping_threshold` (of the level tests, as fractions; 0.002 and 0.15 where left out); all
     but `file` may stand beside the tables as well. A test gives `log` (path beside the study file), `force` (its
-    channel; left out of a free decay), `use` ("fit", "truth", "level" or "decay"; "fit" where left out, "decay" without
-    a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the linear modes that hold during
-    this test), `start_s` and `stop_s`. `[log]` says how logs are to be read, `[channels.NAME]` what their channels mean
-    (the fields of `ChannelSettings`), where a channel is not called as its sensor.
+    channel; left out of a free decay), `use` ("fit", "truth", "level", "decay" or "resonance"; "fit" where left out,
+    "decay" without a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the linear modes
+    that hold during this test), `start_s` and `stop_s`. `[log]` says how logs are to be read, `[channels.NAME]` what
+    their channels mean (the fields of `ChannelSettings`), where a channel is not called as its sensor.
 
     **Backbones** (`UpdatingStudy`): `title`, `form` (of the likelihood), a table `[structure]`, one table
     `[[backbones]]` for each curve and one `[[classes]]` for each candidate law. `[structure]` gives `matrices` (a file,

@@ -38,7 +38,7 @@ class AppropriationLevel:
     mean is left out.
 
     Args:
-        voltage_v: amplitude of the voltage, V.
+        voltage_v: amplitude of the voltage, V; NaN where a measured test has no channel of it.
         frequency_hz: frequency at which it was recorded, Hz.
         locked: whether phase and amplitude settled within the time allowed.
         lock_time_s: time until they settled, or the time allowed, s.
@@ -71,8 +71,8 @@ class Appropriation:
         modes: the linear modes through which the sensors were filtered.
         drive_point: the sensor where the force acts.
         levels: one level for each voltage.
-        range_hz: lowest and highest frequency that the loop could take, Hz.
-        settings: settings of the loop.
+        range_hz: lowest and highest frequency that the loop could take, Hz; of a measured test, that it took.
+        settings: settings of the loop; None of a measured test, whose loop is not known.
         noise_fraction: standard deviation of the noise of the readings over the rms of their clean signal.
     """
 
@@ -81,7 +81,7 @@ class Appropriation:
     drive_point: str
     levels: tuple[AppropriationLevel, ...]
     range_hz: tuple[float, float]
-    settings: PhaseLock
+    settings: PhaseLock | None
     noise_fraction: float
 
     @property
@@ -139,7 +139,7 @@ class Appropriation:
         n_locked, times = int(self.locked.sum()), self.lock_time_s[self.locked]
         done = f"{n_locked} of {len(self.levels)} levels of mode {self.mode} locked"
         if not n_locked:
-            return f"{done} within {self.settings.longest_s:g} s."
+            return f"{done}{f' within {self.settings.longest_s:g} s' if self.settings else ''}."
         f = self.frequency_hz[self.locked]
         return (
             f"{done}, each within {times.max():.2g} s; the resonance moves from {f[0]:.2f} to {f[-1]:.2f} Hz, "

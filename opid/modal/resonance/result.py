@@ -1,0 +1,145 @@
+"""The result of a measured resonance test: its backbone, its harmonics, the interaction of modes, and the law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from opid.json_values import plain
+from opid.modal.linear.modes import LinearModes
+from opid.modal.power_laws import coefficient_rows
+from opid.modal.resonance.appropriation import Appropriation, Interaction
+from opid.modal.resonance.law import ResonanceLaw
+from opid.modal.resonance.steady import SteadyState
+from opid.provenance import ReadFile
+from opid.result import Result, SummaryRow
+from opid.signals.recording import FloatArray
+
+SCHEMA = "opid.resonance/1"
+
+OF_INTERACTION = ("target", "mode", "harmonic", "flagged", "first_level", "fraction", "driven_fraction", "statement")
+"""What result.json holds of the interaction."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Resonance(Result):
+    """One mode in measured tests at phase resonance.
+
+    Args:
+        title: the title of the study.
+        mode: number of the mode that was held, from 1.
+        modes: linear modes of the structure.
+        drive_point: the sensor where the force acts.
+        appropriation: the steady levels that count, in the order in which they were driven.
+        states: the motion of the mode at each of these levels.
+        level_tests: the name of the test of each level.
+        level_start_s: where each level begins in its log, s.
+        level_stop_s: where it ends, s.
+        left_out: one sentence for each steady level that does not count.
+        backbone_law: the law by frequency, force and amplitude of the levels, with the harmonics that it makes itself.
+        records_law: the law by the steady records with their measured harmonics and by the transients between them.
+        interaction: the harmonic of another mode that stands out most; None where there is no other elastic mode.
+        warnings: one sentence for each warning.
+        not_determined: why there is no law, "" if there is one.
+        settings: the settings of the study.
+        read_files: the files that were read.
+    """
+
+    title: str
+    mode: int
+    modes: LinearModes
+    drive_point: str
+    appropriation: Appropriation
+    states: tuple[SteadyState, ...]
+    level_tests: tuple[str, ...]
+    level_start_s: FloatArray
+    level_stop_s: FloatArray
+    left_out: tuple[str, ...]
+    backbone_law: ResonanceLaw | None
+    records_law: ResonanceLaw | None
+    interaction: Interaction | None
+    warnings: tuple[str, ...]
+    not_determined: str
+    settings: Mapping[str, Any]
+    read_files: tuple[ReadFile, ...] = ()
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The study, the modes and the logs of the tests, as they were when they were read."""
+        return self.read_files
+
+    @property
+    def amplitude(self) -> FloatArray:
+        """(n,) amplitude of the modal displacement of each level, m kg^1/2."""
+        return np.array([each.amplitude for each in self.states])
+
+    @property
+    def resonance_hz(self) -> FloatArray:
+        """(n,) frequency at which the mode is at phase resonance with this amplitude, Hz: corrected to quadrature."""
+        return np.sqrt(np.maximum([each.stiffness for each in self.states], 0.0)) / (2.0 * np.pi)
+
+    @property
+    def damping_ratio(self) -> FloatArray:
+        """(n,) effective damping ratio by the force at quadrature."""
+        return np.array([each.damping for each in self.states]) / (4.0 * np.pi * self.resonance_hz)
+
+    @property
+    def phase_error_deg(self) -> FloatArray:
+        """(n,) phase of the modal acceleration over the force, less 90 degrees."""
+        return np.array([each.phase_error_deg for each in self.states])
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the coefficients by the records, then those by the backbone."""
+        laws = (("", self.records_law), ("backbone.", self.backbone_law))
+        return tuple(row for name, law in laws if law for row in coefficient_rows(law.stiffness, law.damping, name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, which docs/schemas/resonance-1.schema.json describes."""
+        done, found = self.appropriation, self.interaction
+        return plain(
+            {
+                "schema": SCHEMA,
+                **{
+                    name: getattr(self, name) for name in ("title", "mode", "drive_point", "not_determined", "settings")
+                },
+                "levels": [
+                    {
+                        "test": test,
+                        "start_s": start,
+                        "stop_s": stop,
+                        "voltage_v": level.voltage_v,
+                        "driven_hz": level.frequency_hz,
+                        "phase_error_deg": state.phase_error_deg,
+                        "amplitude": state.amplitude,
+                        "resonance_hz": hz,
+                        "damping_ratio": zeta,
+                        "force_n": np.abs(level.force),
+                        "sensors": np.abs(level.sensors),
+                        "modal": np.abs(level.modal),
+                    }
+                    for test, start, stop, level, state, hz, zeta in zip(
+                        self.level_tests,
+                        self.level_start_s,
+                        self.level_stop_s,
+                        done.levels,
+                        self.states,
+                        self.resonance_hz,
+                        self.damping_ratio,
+                        strict=True,
+                    )
+                ],
+                "sensors": list(done.modes.sensors),
+                "left_out": self.left_out,
+                "records_law": None if self.records_law is None else self.records_law.as_json(),
+                "backbone_law": None if self.backbone_law is None else self.backbone_law.as_json(),
+                "interaction": None if found is None else {name: getattr(found, name) for name in OF_INTERACTION},
+                "linear_modes": {name: getattr(self.modes, name) for name in ("frequency_hz", "damping_ratio")},
+                "warnings": self.warnings,
+            }
+        )
+
+    def _write_headline(self) -> str:
+        return f"{self.title}, mode {self.mode} at {len(self.states)} levels of phase resonance"

@@ -1,0 +1,264 @@
+"""Measured tests at phase resonance: steady levels, the law, and the worlds in which an assumption fails."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_resonance import (
+    C2,
+    K3,
+    MODE,
+    held_study,
+    with_force_turned,
+    with_mode_unknown,
+    with_polarity_reversed,
+    with_samples,
+    with_sensor_clipped,
+)
+
+from opid.errors import InputError
+from opid.mechanics.rig import FORCE
+from opid.modal.linear.modes import LinearModes, modal_test
+from opid.modal.resonance.curves import read_curve_states
+from opid.modal.resonance.identification import identify_resonance
+from opid.modal.resonance.law import fit_states
+from opid.modal.resonance.settings import ResonanceSettings
+from opid.modal.resonance.steady import SteadyState, find_steady, measure_levels
+from opid.modal.study import StudyTest
+from opid.signals.recording import recording_from_arrays
+
+SETTINGS = ResonanceSettings()
+MODES = held_study().modes
+K0, C0 = (float(each[MODE - 1]) for each in (MODES.stiffness(), MODES.damping()))
+
+
+def true_curves(amplitude):
+    """Frequency and damping ratio of the mode by harmonic linearisation of its true law."""
+    omega = np.sqrt(K0 + 0.75 * K3 * amplitude**2)
+    return omega / (2 * np.pi), (C0 + C2 * 8 / (3 * np.pi) * omega * amplitude) / (2 * omega)
+
+
+def requires_truth_inside(law):
+    hz, zeta = true_curves(law.amplitude)
+    assert law.stiffness[3].holds(K3)
+    assert (np.abs(law.frequency_hz - hz) < 3 * law.frequency_std_hz).all()
+    assert (np.abs(law.damping_ratio - zeta) < 3 * law.damping_std).all()
+
+
+# ---- a motion at one frequency -----------------------------------------------------------------------
+
+
+def driven(pole_of_force, *, cycles=60, fs=1000.0, k0=(2 * np.pi * 100) ** 2, c0=8.0):
+    """A linear mode under a force Re exp(p t), without noise, as a test of one sensor with the shape 0.5."""
+    time = np.arange(round(cycles * fs / 100)) / fs
+    force = np.exp(pole_of_force * time)
+    q = 0.5 * force / (pole_of_force**2 + c0 * pole_of_force + k0)
+    record = recording_from_arrays([force.real, (0.5 * pole_of_force**2 * q).real], [FORCE, "a"], fs=fs, unit="m/s^2")
+    record = replace(record, channels=(replace(record.channels[0], unit="N"), record.channels[1]))
+    modes = LinearModes([100.0], [c0 / (2 * np.sqrt(k0))], [[0.5]], ("a",))
+    return modal_test(record, modes, name="dwell", force=FORCE, drive_point="a")
+
+
+@pytest.mark.parametrize("hz", [97.0, 100.0, 101.5])
+def test_a_steady_motion_has_stiffness_and_damping_at_any_phase(hz):
+    (level,) = measure_levels(driven(2j * np.pi * hz), 1, SETTINGS)
+    assert level.is_steady
+    assert level.state.frequency_hz == pytest.approx(hz, rel=1e-7)
+    assert level.state.stiffness == pytest.approx((2 * np.pi * 100) ** 2, rel=1e-5)
+    assert level.state.damping == pytest.approx(8.0, rel=1e-3)
+
+
+def test_a_motion_that_grows_slowly_has_the_same():
+    (level,) = measure_levels(driven(0.005 + 2j * np.pi * 100.0), 1, SETTINGS)
+    assert level.state.pole.real == pytest.approx(0.005, rel=0.02)
+    assert level.state.damping == pytest.approx(8.0, rel=1e-3)
+
+
+def test_steps_are_found_and_a_sweep_has_no_level():
+    time = np.arange(12000)
+    step = np.where(time < 6000, 1.0, 1.05) * np.sin(2 * np.pi / 10 * time)
+    (first, second) = find_steady(step, 10.0, SETTINGS)
+    # The step may lie in the last periods, where the window of a level hides it.
+    assert 5900 < first[1] < 6080
+    assert 6000 < second[0] < 6200
+    sweep = np.exp(2e-4 * time) * np.sin(2 * np.pi / 10 * time)
+    assert find_steady(sweep, 10.0, SETTINGS) == []
+
+
+# ---- the law -------------------------------------------------------------------------------------------
+
+
+def exact_states(phase_deg=0.0, n=12, offset=0.0):
+    """Motions of the cubic mode without harmonics, at amplitudes that differ, with a force of a wrong phase."""
+    states = []
+    for a in np.geomspace(2e-5, 5e-4, n):
+        hz, zeta = true_curves(a)
+        omega = 2 * np.pi * hz * (1 + offset * zeta)
+        k, c = K0 + 0.75 * K3 * a**2, C0 + C2 * 8 / (3 * np.pi) * omega * a
+        force = (k - omega**2 + 1j * omega * c) * a * np.exp(1j * np.radians(phase_deg))
+        states.append(SteadyState("made", 1j * omega, force, np.array([a + 0j]), 1e-4, 1e-4, 1e-4))
+    return states
+
+
+def test_the_law_of_exact_motions_is_exact():
+    law = fit_states(exact_states(), SETTINGS)
+    assert sorted(law.stiffness) == [1, 3]
+    assert sorted(law.damping) == [1, 2]
+    assert law.stiffness[3].value == pytest.approx(K3, rel=1e-4)
+    assert law.damping[2].value == pytest.approx(C2, rel=1e-4)
+
+
+def test_motions_off_resonance_show_the_phase_of_the_force():
+    states = [*exact_states(4.0, offset=2.0), *exact_states(4.0), *exact_states(4.0, offset=-2.0)]
+    law = fit_states(states, SETTINGS)
+    assert law.force_phase_deg.value == pytest.approx(4.0, abs=0.1)
+    assert law.stiffness[3].value == pytest.approx(K3, rel=2e-3)
+
+
+def test_levels_at_quadrature_alone_leave_the_phase_open():
+    orders = {"stiffness_order": 3, "damping_order": 2}
+    law = fit_states(exact_states(), SETTINGS, **orders)
+    assert law.force_phase_deg.std == pytest.approx(SETTINGS.phase_tolerance_deg, rel=0.05)
+    loose = fit_states(exact_states(), replace(SETTINGS, phase_tolerance_deg=2.0), **orders)
+    assert loose.stiffness[1].std > 3 * law.stiffness[1].std
+
+
+def response_curve(force_n, rng, sensor="lid_x", drive_point="case_x", noise=0.01):
+    """Frequency, amplitude and phase at a sensor along a curve of one force, by harmonic balance; all modes move it."""
+    row, push = MODES.row(sensor), MODES.row(drive_point)
+    modal_force = push[MODE - 1] * force_n
+    peak = next(a for a in np.linspace(1e-3, 1e-6, 4000) if modal_force > 2 * np.pi * 117 * _damping(a) * a)
+    points = []
+    for a in np.linspace(0.3, 0.98, 12) * peak:
+        for side in (1.0, -1.0):
+            omega = np.sqrt(K0)
+            for _ in range(60):
+                reach = np.sqrt(max((modal_force / a) ** 2 - (omega * _damping(a)) ** 2, 0.0))
+                omega = np.sqrt(K0 + 0.75 * K3 * a**2 - side * reach)
+            q = push * force_n / (MODES.stiffness() - omega**2 + 1j * omega * MODES.damping())
+            q[MODE - 1] = modal_force / (side * reach + 1j * omega * _damping(a))
+            points.append((omega / (2 * np.pi), -(omega**2) * (row @ q)))
+    hz, motion = (np.array(each) for each in zip(*points, strict=True))
+    motion = motion * (1 + noise / np.sqrt(2) * (rng.standard_normal(hz.size) + 1j * rng.standard_normal(hz.size)))
+    return hz, np.abs(motion), np.degrees(np.angle(motion))
+
+
+def _damping(amplitude):
+    return C0 + C2 * 8 / (3 * np.pi) * 2 * np.pi * 119.0 * amplitude
+
+
+def read_curves(forces, seed=0, turned_deg=0.0, sign=1.0):
+    rng, states = np.random.default_rng(seed), []
+    for force in forces:
+        hz, height, phase = response_curve(force, rng)
+        states += read_curve_states(
+            hz,
+            height,
+            sign * (phase + turned_deg),
+            force_n=force,
+            modes=MODES,
+            mode=MODE,
+            sensor="lid_x",
+            drive_point="case_x",
+        )
+    return states
+
+
+def test_response_curves_at_several_levels_give_the_law():
+    law = fit_states(read_curves([1.0, 4.0, 8.0, 16.0]), SETTINGS, measured_waves=False)
+    assert law.stiffness[3].holds(K3)
+    assert law.stiffness[3].value == pytest.approx(K3, rel=0.02)
+    assert law.damping[2].value == pytest.approx(C2, rel=0.03)
+
+
+def test_response_curves_show_a_phase_that_nobody_knows():
+    law = fit_states(read_curves([1.0, 4.0, 8.0, 16.0], turned_deg=-5.0), SETTINGS, measured_waves=False)
+    assert law.force_phase_deg.value == pytest.approx(5.0, abs=0.7)
+    assert law.stiffness[3].holds(K3)
+
+
+def test_a_response_curve_with_the_phase_the_other_way_round_is_refused():
+    with pytest.raises(InputError, match="90 degrees at resonance"):
+        read_curves([4.0], sign=-1.0)
+    with pytest.raises(InputError, match="one of each for every point"):
+        read_curve_states(
+            [100.0, 101.0], [1.0], [90.0], force_n=1.0, modes=MODES, mode=MODE, sensor="lid_x", drive_point="case_x"
+        )
+
+
+# ---- whole tests -----------------------------------------------------------------------------------------
+
+
+def test_a_sound_test_gives_law_backbone_and_harmonics():
+    result = identify_resonance(held_study())
+    for law in (result.records_law, result.backbone_law):
+        requires_truth_inside(law)
+    assert result.records_law.stiffness[3].value == pytest.approx(K3, rel=3e-3)
+    hz, zeta = true_curves(result.amplitude)
+    np.testing.assert_allclose(result.resonance_hz, hz, rtol=2e-4)
+    np.testing.assert_allclose(result.damping_ratio, zeta, rtol=0.02)
+    assert result.interaction is not None
+    assert not result.interaction.flagged
+    assert result.appropriation.sensors.shape[1:] == (6, 5)
+    json.dumps(result.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("phase_error_deg", [5.0, -20.0])
+def test_levels_off_quadrature_are_corrected(phase_error_deg):
+    result = identify_resonance(held_study(phase_error_deg=phase_error_deg))
+    requires_truth_inside(result.records_law)
+    assert any("off quadrature" in text for text in result.warnings)
+
+
+def test_a_hidden_phase_of_the_force_is_found_in_the_transients():
+    result = identify_resonance(with_force_turned(held_study(), 5.0))
+    assert result.records_law.force_phase_deg.value == pytest.approx(5.0, abs=1.0)
+    for law in (result.records_law, result.backbone_law):
+        requires_truth_inside(law)
+    assert any("check delay and filters" in text for text in result.warnings)
+
+
+def test_a_force_of_wrong_polarity_is_refused():
+    with pytest.raises(InputError, match="sign = -1"):
+        identify_resonance(with_polarity_reversed(held_study()))
+
+
+def test_levels_with_a_clipped_sensor_are_left_out():
+    result = identify_resonance(with_sensor_clipped(held_study()))
+    assert any("'board_x' is clipped" in text for text in result.left_out)
+    requires_truth_inside(result.records_law)
+    assert result.amplitude.max() < 0.9 * identify_resonance(held_study()).amplitude.max()
+
+
+def test_a_mode_without_a_shape_widens_the_interval_of_damping():
+    sound, hidden = (identify_resonance(each) for each in (held_study(), with_mode_unknown(held_study())))
+    assert any("has none of the shapes" in text for text in hidden.warnings)
+    requires_truth_inside(hidden.records_law)
+    assert hidden.records_law.damping[2].std > 1.5 * sound.records_law.damping[2].std
+
+
+def test_noise_alone_and_a_study_without_such_tests_are_refused():
+    rng = np.random.default_rng(1)
+    noise = with_samples(held_study(), lambda samples, record: rng.standard_normal(samples.shape))
+    with pytest.raises(InputError, match="hold each level"):
+        identify_resonance(noise)
+    study = held_study()
+    fitted = replace(study, tests=(replace(study.tests[0], use="fit"),))
+    with pytest.raises(InputError, match='use = "resonance"'):
+        identify_resonance(fitted)
+
+
+def test_one_log_for_each_level_gives_the_same_law():
+    study = held_study()
+    (given,) = study.tests
+    record, tests = given.test.recording, []
+    for number, level in enumerate(each for each in measure_levels(given.test, MODE, SETTINGS) if each.is_steady):
+        part = slice(round(level.start_s * record.fs), round(level.stop_s * record.fs))
+        cut = replace(record, samples=record.samples[part])
+        test = modal_test(cut, study.modes, name=f"level_{number}", force=FORCE, drive_point=study.drive_point)
+        tests.append(StudyTest(test, "resonance", MODE))
+    result = identify_resonance(replace(study, tests=tuple(tests)))
+    requires_truth_inside(result.records_law)
+    assert len({*result.level_tests}) > 8
+    assert any("keep the transients" in text for text in result.warnings)
