@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.modal.decay.fit import predict_decay, solve_slow_flow
+from opid.modal.decay.slow_flow import predict_decay, solve_slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
 
 FS = 2048.0

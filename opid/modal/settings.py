@@ -94,6 +94,23 @@ class ModalThresholds:
     # fraction of the mode's peak from which on a neighbour is reported that is too close to be fitted
     unresolved: float = 0.1
     least_range: float = 1.5  # largest amplitude over the smallest, below which nonlinear terms are warned of
+    # lowest amplitude over the highest, above which the values at zero amplitude would extrapolate and are not told
+    reaches_zero: float = 1.0 / 3.0
+    # Bayesian criterion over the lowest one, up to which a form of the law is fitted: the criterion of the start values
+    # is a rough one
+    rival_score: float = 25.0
+    # criterion by which a form with more coefficients must be better; less is not worth a mention (Kass, Raftery 1995)
+    bare_mention: float = 2.0
+    # what dry friction or an Iwan joint must gain in that criterion: strong evidence (Kass and Raftery 1995), for with
+    # friction there is no damping ratio at zero amplitude
+    joint_evidence: float = 6.0
+    # standard deviations by which friction or slip must stand out, and the largest one of the exponent of slip: an
+    # exponent that nothing determines takes any stiffness to zero amplitude
+    joint_sigma: float = 3.0
+    widest_exponent: float = 0.3
+    slip_exponents: tuple[float, float] = (-0.95, 1.5)  # range of chi; joints measured so far have -0.8 to 0.2
+    most_rivals: int = 6  # forms of the law that are fitted to amplitude and phase, which takes most of the time
+    least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals
     drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
     most_misfit: float = 3.0  # largest misfit of the law of a decay without a warning, in standard deviations
     # rms of the residual over the record, above which the first quarter of a decay is left out
