@@ -104,6 +104,8 @@ class ModalThresholds:
     # what dry friction or an Iwan joint must gain in that criterion: strong evidence (Kass and Raftery 1995), for with
     # friction there is no damping ratio at zero amplitude
     joint_evidence: float = 6.0
+    # what each power above 1 must gain: beside friction, with ten windows, powers would follow noise at low amplitude
+    power_evidence: float = 3.0
     # standard deviations by which friction or slip must stand out, and the largest one of the exponent of slip: an
     # exponent that nothing determines takes any stiffness to zero amplitude
     joint_sigma: float = 3.0

@@ -236,7 +236,7 @@ class _Fit:
     scatter: FloatArray
     misfit: float
     phase_error: float
-    score: float
+    squares: float
     repeats: int
 
     @property
@@ -262,8 +262,8 @@ class _Fit:
 
 def _fit_forms(
     decays: Sequence[_ScaledTrack], forms: Sequence[tuple[LawForm, FloatArray]], derivative: int, damping: float
-) -> list[_Fit]:
-    """Return the fits of the forms that describe all decays, first the simplest of those with the best criterion."""
+) -> list[tuple[_Fit, float]]:
+    """Return the forms that describe all decays with their weights, first the simplest of the best criterion."""
     n_data = 2 * sum(each.time.size for each in decays)
     fits: list[_Fit] = []
     failed: NotDeterminedError | None = None
@@ -283,10 +283,15 @@ def _fit_forms(
             failed = failed or why
     if not fits:
         raise failed or NotDeterminedError("no law describes the decay: lower the orders")
-    fits = sorted([each for each in fits if not each.is_active] or fits, key=lambda each: each.score)
-    alike = [each for each in fits if each.score < fits[0].score + MODAL.bare_mention]
-    chosen = min(alike, key=lambda each: each.form.size)
-    return [chosen, *(each for each in fits if each is not chosen)]
+    fits = [each for each in fits if not each.is_active] or fits
+    scores = score_misfit([each.squares for each in fits], n_data, [each.form.size * each.repeats for each in fits])
+    scores += [each.form.prior_score for each in fits]
+    scores -= scores.min()
+    chosen = min(np.flatnonzero(scores < MODAL.bare_mention), key=lambda j: fits[j].form.size)
+    weights = np.exp(-0.5 * scores)
+    weights = np.where(weights < MODAL.least_weight, 0.0, weights)
+    weighed = [(fit, float(weight)) for fit, weight in zip(fits, weights / weights.sum(), strict=True)]
+    return [weighed[chosen], *weighed[:chosen], *weighed[chosen + 1 :]]
 
 
 def _fit_form(
@@ -309,7 +314,7 @@ def _fit_form(
         scatter=scatter,
         misfit=float(np.sqrt(squares / max(errors.size - own, 1))),
         phase_error=float(np.sqrt(np.mean(plain**2))),
-        score=score_misfit(squares, errors.size, p * len(decays)) + form.prior_score,
+        squares=squares,
         repeats=len(decays),
     )
 
@@ -353,9 +358,11 @@ def _span(decays: Sequence[_ScaledTrack]) -> tuple[float, float]:
     return low, max(float(each.log_amplitude.max()) for each in decays) + 0.4
 
 
-def _describe_law(decays: Sequence[_ScaledTrack], fits: Sequence[_Fit], units: _Units, lowest: float) -> DecayLaw:
+def _describe_law(
+    decays: Sequence[_ScaledTrack], fits: Sequence[tuple[_Fit, float]], units: _Units, lowest: float
+) -> DecayLaw:
     """Return the best fit in SI units; what its rivals say otherwise widens the intervals."""
-    best, rate = fits[0], units.rate
+    best, rate = fits[0][0], units.rate
     k, c, joint = best.form.split(best.vector)
     flow = solve_slow_flow(k, c, *_span(decays), joint)
     if flow is None:
@@ -373,7 +380,10 @@ def _describe_law(decays: Sequence[_ScaledTrack], fits: Sequence[_Fit], units: _
         for j, (value, each) in enumerate(zip(values, std, strict=True))
     ]
     rest = estimates[n_k + n_c :]
-    friction = rest.pop(0) if best.form.has_friction else Estimate()
+    friction = Estimate()
+    if best.form.has_friction:
+        rest.pop(0)
+        friction = Estimate.normal(values[n_k + n_c], _widen_friction(fits) * factors[n_k + n_c])
     slip, exponent = rest if rest else (Estimate(), Estimate())
     reaches = lowest <= MODAL.reaches_zero
     has_ratio = reaches and not best.form.has_friction and not best.is_active
@@ -401,13 +411,25 @@ def _describe_law(decays: Sequence[_ScaledTrack], fits: Sequence[_Fit], units: _
     )
 
 
-def _widen(fits: Sequence[_Fit], low: FloatArray) -> FloatArray:
+def _widen(fits: Sequence[tuple[_Fit, float]], low: FloatArray) -> FloatArray:
     """Return (4,) standard deviations of the values at zero amplitude about those of the best fit, over all forms."""
-    scores = np.array([each.score for each in fits])
-    weights = np.exp(-0.5 * (scores - scores.min()))
-    weights = np.where(weights < MODAL.least_weight, 0.0, weights)
-    squares = [np.diag(spread) + (values - low) ** 2 for values, spread in (each.find_low() for each in fits)]
-    return np.asarray(np.sqrt(weights @ np.array(squares) / weights.sum()), dtype=np.float64)
+    squares = np.zeros(low.size)
+    for fit, weight in fits:
+        values, spread = fit.find_low()
+        squares += weight * (np.diag(spread) + (values - low) ** 2)
+    return np.asarray(np.sqrt(squares), dtype=np.float64)
+
+
+def _widen_friction(fits: Sequence[tuple[_Fit, float]]) -> float:
+    """Return the standard deviation of friction about that of the best fit, over all forms that have friction."""
+    best = fits[0][0].form.split(fits[0][0].vector)[2].friction
+    total = weights = 0.0
+    for fit, weight in fits:
+        if fit.form.has_friction:
+            place = fit.form.stiffness_order + fit.form.damping_order
+            total += weight * (fit.covariance[place, place] + (fit.vector[place] - best) ** 2)
+            weights += weight
+    return float(np.sqrt(total / weights))
 
 
 def _estimate(value: float, std: float, repeats: int) -> Estimate:
@@ -442,7 +464,9 @@ def _find_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatArray:
 
     The scores of windows up to the lag 2 n^(1/3) apart, amplitude and phase together, may be correlated.
     """
-    scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    scale = np.linalg.norm(jacobian, axis=0)
+    if not scale.min() > 0.0:
+        raise NotDeterminedError("the decay does not show one of the coefficients: lower the orders")
     scaled = jacobian / scale
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
     n, p = jacobian.shape

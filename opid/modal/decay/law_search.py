@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
@@ -58,7 +59,8 @@ class LawForm:
     @property
     def prior_score(self) -> float:
         """What the Bayesian criterion adds before any data."""
-        return MODAL.joint_evidence * (self.has_friction + self.has_memory)
+        powers = self.stiffness_order + self.damping_order - 2
+        return MODAL.joint_evidence * (self.has_friction + self.has_memory) + MODAL.power_evidence * powers
 
     def is_possible(self, vector: FloatArray) -> bool:
         """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""
@@ -107,20 +109,27 @@ def search_forms(
     """
     orders = [range(1, HIGHEST_ORDER + 1) if each is None else (each,) for each in (stiffness_order, damping_order)]
     joints = [(False, True) if each is None else (each,) for each in (friction, memory)]
-    found: list[tuple[float, LawForm, FloatArray]] = []
-    for form in (LawForm(*each) for each in product(*orders, *joints)):
+    tries: list[_Try] = []
+    for (n_k, n_c), (has_friction, has_memory) in product(product(*orders), product(*joints)):
+        form = LawForm(n_k, n_c, has_friction, has_memory)
         if (
             max(form.stiffness_order, form.damping_order + form.has_friction) + 2 * form.has_memory
             < seen.level.size - 1
         ):
-            tried = [each for each in _try_form(form, seen) if form.is_possible(each[1])]
-            found += [(score, form, vector) for score, vector in sorted(tried, key=lambda each: each[0])[:1]]
-    if not found:
+            tries += [each for each in _try_form(form, seen) if form.is_possible(each.vector)]
+    if not tries:
         raise NotDeterminedError(
             f"{seen.level.size} windows cannot determine {stiffness_order or 1} and {damping_order or 1} coefficients: "
             "lower the orders"
         )
-    found.sort(key=lambda each: each[0])
+    forms, n = [each.form for each in tries], seen.level.size
+    scores = score_misfit([each.of_square for each in tries], n, [form.stiffness_order for form in forms])
+    scores += score_misfit([each.of_damping for each in tries], n, [form.size - form.stiffness_order for form in forms])
+    scores += [form.prior_score for form in forms]
+    ranked = sorted(zip(scores.tolist(), forms, [each.vector for each in tries], strict=True), key=lambda each: each[0])
+    # Of the exponents of a form the likeliest comes first; reversed, it is stored last.
+    best_of = {form: (score, vector) for score, form, vector in reversed(ranked)}
+    found = sorted(((score, form, vector) for form, (score, vector) in best_of.items()), key=lambda each: each[0])
     near = [each for each in found if each[0] < found[0][0] + MODAL.rival_score]
     # Rivals of other kinds come before further orders of the same kind, for they differ most at zero amplitude.
     kinds = {(form.has_friction, form.has_memory): (form, vector) for _, form, vector in reversed(near)}
@@ -129,15 +138,28 @@ def search_forms(
     return [*first, *rest][: MODAL.most_rivals]
 
 
-def score_misfit(squares: float, n_data: int, n_coefficients: int) -> float:
-    """Return the Bayesian criterion of a sum of squared errors over their variance; lower is better."""
-    # Windows overlap by half, so three are worth about two.
-    n = 0.67 * n_data
-    return float(n * np.log(max(squares / n_data, 0.5)) + n_coefficients * np.log(n))
+def score_misfit(squares: ArrayLike, n_data: int, n_coefficients: ArrayLike) -> FloatArray:
+    """Return the Bayesian criterion of forms by their squared errors over the variance; lower is better, (m,).
+
+    The variance of the noise is known; where even the best form misses more than it, that of the best form counts.
+    """
+    missed, size = np.asarray(squares, dtype=np.float64), np.asarray(n_coefficients)
+    variance = max(float(np.min(missed / np.maximum(n_data - size, 1))), 1.0)
+    return np.asarray(missed / variance + size * np.log(n_data), dtype=np.float64)
 
 
-def _try_form(form: LawForm, seen: Linearisation) -> Iterator[tuple[float, FloatArray]]:
-    """Yield criterion and coefficients of a form for every exponent of its joint."""
+@dataclass(frozen=True, eq=False)
+class _Try:
+    """A form, its coefficients, and the squared errors of squared frequency and of damping over their variance."""
+
+    form: LawForm
+    vector: FloatArray
+    of_square: float
+    of_damping: float
+
+
+def _try_form(form: LawForm, seen: Linearisation) -> Iterator[_Try]:
+    """Yield the coefficients of a form for every exponent of its joint."""
     size, level = seen.level.size, seen.level
     frequency = np.sqrt(np.maximum(seen.square, 1e-12))
     factors = first_harmonic_factor(np.arange(1, HIGHEST_ORDER + 1))
@@ -165,7 +187,5 @@ def _try_form(form: LawForm, seen: Linearisation) -> Iterator[tuple[float, Float
         y = np.concatenate([seen.square, seen.damping])
         values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
         errors = ((y - columns @ values) / std) ** 2
-        score = score_misfit(float(errors[:size].sum()), size, form.stiffness_order)
-        score += score_misfit(float(errors[size:].sum()), size, form.size - form.stiffness_order)
-        score += form.prior_score
-        yield score, np.append(values, exponent) if form.has_memory else values
+        vector = np.append(values, exponent) if form.has_memory else values
+        yield _Try(form, vector, float(errors[:size].sum()), float(errors[size:].sum()))

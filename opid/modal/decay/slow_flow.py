@@ -83,8 +83,9 @@ def solve_slow_flow(
     """Return the slow flow of a law from amplitude exp(low) to exp(high); None if it does not vibrate or decay.
 
     k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1). What the joint adds is averaged over a
-    cycle of the fundamental. Dry friction keeps the frequency: between two reversals the motion about the offset of the
-    friction is the undisturbed one, so an oscillator with k0, c0 and friction turns with (k0 - c0^2 / 4)^(1/2) exactly.
+    cycle of the fundamental. Dry friction has one more term of second order: between two reversals the motion is the
+    undisturbed one about the offset F / k0, and the fundamental of these pieces lags by 3 F / (pi k0 A), which grows as
+    the amplitude falls.
 
     >>> flow = solve_slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
     >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
@@ -118,8 +119,7 @@ def solve_slow_flow(
         return None
     rate_drift = -rate * np.gradient(rate, step, edge_order=2)
     by_friction = 2.0 * joint.friction / (np.pi * natural * a[:, 0])
-    offsets = 3.0 * rate * by_friction - by_friction**2
-    damped = np.sqrt(np.maximum(natural**2 + rate**2 - damping * rate - rate_drift + offsets, 1e-12))
+    damped = np.sqrt(np.maximum(natural**2 + rate**2 - damping * rate - rate_drift - by_friction**2, 1e-12))
     drift = rate_drift + 1j * rate * np.gradient(damped, step, edge_order=2)
     return Flow(log_amplitude, damped, rate, natural, damping, drift)
 
