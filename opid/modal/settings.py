@@ -113,6 +113,11 @@ class ModalThresholds:
     slip_exponents: tuple[float, float] = (-0.95, 1.5)  # range of chi; joints measured so far have -0.8 to 0.2
     most_rivals: int = 6  # forms of the law that are fitted to amplitude and phase, which takes most of the time
     least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals
+    # distance of a line from a multiple of 50 or 60 Hz at which it may be hum, a fraction of these: mains keep 0.2 %
+    mains_width: float = 0.004
+    # distance from 2 or 3 times the frequency of the mode at which another one may exchange energy with it, a fraction
+    # of that multiple; nearer than 0.06 in the ratio a line cannot be told from the harmonic of the mode itself
+    partner_width: float = 0.05
     drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
     most_misfit: float = 3.0  # largest misfit of the law of a decay without a warning, in standard deviations
     # rms of the residual over the record, above which the first quarter of a decay is left out

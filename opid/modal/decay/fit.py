@@ -100,7 +100,7 @@ class DecayLaw:
         """Return the law as result.json holds it."""
         return {
             **coefficients_json(self.stiffness, self.damping),
-            **self.joint_json(),
+            "joint": self.joint_json(),
             "frequency_low_hz": asdict(self.frequency_low_hz),
             "damping_low": asdict(self.damping_low),
             **{name: getattr(self, name) for name in ("amplitude", "frequency_hz", "damping_ratio", "misfit")},
