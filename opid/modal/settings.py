@@ -79,6 +79,8 @@ class ModalThresholds:
     # rms of a cycle over that of each of the three before it, at which the next impact has come
     next_impact_rise: float = 3.0
     clipped_samples: int = 3  # successive samples at the largest value that make a record clipped
+    # steps of the converter by which a clipped signal leaves its limit; three samples within one step leave it by less
+    clipped_steps: float = 4.0
     # cycles of the mode in a window, for frequency and damping beside an offset and a trend
     fewest_window_cycles: float = 6.0
     fewest_windows: int = 4  # windows of a decay that gives a curve over the amplitude

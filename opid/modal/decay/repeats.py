@@ -66,7 +66,7 @@ def pool_repeats(vectors: Sequence[FloatArray], covariances: Sequence[FloatArray
     best = minimize(lack, np.log(own), method="L-BFGS-B", bounds=bounds)
     tau = np.exp(best.x)
     mean, covariance, squares, _ = find_mean(tau)
-    dof = max((len(vectors) - 1) * many.shape[1] - len(scattering), 1)
+    dof = (len(vectors) - 1) * many.shape[1]
     scatter = np.zeros(many.shape[1])
     scatter[list(scattering)] = tau
     return Pooled(mean * size, max(squares / dof, 1.0) * covariance * np.outer(size, size), scatter * size)
