@@ -1,6 +1,6 @@
 """Free decays with dry friction, and repeats with scatter: errors and intervals that hold, as a Markdown table.
 
-Run `python benchmarks/decays.py --seeds 20`, about 3 minutes. Friction: 60 Hz, damping ratio 0.004, friction of 0.2 %
+Run `python benchmarks/decays.py --seeds 20`, about 6 minutes. Friction: 60 Hz, damping ratio 0.004, friction of 0.2 %
 of the elastic force at the first amplitude, 1 % noise. Repeats: 12 decays of such a mode without friction, whose
 stiffness scatters by 0.14 % (0.042 Hz) and whose damping by 3 % from one to the next; one set for five seeds.
 """

@@ -215,6 +215,8 @@ def free_decay(
         stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; where None, the Bayesian criterion
             chooses it.
         damping_order: N_d of c_n q'|q'|^(n-1), 1 for linear damping; where None, the Bayesian criterion chooses it.
+        friction: whether there is dry friction F sgn(q'); where None, the criterion chooses, if it chooses the orders.
+        memory: whether there is an Iwan joint, likewise.
         name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
 
