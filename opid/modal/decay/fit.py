@@ -385,7 +385,8 @@ def _describe_law(
         rest.pop(0)
         friction = Estimate.normal(values[n_k + n_c], _widen_friction(fits) * factors[n_k + n_c])
     slip, exponent = rest if rest else (Estimate(), Estimate())
-    reaches = lowest <= MODAL.reaches_zero
+    # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
+    reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
     has_ratio = reaches and not best.form.has_friction and not best.is_active
     scale_hz = rate / (2.0 * np.pi)
     seen = flow.log_amplitude + units.derivative * np.log(flow.natural)
@@ -451,6 +452,10 @@ def _warn_of_law(best: _Fit, lowest: float) -> list[str]:
         )
     if lowest > MODAL.reaches_zero:
         warnings.append(f"{falls}: frequency and damping at zero amplitude are not told, record a longer decay")
+    if best.form.has_memory:
+        warnings.append(
+            "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
+        )
     if best.is_active:
         warnings.append(
             "the damping at small amplitude is negative, which no structure at rest has: the law only describes the "
