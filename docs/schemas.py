@@ -338,7 +338,13 @@ def _powers() -> Json:
 def _free_decay() -> Json:
     curve = ("amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
     rest = ("start_s", "stop_s", "law_misfit", "warnings", "frequency_low_hz", "damping_low")
-    return fields_of(Decay, "name", "mode", *curve, *rest) | _residual_of(Decay) | _powers()
+    repeats = {"repeats": {"type": "array", "description": "the single decays, where several were pooled"}}
+    return fields_of(Decay, "name", "mode", *curve, *rest) | _residual_of(Decay) | _powers() | _joint() | repeats
+
+
+def _joint() -> Json:
+    names = ("friction", "slip", "slip_exponent", "frequency_scatter_hz", "damping_scatter")
+    return {"joint": or_null(keys(fields_of(DecayLaw, *names)))}
 
 
 def _linear_modes() -> Json:
@@ -376,7 +382,8 @@ def _modal() -> Json:
         "truth_tests": array(keys(fields_of(TruthTest, "name", "band_hz") | compared)),
         "level_shifts": array(keys(fields_of(LevelShift))),
         "decays": array(keys(_free_decay())),
-        "decay_laws": table(keys(fields_of(DecayLaw, *low) | _powers())) | {"description": "by the number of the mode"},
+        "decay_laws": table(keys(fields_of(DecayLaw, *low) | _powers() | _joint()))
+        | {"description": "by the number of the mode"},
     }
 
 

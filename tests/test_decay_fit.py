@@ -3,8 +3,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.modal.decay.fit import predict_decay, solve_slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
+from opid.modal.decay.slow_flow import predict_decay, solve_slow_flow
 
 FS = 2048.0
 OMEGA = 2.0 * np.pi * 60.0

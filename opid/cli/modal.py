@@ -201,7 +201,7 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
 
 
 @main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))
-@click.argument("log", type=PATH, metavar="LOG")
+@click.argument("logs", type=PATH, metavar="LOG...", nargs=-1, required=True)
 @click.option(
     "--channel",
     required=True,
@@ -227,21 +227,42 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
 )
 @out_option("Folder for result.json, report and figure.")
 @with_output
-def decay(log: Path, output: Output, **settings: Any) -> None:
+def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     """Follow a free decay: frequency and damping over amplitude, and the law of the mode.
 
-    From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
+    From one sensor and no force. Several logs are repeats: their law is a common one, and its intervals at zero
+    amplitude hold their scatter. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
     """
     output = output.reserve()
     with output.progress() as say:
         try:
-            found = _follow_decay(log, settings, say)
+            found = _follow_decays(logs, settings, say)
         except InputError as error:
             raise InputError(_name_options(str(error))) from error
         except NotDeterminedError as error:
             raise NotDeterminedError(_name_options(str(error)), error.partial) from error
         notes = output.write(found, progress=say)
     output.show(found, notes=notes)
+
+
+def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -> Decay:
+    """Return the free decay in a log, or those in several logs pooled."""
+    from opid.modal.decay.free_decay import pool_decays
+
+    decays = [_follow_decay(log, settings, say) for log in logs]
+    if len(decays) == 1:
+        return decays[0]
+    say("the common law")
+    named = [replace(each, name=log.name) for each, log in zip(decays, logs, strict=True)]
+    orders = {name: settings[name] for name in ("stiffness_order", "damping_order")}
+    pooled = pool_decays(named, **orders)
+    return replace(
+        pooled,
+        name=settings["channel"],
+        warnings=tuple(_name_options(text) for text in pooled.warnings),
+        settings={"logs": [str(log) for log in logs], **settings},
+        files=tuple(file for each in decays for file in each.files),
+    )
 
 
 def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:

@@ -79,6 +79,8 @@ class ModalThresholds:
     # rms of a cycle over that of each of the three before it, at which the next impact has come
     next_impact_rise: float = 3.0
     clipped_samples: int = 3  # successive samples at the largest value that make a record clipped
+    # steps of the converter by which a clipped signal leaves its limit; three samples within one step leave it by less
+    clipped_steps: float = 4.0
     # cycles of the mode in a window, for frequency and damping beside an offset and a trend
     fewest_window_cycles: float = 6.0
     fewest_windows: int = 4  # windows of a decay that gives a curve over the amplitude
@@ -94,6 +96,30 @@ class ModalThresholds:
     # fraction of the mode's peak from which on a neighbour is reported that is too close to be fitted
     unresolved: float = 0.1
     least_range: float = 1.5  # largest amplitude over the smallest, below which nonlinear terms are warned of
+    # lowest amplitude over the highest, above which the values at zero amplitude would extrapolate and are not told
+    reaches_zero: float = 1.0 / 3.0
+    # Bayesian criterion over the lowest one, up to which a form of the law is fitted: the criterion of the start values
+    # is a rough one
+    rival_score: float = 25.0
+    # criterion by which a form with more coefficients must be better; less is not worth a mention (Kass, Raftery 1995)
+    bare_mention: float = 2.0
+    # what dry friction or an Iwan joint must gain in that criterion: strong evidence (Kass and Raftery 1995), for with
+    # friction there is no damping ratio at zero amplitude
+    joint_evidence: float = 6.0
+    # what each power above 1 must gain: beside friction, with ten windows, powers would follow noise at low amplitude
+    power_evidence: float = 3.0
+    # standard deviations by which friction or slip must stand out, and the largest one of the exponent of slip: an
+    # exponent that nothing determines takes any stiffness to zero amplitude
+    joint_sigma: float = 3.0
+    widest_exponent: float = 0.3
+    slip_exponents: tuple[float, float] = (-0.95, 1.5)  # range of chi; joints measured so far have -0.8 to 0.2
+    most_rivals: int = 6  # forms of the law that are fitted to amplitude and phase, which takes most of the time
+    least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals
+    # distance of a line from a multiple of 50 or 60 Hz at which it may be hum, a fraction of these: mains keep 0.2 %
+    mains_width: float = 0.004
+    # distance from 2 or 3 times the frequency of the mode at which another one may exchange energy with it, a fraction
+    # of that multiple; nearer than 0.06 in the ratio a line cannot be told from the harmonic of the mode itself
+    partner_width: float = 0.05
     drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
     most_misfit: float = 3.0  # largest misfit of the law of a decay without a warning, in standard deviations
     # rms of the residual over the record, above which the first quarter of a decay is left out

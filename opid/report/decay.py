@@ -8,7 +8,7 @@ from typing import Any
 
 from opid.estimate import format_number, format_percent, rounded
 from opid.modal.decay.fit import DecayLaw
-from opid.modal.decay.free_decay import Decay, law_of_decays
+from opid.modal.decay.free_decay import Decay
 from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, build_warnings, write_options
 from opid.report.estimates import build_estimate_row, tabulate_estimates
@@ -19,6 +19,8 @@ def build_document(decay: Decay) -> Document:
     """Return the report of a free decay: frequency and damping over amplitude, and the law."""
     amplitude, hz, damping = decay.amplitude, decay.frequency_hz, 100 * decay.damping_ratio
     blocks: list[Block] = [Paragraph(_say_basis(decay)), _tabulate_ends(decay)]
+    if decay.repeats and decay.fitted is not None:
+        blocks.append(_tabulate_repeats(decay, decay.fitted))
     if decay.law is not None:
         blocks.append(
             tabulate_estimates(
@@ -28,7 +30,7 @@ def build_document(decay: Decay) -> Document:
             )
         )
     return Document(
-        f"Free decay: {decay.name!r} in {Path(str(decay.settings.get('log', 'a record'))).name}",
+        f"Free decay: {decay.name!r} in {_name_source(decay)}",
         "frequency and damping over amplitude",
         f"While the amplitude falls from {format_number(amplitude[0], 3)} to {format_number(amplitude[-1], 3)} "
         f"{decay.amplitude_unit}, frequency and damping go from {rounded(hz[0])} Hz and "
@@ -42,11 +44,17 @@ def build_document(decay: Decay) -> Document:
     )
 
 
+def _name_source(decay: Decay) -> str:
+    if decay.repeats:
+        return f"{len(decay.repeats)} records"
+    return Path(str(decay.settings.get("log", "a record"))).name
+
+
 def _build_figure(decay: Decay) -> Figure:
     def draw() -> Any:
         from opid import plots
 
-        return plots.free_decay_figure(decay, law=_find_law(decay))
+        return plots.free_decay_figure(decay, law=decay.fitted)
 
     return Figure(
         "decay",
@@ -58,16 +66,28 @@ def _build_figure(decay: Decay) -> Figure:
     )
 
 
-def _find_law(decay: Decay) -> DecayLaw | None:
-    orders = {name: decay.settings.get(name) for name in ("stiffness_order", "damping_order")}
-    return None if decay.law is None else law_of_decays([decay], **orders)
-
-
 def _say_basis(decay: Decay) -> str:
     return (
         f"From {format_number(decay.start_s, 4)} to {format_number(decay.stop_s, 4)} s; amplitudes are of "
         f"displacement. {format_percent(decay.residual_fraction, 2)} of the record (rms) is neither this mode nor what "
         "was found beside it."
+    )
+
+
+def _tabulate_repeats(decay: Decay, law: DecayLaw) -> Table:
+    """Frequency and damping at zero amplitude of each repeat, and their scatter."""
+    rows = []
+    for each in decay.repeats:
+        values = (each.frequency_low_hz.value, each.damping_low.value)
+        hz, percent = (
+            None if value is None else factor * value for value, factor in zip(values, (1, 100), strict=True)
+        )
+        rows.append((each.name, "-" if hz is None else rounded(hz), "-" if percent is None else rounded(percent)))
+    rows.append(("scatter", rounded(law.frequency_scatter_hz), rounded(100 * law.damping_scatter)))
+    return Table(
+        (Column("repeat", align="left"), Column("frequency at zero", "Hz"), Column("damping at zero", "%")),
+        tuple(rows),
+        note="Each by its own law; the scatter is the standard deviation between the repeats by their common law.",
     )
 
 
@@ -90,18 +110,27 @@ def _tabulate_ends(decay: Decay) -> Table:
         for label, index in (("largest", 0), ("smallest", -1))
     ]
     low, damping = decay.frequency_low_hz, decay.damping_low
-    if low.value is not None and damping.value is not None:
-        percent = _format_value(100 * damping.value, 100 * (damping.std or 0.0))
+    if low.value is not None:
+        percent = ("-", "-")
+        if damping.value is not None:
+            percent = _format_value(100 * damping.value, 100 * (damping.std or 0.0))
         rows.append(("law, at zero", "0", *_format_value(low.value, low.std or 0.0), *percent))
     return Table(columns, tuple(rows))
 
 
 def _list_law_rows(decay: Decay) -> Iterator[Row]:
     unit, per = (unit_per_mass, ", per unit mass") if decay.mode is None else (unit_of, "")
-    yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1) = 0",)
+    yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1){_name_joint(decay)} = 0",)
     for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):
         for power, estimate in sorted(estimates.items()):
             yield build_estimate_row(f"{letter}{power}", unit(letter, power), estimate)
+    for name, estimate, per_force in decay.list_joint():
+        yield build_estimate_row(name.replace("_", " "), per_force, estimate)
+
+
+def _name_joint(decay: Decay) -> str:
+    terms = {"friction": " + friction sgn(x')", "slip": " + slip of an Iwan joint"}
+    return "".join(terms.get(name, "") for name, _, _ in decay.list_joint())
 
 
 def _format_value(value: float, std: float) -> tuple[str, str]:
@@ -110,5 +139,6 @@ def _format_value(value: float, std: float) -> tuple[str, str]:
 
 
 def _write_command(settings: Mapping[str, Any]) -> list[str]:
-    given = {name: value for name, value in settings.items() if name != "log" and value is not None}
-    return ["opid", "decay", str(settings.get("log", "LOG")), *write_options(given)]
+    given = {name: value for name, value in settings.items() if name not in ("log", "logs") and value is not None}
+    logs = settings.get("logs") or [settings.get("log", "LOG")]
+    return ["opid", "decay", *map(str, logs), *write_options(given)]

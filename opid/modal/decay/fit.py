@@ -1,10 +1,10 @@
-"""The law of a mode from its free decays alone: q'' + c0 q' + k0 q + sum c_n q'|q'|^(n-1) + sum k_n q|q|^(n-1) = 0.
+"""The law of a mode from its free decays alone: powers of displacement and velocity, dry friction, an Iwan joint.
 
-Start values come from the harmonic linearisation of frequency and damping over amplitude, which is linear in the
-coefficients. Then amplitude and phase of each decay are fitted to the measured ones over all its time. They follow from
-a law without time steps, by harmonic balance and averaging: A' = -delta(A) A, phi' = omega(A). The terms of second
-order in damping and in the drift of the frequency are kept: the frequency of the fundamental is then right to about
-1e-5 for a shift of 3 % and a damping ratio of 1 %.
+    q'' + c0 q' + k0 q + sum c_n q'|q'|^(n-1) + sum k_n q|q|^(n-1) + F sgn(q') + (what the joint slips) = 0
+
+Start values come from the harmonic linearisation of frequency and damping over amplitude (`law_search`). Then amplitude
+and phase of each decay are fitted to the measured ones over all its time, by the slow flow of the law (`slow_flow`).
+Several forms of the law are fitted; the values at zero amplitude contain the choice among them.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.law import Law
+from opid.modal.decay.law_search import LawForm, Linearisation, score_misfit, search_forms
+from opid.modal.decay.repeats import pool_repeats
+from opid.modal.decay.slow_flow import Flow, predict_decay, solve_slow_flow
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import sum_lagged_products
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law
@@ -33,15 +35,23 @@ IMPOSSIBLE = 1e8  # error of a law that does not vibrate or does not decay over 
 class DecayLaw:
     """The restoring force of a mode from its free decays, without any measured force.
 
+    The joint loses energy as `JointTerms` says. Where several decays were pooled, k0 and c0 belong to their mean, and
+    `frequency_scatter_hz` and `damping_scatter` tell how far one repeat lies from it.
+
     Args:
         stiffness: k_n by its power n, where 1 is k0: force per unit mass (or modal force) over displacement^n.
         damping: c_n by its power n, where 1 is c0: force per unit mass (or modal force) over velocity^n.
-        frequency_low_hz: natural frequency at zero amplitude, Hz.
-        damping_low: damping ratio at zero amplitude.
+        friction: dry friction F, force per unit mass (or modal force); empty where there is none.
+        slip: R of an Iwan joint, force per unit mass (or modal force) over displacement^(2 + chi); empty without one.
+        slip_exponent: chi of that joint; empty without one.
+        frequency_low_hz: natural frequency at zero amplitude, Hz; empty where the decays do not reach so far.
+        damping_low: damping ratio at zero amplitude; empty likewise, and with dry friction, where it grows without end.
+        frequency_scatter_hz: standard deviation of that frequency between repeats, Hz; 0 for one decay.
+        damping_scatter: standard deviation of the damping ratio between repeats; 0 for one decay.
         amplitude: (n,) displacement amplitudes within those of the decays.
         frequency_hz: (n,) natural frequency at these amplitudes, Hz.
         damping_ratio: (n,) damping ratio at these amplitudes.
-        covariance: covariance of k0, k_2 ..., c0, c_2 ... in this order.
+        covariance: covariance of k0, k_2 ..., c0, c_2 ..., F, R, chi in this order.
         misfit: rms error of amplitude and phase over its standard deviation; noise alone gives 1.
         phase_error: rms error of phase, rad, and of relative amplitude.
         warnings: one sentence for each warning about the law.
@@ -49,8 +59,13 @@ class DecayLaw:
 
     stiffness: dict[int, Estimate]
     damping: dict[int, Estimate]
+    friction: Estimate
+    slip: Estimate
+    slip_exponent: Estimate
     frequency_low_hz: Estimate
     damping_low: Estimate
+    frequency_scatter_hz: float
+    damping_scatter: float
     amplitude: FloatArray
     frequency_hz: FloatArray
     damping_ratio: FloatArray
@@ -61,31 +76,36 @@ class DecayLaw:
 
     @property
     def law(self) -> Law:
-        """The nonlinear restoring force, powers 2 and up, per unit mass."""
+        """The nonlinear restoring force of the powers 2 and up, per unit mass, without friction and slip."""
         return make_fitted_law(self.stiffness, self.damping)
+
+    def curves_at(self, amplitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return natural frequency, Hz, and damping ratio at displacement amplitudes, (n,) each.
+
+        Beyond the amplitudes of the decays, where powers become unstable, the values at the nearest end are held.
+        """
+        at = np.asarray(amplitude, dtype=np.float64)
+        return np.interp(at, self.amplitude, self.frequency_hz), np.interp(at, self.amplitude, self.damping_ratio)
+
+    def joint_json(self) -> dict[str, Any]:
+        """Return friction, slip and scatter as result.json holds them."""
+        estimates = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
+        return {
+            **estimates,
+            "frequency_scatter_hz": self.frequency_scatter_hz,
+            "damping_scatter": self.damping_scatter,
+        }
 
     def as_json(self) -> dict[str, Any]:
         """Return the law as result.json holds it."""
         return {
             **coefficients_json(self.stiffness, self.damping),
+            "joint": self.joint_json(),
             "frequency_low_hz": asdict(self.frequency_low_hz),
             "damping_low": asdict(self.damping_low),
             **{name: getattr(self, name) for name in ("amplitude", "frequency_hz", "damping_ratio", "misfit")},
             "warnings": self.warnings,
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Flow:
-    """The slow motion of the fundamental A(t) cos phi(t) of a free decay, as functions of its amplitude."""
-
-    log_amplitude: FloatArray  # (n,) logarithm of A, rising
-    omega: FloatArray  # (n,) phi'
-    rate: FloatArray  # (n,) delta = -A'/A
-    natural: FloatArray  # (n,) natural frequency, without the terms of second order
-    damping: FloatArray  # (n,) c = 2 zeta omega
-    # (n,) delta' - j omega': (A exp(j phi))'' = -((omega + j delta)^2 + drift) A exp(j phi)
-    drift: NDArray[np.complex128]
 
 
 def find_backbone(track: Track, derivative: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -113,11 +133,17 @@ def fit_decays(
     derivative: int = 2,
     stiffness_order: int | None = None,
     damping_order: int | None = None,
+    friction: bool | None = None,
+    memory: bool | None = None,
 ) -> DecayLaw:
     """Fit one law to one or several free decays of a mode.
 
     The tracks are of accelerations, or of velocities (`derivative` 1) or displacements (0). An order of 1 is linear;
-    where an order is None, the one with the lowest Bayesian criterion is taken.
+    where an order is None, the one with the lowest Bayesian criterion is taken. So are dry friction and an Iwan joint,
+    if the order of the damping is found; where it is given, they are only there if asked for.
+
+    Several decays are repeats: k0 and c0 may differ between them, the other coefficients are common. The intervals of
+    k0, c0 and of the values at zero amplitude then hold the mean of such repeats.
 
     Raises:
         InputError: orders outside 1 to 5.
@@ -131,148 +157,26 @@ def fit_decays(
     )
     # In these units the coefficients of all powers have similar sizes.
     length, rate = float(amplitude.max()), float(np.median(natural))
-    level = amplitude / length
-    warnings: tuple[str, ...] = ()
-    if level.max() < MODAL.least_range * level.min():
-        falls = f"the amplitude falls only by a factor of {level.max() / level.min():.2g}"
-        warnings = (f"{falls}: the powers above 1 are poorly determined, record a longer decay or a stronger impact",)
-    square, speed = (natural / rate) ** 2, level * natural / rate
-    of_speed = (speed, damping / rate, damping_std / rate)
-    k = _fit_linear(level, square, 2.0 * natural_std * natural / rate**2, stiffness_order)
-    c = _fit_linear(*of_speed, damping_order)
-    n_coefficients, n_data = k.size + c.size, 2 * amplitude.size
-    if n_data <= n_coefficients + 2 * len(tracks) + 2:
-        raise NotDeterminedError(
-            f"{n_data} amplitudes and phases cannot determine {n_coefficients} coefficients: lower the orders"
-        )
-    tame = np.zeros(k.size), np.zeros(c.size)
-    tame[0][0], tame[1][0] = float(np.median(square)), max(float(_fit_linear(*of_speed, 1)[0]), 1e-5)
+    level, square = amplitude / length, (natural / rate) ** 2
+    seen = Linearisation(
+        level,
+        square,
+        2.0 * natural_std * natural / rate**2,
+        level * natural / rate,
+        damping / rate,
+        damping_std / rate,
+    )
+    free = None if damping_order is None else False
+    forms = search_forms(
+        seen,
+        stiffness_order=stiffness_order,
+        damping_order=damping_order,
+        friction=free if friction is None else friction,
+        memory=free if memory is None else memory,
+    )
     decays = [_ScaledTrack.from_track(track, length, rate, derivative) for track in tracks]
-    fit = _refine(decays, (k, c), tame, derivative)
-    std = np.sqrt(np.diag(fit.covariance))
-    factors = np.array(
-        [rate**2 * length**-n for n in range(k.size)] + [rate * (length * rate) ** -n for n in range(c.size)]
-    )
-    estimates = [Estimate.normal(fit.vector[j] * each, std[j] * each) for j, each in enumerate(factors)]
-    k0, c0 = fit.vector[0], fit.vector[k.size]
-    if not k0 > 0.0:
-        raise NotDeterminedError("the fitted law has no stiffness at zero amplitude: lower the orders")
-    low_hz = np.sqrt(k0) * rate / (2.0 * np.pi)
-    gradient = np.zeros(fit.vector.size)
-    gradient[0], gradient[k.size] = -0.25 * c0 / k0**1.5, 0.5 / np.sqrt(k0)
-    seen = fit.flow.log_amplitude + derivative * np.log(fit.flow.natural)
-    logs = np.concatenate([each.log_amplitude for each in decays])
-    measured = (seen >= logs.min()) & (seen <= logs.max())
-    return DecayLaw(
-        stiffness=dict(enumerate(estimates[: k.size], start=1)),
-        damping=dict(enumerate(estimates[k.size :], start=1)),
-        frequency_low_hz=Estimate.normal(low_hz, 0.5 * low_hz * std[0] / k0),
-        damping_low=Estimate.normal(0.5 * c0 / np.sqrt(k0), float(np.sqrt(gradient @ fit.covariance @ gradient))),
-        amplitude=np.exp(fit.flow.log_amplitude[measured]) * length,
-        frequency_hz=fit.flow.natural[measured] * rate / (2.0 * np.pi),
-        damping_ratio=(fit.flow.damping / (2.0 * fit.flow.natural))[measured],
-        covariance=fit.covariance[:n_coefficients, :n_coefficients] * np.outer(factors, factors),
-        misfit=fit.misfit,
-        phase_error=fit.phase_error,
-        warnings=warnings,
-    )
-
-
-def solve_slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Flow | None:
-    """Return the slow flow of a law from amplitude exp(low) to exp(high); None if it does not vibrate or decay.
-
-    k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1).
-
-    >>> flow = solve_slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
-    >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
-    (0.01, 0.99995)
-    """
-    log_amplitude = np.linspace(low, high, 100)
-    a = np.exp(log_amplitude)[:, None]
-    angle = np.pi * (np.arange(24) + 0.5) / 24  # half a cycle; the other half is its mirror image
-    cosine, sine = np.cos(angle), np.sin(angle)
-    third_cosine, third_sine = np.cos(3.0 * angle), np.sin(3.0 * angle)
-    in_phase, quadrature = np.zeros_like(a), np.zeros_like(a)
-    omega, drag = np.full_like(a, np.sqrt(max(k[0], 1e-12))), np.zeros((1, 1))
-    for _ in range(5):
-        q = a * cosine + in_phase * third_cosine + quadrature * third_sine
-        v = -omega * (a * sine + 3.0 * (in_phase * third_sine - quadrature * third_cosine))
-        drag = _sum_higher_powers(c, v)
-        force = _sum_higher_powers(k, q) + drag
-        square = k[0] + _find_harmonic(force, cosine) / a
-        if (square <= 0.0).any():
-            return None
-        omega = np.sqrt(square)
-        in_phase = _find_harmonic(force, third_cosine) / (9.0 * square - k[0])
-        quadrature = _find_harmonic(force, third_sine) / (9.0 * square - k[0])
-    damping = c[0] - (_find_harmonic(drag, sine) / (omega * a))[:, 0]
-    natural = omega[:, 0]
-    step = log_amplitude[1] - log_amplitude[0]
-    rate = damping / (2.0 + np.gradient(np.log(natural), step, edge_order=2))
-    if (rate <= 0.0).any():
-        return None
-    rate_drift = -rate * np.gradient(rate, step, edge_order=2)
-    damped = np.sqrt(np.maximum(natural**2 + rate**2 - damping * rate - rate_drift, 1e-12))
-    drift = rate_drift + 1j * rate * np.gradient(damped, step, edge_order=2)
-    return Flow(log_amplitude, damped, rate, natural, damping, drift)
-
-
-def predict_decay(
-    flow: Flow, time: FloatArray, log_start: float, derivative: int
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return log-amplitude and phase of the m-th derivative, (n,) each; None where the flow does not reach so far.
-
-    The first time is 0; there the displacement has the amplitude exp(log_start) and the phase 0.
-    """
-    from scipy.interpolate import CubicSpline
-
-    fall = flow.log_amplitude[::-1]
-    since = CubicSpline(-fall, 1.0 / flow.rate[::-1]).antiderivative()(-fall)
-    turned = CubicSpline(-fall, flow.omega[::-1] / flow.rate[::-1]).antiderivative()(-fall)
-    own_time = since - np.interp(-log_start, -fall, since)
-    if (np.diff(own_time) <= 0.0).any() or not own_time[0] <= time[0] <= time[-1] <= own_time[-1]:
-        return None
-    # Times and amplitudes map smoothly onto each other, so amplitude and phase are functions of time.
-    log_amplitude = CubicSpline(own_time, fall)(time)
-    by_time = CubicSpline(own_time, turned)(time)
-    omega, rate = (np.interp(log_amplitude, flow.log_amplitude, each) for each in (flow.omega, flow.rate))
-    # Each derivative of A e^(j phi) multiplies it by -delta + j omega; for the second one these change as well.
-    gain = (omega + 1j * rate) ** derivative
-    if derivative == 2:
-        gain = gain + np.interp(log_amplitude, flow.log_amplitude, flow.drift)
-    return log_amplitude + np.log(np.abs(gain)), by_time - by_time[0] + np.angle(gain)
-
-
-def _sum_higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:
-    """Return sum_n values_n x |x|^(n-1) from n = 2 on."""
-    size, total = np.abs(x), np.zeros_like(x)
-    for value in values[:0:-1]:
-        total = (total + value) * size
-    return total * x
-
-
-def _find_harmonic(force: FloatArray, shape: FloatArray) -> FloatArray:
-    return 2.0 * (force @ shape / shape.size)[:, None]
-
-
-def _fit_linear(level: FloatArray, y: FloatArray, std: FloatArray, order: int | None) -> FloatArray:
-    """Return the coefficients of y = sum_n value_n a_n level^(n-1), n = 1 .. order."""
-    std = np.maximum(std, 1e-12 * float(np.median(np.abs(y))) + 1e-300)
-    best: tuple[float, FloatArray] = (np.inf, np.zeros(0))
-    for trial in range(1, HIGHEST_ORDER + 1) if order is None else (order,):
-        if trial >= level.size - 1:
-            break
-        columns = np.column_stack([first_harmonic_factor(n) * level ** (n - 1) for n in range(1, trial + 1)])
-        values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
-        misfit = float(np.sum(((y - columns @ values) / std) ** 2))
-        # Windows overlap by half, so three are worth about two.
-        n = 0.67 * level.size
-        score = n * np.log(max(misfit / level.size, 0.5)) + trial * np.log(n)
-        if score < best[0]:
-            best = (score, values)
-    if not best[1].size:
-        raise NotDeterminedError(f"{level.size} windows cannot determine {order or 1} coefficients: lower the orders")
-    return best[1]
+    fits = _fit_forms(decays, forms, derivative, float(np.median(seen.damping)))
+    return _describe_law(decays, fits, _Units(length, rate, derivative), float(level.min()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,73 +207,277 @@ class _ScaledTrack:
         return solve_triangular(self.root, misfit, lower=True)
 
 
+@dataclass(frozen=True)
+class _Units:
+    """Length and rate by which a fit is scaled, and the derivative that was measured."""
+
+    length: float
+    rate: float
+    derivative: int
+
+    def find_factors(self, form: LawForm, vector: FloatArray) -> FloatArray:
+        """Return (p,) factors from the coefficients of a form to SI units."""
+        of_k = [self.rate**2 * self.length**-n for n in range(form.stiffness_order)]
+        of_c = [self.rate * (self.length * self.rate) ** -n for n in range(form.damping_order)]
+        of_friction = [self.rate**2 * self.length] * form.has_friction
+        exponent = form.split(vector)[2].exponent
+        return np.array(
+            [*of_k, *of_c, *of_friction, *([self.rate**2 * self.length ** -(1 + exponent), 1.0] * form.has_memory)]
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A vector of k, c, then start and phase of each decay; its covariance, the flow of the law, and the misfit."""
+    """A form that was fitted: its coefficients, their covariance and scatter, and how well the decays follow it."""
 
+    form: LawForm
     vector: FloatArray
     covariance: FloatArray
-    flow: Flow
+    scatter: FloatArray
     misfit: float
     phase_error: float
+    squares: float
+    repeats: int
+
+    @property
+    def places(self) -> tuple[int, int]:
+        """The indices of k0 and c0."""
+        return 0, self.form.stiffness_order
+
+    def find_low(self) -> tuple[FloatArray, FloatArray]:
+        """Return k0, c0, root of k0 and damping ratio at zero amplitude, and their covariance, (4,) and (4, 4)."""
+        k0, c0 = self.vector[list(self.places)]
+        root = np.sqrt(k0)
+        slopes = np.zeros((4, self.vector.size))
+        slopes[:, self.places[0]] = 1.0, 0.0, 0.5 / root, -0.25 * c0 / k0**1.5
+        slopes[:, self.places[1]] = 0.0, 1.0, 0.0, 0.5 / root
+        return np.array([k0, c0, root, 0.5 * c0 / root]), slopes @ self.covariance @ slopes.T
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the mode gains energy at small amplitude, which no structure at rest does, beyond chance."""
+        place = self.places[1]
+        return bool(self.vector[place] + 2.0 * np.sqrt(self.covariance[place, place]) < 0.0)
 
 
-def _refine(
-    decays: Sequence[_ScaledTrack],
-    guess: tuple[FloatArray, FloatArray],
-    tame: tuple[FloatArray, FloatArray],
-    derivative: int,
+def _fit_forms(
+    decays: Sequence[_ScaledTrack], forms: Sequence[tuple[LawForm, FloatArray]], derivative: int, damping: float
+) -> list[tuple[_Fit, float]]:
+    """Return the forms that describe all decays with their weights, first the simplest of the best criterion."""
+    n_data = 2 * sum(each.time.size for each in decays)
+    fits: list[_Fit] = []
+    failed: NotDeterminedError | None = None
+    for form, guess in forms:
+        try:
+            if n_data <= (form.size + 2) * len(decays) + 2:
+                raise NotDeterminedError(
+                    f"{n_data} amplitudes and phases cannot determine {form.size} coefficients: lower the orders"
+                )
+            fit = _fit_form(decays, form, guess, derivative, damping)
+            if not form.is_possible(fit.vector):
+                raise NotDeterminedError("the fitted law has no stiffness at zero amplitude: lower the orders")
+            if not form.is_determined(fit.vector, np.sqrt(np.diag(fit.covariance))):
+                raise NotDeterminedError("the decay does not show the friction or the slip of the joint: leave it out")
+            fits.append(fit)
+        except NotDeterminedError as why:
+            failed = failed or why
+    if not fits:
+        raise failed or NotDeterminedError("no law describes the decay: lower the orders")
+    fits = [each for each in fits if not each.is_active] or fits
+    scores = score_misfit([each.squares for each in fits], n_data, [each.form.size * each.repeats for each in fits])
+    scores += [each.form.prior_score for each in fits]
+    scores -= scores.min()
+    chosen = min(np.flatnonzero(scores < MODAL.bare_mention), key=lambda j: fits[j].form.size)
+    weights = np.exp(-0.5 * scores)
+    weights = np.where(weights < MODAL.least_weight, 0.0, weights)
+    weighed = [(fit, float(weight)) for fit, weight in zip(fits, weights / weights.sum(), strict=True)]
+    return [weighed[chosen], *weighed[:chosen], *weighed[chosen + 1 :]]
+
+
+def _fit_form(
+    decays: Sequence[_ScaledTrack], form: LawForm, guess: FloatArray, derivative: int, damping: float
 ) -> _Fit:
-    from scipy.optimize import least_squares
-
-    low = min(float(each.log_amplitude.min()) for each in decays) - 0.7
-    high = max(float(each.log_amplitude.max()) for each in decays) + 0.4
-    n_s, n_k = guess[0].size, guess[0].size + guess[1].size
-    sizes = [2 * each.time.size for each in decays]
-
-    def errors(vector: FloatArray) -> FloatArray:
-        flow = solve_slow_flow(vector[:n_s], vector[n_s:n_k], low, high)
-        if flow is not None:
-            pairs = zip(decays, vector[n_k:].reshape(-1, 2), strict=True)
-            found = [each.errors(flow, start, shift, derivative) for each, (start, shift) in pairs]
-            parts = [part for part in found if part is not None]
-            if len(parts) == len(decays):
-                return np.concatenate(parts)
-        return np.full(sum(sizes), IMPOSSIBLE)
-
-    starts = [np.array([each.log_amplitude[0], 0.0]) for each in decays]
-    start = np.concatenate([*guess, *starts])
-    if np.abs(errors(start)).max() >= IMPOSSIBLE:
-        # The law of the start values does not vibrate or decay, but its linear part alone does.
-        start = np.concatenate([*tame, *starts])
-    of_damping = np.full(n_k - n_s, max(abs(float(guess[1][0])), 1e-4))
-    scale = np.concatenate([np.ones(n_s), of_damping, np.full(2 * len(decays), 0.1)])
-    found = least_squares(errors, start, x_scale=scale, method="trf", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
-    flow = solve_slow_flow(found.x[:n_s], found.x[n_s:n_k], low, high)
-    if flow is None or not np.abs(found.fun).max() < IMPOSSIBLE:
-        raise NotDeterminedError("no law of these orders decays over all amplitudes of the record: lower the orders")
-    parts = np.split(found.fun, np.cumsum(sizes)[:-1])
-    misfits = np.concatenate([each.root @ part for each, part in zip(decays, parts, strict=True)])
-    misfit = float(np.sqrt(np.sum(found.fun**2) / max(found.fun.size - found.x.size, 1)))
+    each_fit = [_refine(decay, form, guess, derivative, damping) for decay in decays]
+    p, vector = form.size, each_fit[0][0]
+    covariance, scatter = each_fit[0][1], np.zeros(p)
+    if len(decays) > 1:
+        vectors, covariances = ([fit[j] for fit in each_fit] for j in (0, 1))
+        pooled = pool_repeats(vectors, covariances, [0, form.stiffness_order])
+        vector, covariance, scatter = pooled.vector, pooled.covariance, pooled.scatter
+    errors = np.concatenate([fit[2] for fit in each_fit])
+    plain = np.concatenate([decay.root @ fit[2] for decay, fit in zip(decays, each_fit, strict=True)])
+    squares, own = float(errors @ errors), (p + 2) * len(decays)
     return _Fit(
-        found.x, _find_covariance(found.jac, found.fun, sizes), flow, misfit, float(np.sqrt(np.mean(misfits**2)))
+        form=form,
+        vector=vector,
+        covariance=covariance,
+        scatter=scatter,
+        misfit=float(np.sqrt(squares / max(errors.size - own, 1))),
+        phase_error=float(np.sqrt(np.mean(plain**2))),
+        squares=squares,
+        repeats=len(decays),
     )
 
 
-def _find_covariance(jacobian: FloatArray, errors: FloatArray, sizes: Sequence[int]) -> FloatArray:
+def _refine(
+    decay: _ScaledTrack, form: LawForm, guess: FloatArray, derivative: int, damping: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the coefficients by amplitude and phase of one decay, (p,), their covariance and the errors, (2n,)."""
+    from scipy.optimize import least_squares
+
+    low, high = _span([decay])
+
+    def errors(vector: FloatArray) -> FloatArray:
+        k, c, joint = form.split(vector)
+        flow = solve_slow_flow(k, c, low, high, joint) if joint.exponent > -1.0 else None
+        start, shift = vector[form.size :]
+        found = None if flow is None else decay.errors(flow, start, shift, derivative)
+        return np.full(2 * decay.time.size, IMPOSSIBLE) if found is None else found
+
+    own = np.array([decay.log_amplitude[0], 0.0])
+    start = np.concatenate([guess, own])
+    if np.abs(errors(start)).max() >= IMPOSSIBLE:
+        # The law of the start values does not vibrate or decay, but its linear part alone does.
+        start[: form.size] = 0.0
+        start[0], start[form.stiffness_order] = 1.0, max(damping, 1e-5)
+    scale = np.full(start.size, 0.1)
+    scale[: form.stiffness_order] = 1.0
+    scale[form.stiffness_order : form.size] = max(abs(damping), 1e-4)
+    if form.has_memory:
+        scale[form.size - 1] = 0.3
+    found = least_squares(errors, start, x_scale=scale, method="trf", xtol=1e-11, ftol=1e-11, gtol=1e-11, max_nfev=60)
+    if not np.abs(found.fun).max() < IMPOSSIBLE:
+        raise NotDeterminedError("no law of these orders decays over all amplitudes of the record: lower the orders")
+    covariance = _find_covariance(found.jac, found.fun)
+    return found.x[: form.size], covariance[: form.size, : form.size], found.fun
+
+
+def _span(decays: Sequence[_ScaledTrack]) -> tuple[float, float]:
+    """Return the logarithms of amplitude between which the law of some decays is solved."""
+    low = min(float(each.log_amplitude.min()) for each in decays) - 0.7
+    return low, max(float(each.log_amplitude.max()) for each in decays) + 0.4
+
+
+def _describe_law(
+    decays: Sequence[_ScaledTrack], fits: Sequence[tuple[_Fit, float]], units: _Units, lowest: float
+) -> DecayLaw:
+    """Return the best fit in SI units; what its rivals say otherwise widens the intervals."""
+    best, rate = fits[0][0], units.rate
+    k, c, joint = best.form.split(best.vector)
+    flow = solve_slow_flow(k, c, *_span(decays), joint)
+    if flow is None:
+        raise NotDeterminedError("no law of these orders decays over all amplitudes of the decays: lower the orders")
+    low, spread = best.find_low()
+    low_std = _widen(fits, low)
+    wider = np.ones(best.vector.size)
+    wider[list(best.places)] = low_std[:2] / np.sqrt(np.maximum(np.diag(spread)[:2], 1e-300))
+    factors = units.find_factors(best.form, best.vector)
+    covariance = best.covariance * np.outer(wider, wider) * np.outer(factors, factors)
+    values, std = best.vector * factors, np.sqrt(np.diag(covariance))
+    n_k, n_c = best.form.stiffness_order, best.form.damping_order
+    estimates = [
+        _estimate(value, each, best.repeats if j in best.places else 1)
+        for j, (value, each) in enumerate(zip(values, std, strict=True))
+    ]
+    rest = estimates[n_k + n_c :]
+    friction = Estimate()
+    if best.form.has_friction:
+        rest.pop(0)
+        friction = Estimate.normal(values[n_k + n_c], _widen_friction(fits) * factors[n_k + n_c])
+    slip, exponent = rest if rest else (Estimate(), Estimate())
+    # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
+    reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
+    has_ratio = reaches and not best.form.has_friction and not best.is_active
+    scale_hz = rate / (2.0 * np.pi)
+    seen = flow.log_amplitude + units.derivative * np.log(flow.natural)
+    logs = np.concatenate([each.log_amplitude for each in decays])
+    measured = (seen >= logs.min()) & (seen <= logs.max())
+    return DecayLaw(
+        stiffness=dict(enumerate(estimates[:n_k], start=1)),
+        damping=dict(enumerate(estimates[n_k : n_k + n_c], start=1)),
+        friction=friction,
+        slip=slip,
+        slip_exponent=exponent,
+        frequency_low_hz=_estimate(low[2] * scale_hz, low_std[2] * scale_hz, best.repeats) if reaches else Estimate(),
+        damping_low=_estimate(low[3], low_std[3], best.repeats) if has_ratio else Estimate(),
+        frequency_scatter_hz=float(0.5 * best.scatter[0] / low[2] * scale_hz),
+        damping_scatter=float(0.5 * best.scatter[n_k] / low[2]),
+        amplitude=np.exp(flow.log_amplitude[measured]) * units.length,
+        frequency_hz=flow.natural[measured] * scale_hz,
+        damping_ratio=(flow.damping / (2.0 * flow.natural))[measured],
+        covariance=covariance,
+        misfit=best.misfit,
+        phase_error=best.phase_error,
+        warnings=tuple(_warn_of_law(best, lowest)),
+    )
+
+
+def _widen(fits: Sequence[tuple[_Fit, float]], low: FloatArray) -> FloatArray:
+    """Return (4,) standard deviations of the values at zero amplitude about those of the best fit, over all forms."""
+    squares = np.zeros(low.size)
+    for fit, weight in fits:
+        values, spread = fit.find_low()
+        squares += weight * (np.diag(spread) + (values - low) ** 2)
+    return np.asarray(np.sqrt(squares), dtype=np.float64)
+
+
+def _widen_friction(fits: Sequence[tuple[_Fit, float]]) -> float:
+    """Return the standard deviation of friction about that of the best fit, over all forms that have friction."""
+    best = fits[0][0].form.split(fits[0][0].vector)[2].friction
+    total = weights = 0.0
+    for fit, weight in fits:
+        if fit.form.has_friction:
+            place = fit.form.stiffness_order + fit.form.damping_order
+            total += weight * (fit.covariance[place, place] + (fit.vector[place] - best) ** 2)
+            weights += weight
+    return float(np.sqrt(total / weights))
+
+
+def _estimate(value: float, std: float, repeats: int) -> Estimate:
+    """Return a normal estimate, or one of Student's t where the scatter of a few repeats is in it."""
+    if repeats == 1:
+        return Estimate.normal(value, std)
+    from scipy.stats import t
+
+    half = float(t.ppf(0.975, repeats - 1)) * float(std)
+    return Estimate(float(value), float(std), (float(value) - half, float(value) + half))
+
+
+def _warn_of_law(best: _Fit, lowest: float) -> list[str]:
+    warnings = []
+    falls = f"the amplitude falls only by a factor of {1.0 / lowest:.2g}"
+    if lowest > 1.0 / MODAL.least_range:
+        warnings.append(
+            f"{falls}: the powers above 1 are poorly determined, record a longer decay or a stronger impact"
+        )
+    if lowest > MODAL.reaches_zero:
+        warnings.append(f"{falls}: frequency and damping at zero amplitude are not told, record a longer decay")
+    if best.form.has_memory:
+        warnings.append(
+            "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
+        )
+    if best.is_active:
+        warnings.append(
+            "the damping at small amplitude is negative, which no structure at rest has: the law only describes the "
+            "amplitudes of the record, and its c1 is no damping; give a stretch that nothing drives"
+        )
+    return warnings
+
+
+def _find_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatArray:
     """Return the covariance of the parameters for white errors or, where that is larger, for correlated ones.
 
     The scores of windows up to the lag 2 n^(1/3) apart, amplitude and phase together, may be correlated.
     """
-    scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    scale = np.linalg.norm(jacobian, axis=0)
+    if not scale.min() > 0.0:
+        raise NotDeterminedError("the decay does not show one of the coefficients: lower the orders")
     scaled = jacobian / scale
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
     n, p = jacobian.shape
     white = inverse * max(float(errors @ errors) / max(n - p, 1), 1.0)
-    meat = np.zeros((p, p))
-    for scores in np.split(scaled * errors[:, None], np.cumsum(sizes)[:-1]):
-        both = scores.reshape(2, -1, p).sum(axis=0)
-        meat += sum_lagged_products(both, int(2.0 * len(both) ** (1.0 / 3.0)))
+    both = (scaled * errors[:, None]).reshape(2, -1, p).sum(axis=0)
+    meat = sum_lagged_products(both, int(2.0 * len(both) ** (1.0 / 3.0)))
     coloured = n / max(n - p, 1) * inverse @ meat @ inverse
     wider = np.sqrt(np.maximum(np.diag(coloured) / np.maximum(np.diag(white), 1e-300), 1.0))
     return white * np.outer(wider, wider) / np.outer(scale, scale)

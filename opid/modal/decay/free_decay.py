@@ -59,7 +59,9 @@ class Decay(Result):
         law_misfit: rms error of amplitude and phase by the law over its standard deviation; nan without a law.
         track: amplitude and phase as they were measured, for a law of several decays (`law_of_decays`).
         derivative: 2 where the signal is an acceleration, 1 where it is a velocity, 0 where it is a displacement.
+        fitted: the law with its friction and joint, and its curves; of all repeats where there are several.
         warnings: one sentence for each warning about the result.
+        repeats: the single decays, where several were pooled; the curves over amplitude are those of the largest.
         settings: the options of `opid decay` by their names, and `log`; empty if another program made the result.
         files: the files that the record was read from.
     """
@@ -87,7 +89,9 @@ class Decay(Result):
     law_misfit: float
     track: Track
     derivative: int
+    fitted: DecayLaw | None
     warnings: tuple[str, ...]
+    repeats: tuple[Decay, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[ReadFile, ...] = ()
 
@@ -99,7 +103,21 @@ class Decay(Result):
             SummaryRow.of("frequency_low_hz", self.frequency_low_hz, "Hz"),
             SummaryRow.of("damping_low", self.damping_low, "1"),
             *coefficient_rows(self.stiffness, self.damping, per_mass=self.mode is None),
+            *(SummaryRow.of(name, estimate, unit) for name, estimate, unit in self.list_joint()),
         )
+
+    def list_joint(self) -> list[tuple[str, Estimate, str]]:
+        """Return name, estimate and unit of the friction and of the joint's slip that were found."""
+        if self.fitted is None:
+            return []
+        force = "m/s^2" if self.mode is None else "N/kg^1/2"
+        exponent = self.fitted.slip_exponent.value or 0.0
+        rows = (
+            ("friction", self.fitted.friction, force),
+            ("slip", self.fitted.slip, f"{force} / {self.amplitude_unit.replace(' ', '*')}^{2.0 + exponent:.3g}"),
+            ("slip_exponent", self.fitted.slip_exponent, "1"),
+        )
+        return [row for row in rows if row[1].value is not None]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, which docs/schemas/decay-1.schema.json describes."""
@@ -117,6 +135,8 @@ class Decay(Result):
             "frequency_low_hz": asdict(self.frequency_low_hz),
             "damping_low": asdict(self.damping_low),
             **coefficients_json(self.stiffness, self.damping, per_mass=self.mode is None),
+            "joint": None if self.fitted is None else self.fitted.joint_json(),
+            "repeats": [each.fields_json() for each in self.repeats],
         }
 
     def _write_headline(self) -> str:
@@ -133,6 +153,8 @@ def decay_of(
     stop_s: float | None = None,
 ) -> Decay:
     """Return the free decay of one mode of a test, in modal coordinates, as `free_decay` does of a signal.
+
+    Its law has powers only, for these are what a nonlinear modal model is made of.
 
     Args:
         test: the test; a force in it is ignored, and must have ended.
@@ -154,6 +176,8 @@ def decay_of(
         damping_order=damping_order,
         start_s=start_s,
         stop_s=stop_s,
+        friction=False,
+        memory=False,
         name=test.name,
         mode=mode,
     )
@@ -170,6 +194,8 @@ def free_decay(
     stop_s: float | None = None,
     stiffness_order: int | None = None,
     damping_order: int | None = None,
+    friction: bool | None = None,
+    memory: bool | None = None,
     name: str = "decay",
     mode: int | None = None,
 ) -> Decay:
@@ -189,6 +215,8 @@ def free_decay(
         stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; where None, the Bayesian criterion
             chooses it.
         damping_order: N_d of c_n q'|q'|^(n-1), 1 for linear damping; where None, the Bayesian criterion chooses it.
+        friction: whether there is dry friction F sgn(q'); where None, the criterion chooses, if it chooses the orders.
+        memory: whether there is an Iwan joint, likewise.
         name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
 
@@ -209,7 +237,14 @@ def free_decay(
     warnings = [*stretch.warnings, *late, *_warn_of_track(track, amplitude)]
     law: DecayLaw | None = None
     try:
-        law = fit_decays([track], derivative=derivative, stiffness_order=stiffness_order, damping_order=damping_order)
+        law = fit_decays(
+            [track],
+            derivative=derivative,
+            stiffness_order=stiffness_order,
+            damping_order=damping_order,
+            friction=friction,
+            memory=memory,
+        )
         warnings += law.warnings
         if law.misfit > MODAL.most_misfit:
             warnings.append(
@@ -244,6 +279,7 @@ def free_decay(
         law_misfit=np.nan if law is None else law.misfit,
         track=track,
         derivative=derivative,
+        fitted=law,
         warnings=tuple(warnings),
     )
 
@@ -265,11 +301,53 @@ def law_of_decays(
         raise InputError("there is no free decay to fit a law to: give at least one")
     if len({(decay.mode, decay.derivative) for decay in decays}) > 1:
         raise InputError("the decays are of different modes or quantities: give those of one mode, measured alike")
+    only_powers = None if decays[0].mode is None else False
     return fit_decays(
         [decay.track for decay in decays],
         derivative=decays[0].derivative,
         stiffness_order=stiffness_order,
         damping_order=damping_order,
+        friction=only_powers,
+        memory=only_powers,
+    )
+
+
+def pool_decays(
+    decays: Sequence[Decay], *, stiffness_order: int | None = None, damping_order: int | None = None
+) -> Decay:
+    """Return several decays of one mode as one: the curves of the largest, and the law and its intervals of all.
+
+    Frequency and damping at zero amplitude are means of the repeats, whose scatter is in the intervals.
+
+    Args:
+        decays: two or more repeats, measured in the same place.
+        stiffness_order: order of the stiffness; it and `damping_order` are those of `free_decay`.
+
+    Raises:
+        InputError: fewer than two decays, or decays of different modes or quantities.
+        NotDeterminedError: what `opid.modal.decay.fit.fit_decays` cannot determine.
+    """
+    if len(decays) < 2:
+        raise InputError(f"{len(decays)} decay was given: give two or more repeats to pool")
+    low, high = (f(float(np.median(each.frequency_hz)) for each in decays) for f in (min, max))
+    if high > (1.0 + MODAL.searched) * low:
+        raise InputError(
+            f"the decays ring between {low:.4g} and {high:.4g} Hz, which are different modes: name one with near_hz"
+        )
+    law = law_of_decays(decays, stiffness_order=stiffness_order, damping_order=damping_order)
+    largest = max(decays, key=lambda each: float(each.amplitude[0]))
+    warnings = [f"{each.name}: {text}" for each in decays for text in each.warnings]
+    return replace(
+        largest,
+        law=law.law,
+        stiffness=law.stiffness,
+        damping=law.damping,
+        frequency_low_hz=law.frequency_low_hz,
+        damping_low=law.damping_low,
+        law_misfit=law.misfit,
+        fitted=law,
+        warnings=(*warnings, *law.warnings),
+        repeats=tuple(decays),
     )
 
 
@@ -325,6 +403,7 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
             "record: frequency and damping swing with their beat; separate the modes with several sensors (a modal "
             "filter)"
         )
+    yield from _warn_of_lines(track, own)
     if _has_beat(track):
         yield (
             "frequency or amplitude swings as it does when two modes beat: the curves over amplitude are not those of "
@@ -338,6 +417,31 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
     log_std = np.sqrt(np.diag(track.covariance)[: amplitude.size])
     if (np.diff(np.log(amplitude)) > 0.1 + 5.0 * np.maximum(log_std[1:], log_std[:-1])).any():
         yield "the amplitude rises in between: something still drives the mode, or two modes beat; give another stretch"
+
+
+def _warn_of_lines(track: Track, own: float) -> Iterator[str]:
+    """Yield a sentence for each frequency beside the mode that is mains hum, or a partner of the mode."""
+    for frequency in track.neighbours_hz:
+        mains = [
+            (base, round(frequency / base))
+            for base in (50.0, 60.0)
+            if frequency > 0.9 * base and abs(frequency - base * round(frequency / base)) < MODAL.mains_width * base
+        ]
+        if mains:
+            base, multiple = mains[0]
+            yield (
+                f"the line at {frequency:.4g} Hz lies at {multiple} x {base:.0f} Hz: it may be mains hum and no mode; "
+                "check the cables"
+            )
+    swept = track.omega / (2.0 * np.pi)
+    for frequency in track.neighbours_hz:
+        for ratio in (2, 3):
+            near = MODAL.partner_width * ratio * own
+            if ratio * swept.min() - near < frequency < ratio * swept.max() + near:
+                yield (
+                    f"a line at {frequency:.4g} Hz lies near {ratio} times the frequency of this mode, {own:.4g} Hz: "
+                    "another mode there may exchange energy with this one, and the law of one mode would not hold"
+                )
 
 
 def _has_beat(track: Track) -> bool:

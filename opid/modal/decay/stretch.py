@@ -182,9 +182,16 @@ def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
 def _skip_clipped(part: FloatArray, cycle: float, warnings: list[str]) -> int:
     last = -1
     n = MODAL.clipped_samples
+    values = np.unique(part)
+    step = float(np.diff(values).min()) if values.size > 1 else 0.0
     for at_limit in (part >= part.max(), part <= part.min()):
         run = np.convolve(at_limit.astype(np.int64), np.ones(n, dtype=np.int64), mode="valid")
-        last = max(last, np.flatnonzero(run == n).max(initial=-n) + n - 1)
+        ends = np.flatnonzero(run == n) + n - 1
+        # The flat top of a slow signal with coarse steps leaves it by few steps, a clipped one by its slope.
+        inside = ends[ends < part.size - 1]
+        leaves = np.abs(part[inside + 1] - part[inside])
+        if ends.size and leaves.max(initial=0.0) > MODAL.clipped_steps * step:
+            last = max(last, int(ends.max()))
     if last < 0:
         return 0
     warnings.append("samples are clipped: the record up to the last clipped sample is left out; increase the range")

@@ -7,6 +7,7 @@ before. No window reaches across the start of the decay, and no filter has to se
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -212,7 +213,9 @@ def _renew_reference(windows: list[_Window], reference: _Reference, fs: float) -
     root = np.exp(0.5 * (log_seen - log_seen.max()))
     degree = min(4, max(0, len(windows) // 5))
     by_omega = _fit_smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)
-    by_rate = _fit_smooth(root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree)
+    by_rate = _fit_smooth(
+        root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree, may_have_friction=True
+    )
     # The amplitude follows its own rate, sample by sample, and meets those of the windows on average.
     order = np.argsort(centres)
     log_of = np.interp(time, centres[order], np.minimum.accumulate(log_seen[order]))
@@ -220,8 +223,8 @@ def _renew_reference(windows: list[_Window], reference: _Reference, fs: float) -
     at_start = float(np.clip(rate[order[0]], ahead, 3.0 * ahead))
     log_of = log_of + np.maximum(centres.min() - time, 0.0) * at_start - np.maximum(time - centres.max(), 0.0) * ahead
     inside = np.clip(np.exp(0.5 * (log_of - log_seen.max())), root.min(), 1.3)
-    new_rate = np.maximum(np.polyval(by_rate, inside), 0.2 * ahead)
-    new_omega = np.clip(np.polyval(by_omega, inside), 0.8 * np.median(omega), 1.25 * np.median(omega))
+    new_rate = np.maximum(by_rate(inside), 0.2 * ahead)
+    new_omega = np.clip(by_omega(inside), 0.8 * np.median(omega), 1.25 * np.median(omega))
     log_amplitude = -cumulative_trapezoid(new_rate, dx=1.0 / fs, initial=0.0)
     weight = 1.0 / np.maximum([w.value_std for w in windows], 1e-9) ** 2
     log_amplitude += np.sum(weight * (log_seen - np.interp(centres, time, log_amplitude))) / weight.sum()
@@ -230,25 +233,39 @@ def _renew_reference(windows: list[_Window], reference: _Reference, fs: float) -
     return _Reference(log_amplitude, cumulative_trapezoid(new_omega, dx=1.0 / fs, initial=0.0), new_omega, new_rate)
 
 
-def _fit_smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
-    """Return a polynomial of the degree with the least Bayesian criterion, fitted without outliers."""
+def _fit_smooth(
+    x: FloatArray, y: FloatArray, std: FloatArray, degree: int, *, may_have_friction: bool = False
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the curve with the least Bayesian criterion, fitted without outliers.
+
+    It is a polynomial in x, the root of the amplitude; that of a rate may have a term 1 / x^2, which is dry friction.
+    """
     std = np.maximum(std, 1e-9 * np.median(np.abs(y)) + 1e-300)
     keep = np.ones(x.size, dtype=bool)
-    best: tuple[float, FloatArray] = (np.inf, np.array([np.median(y)]))
+    best: tuple[float, list[int], FloatArray] = (np.inf, [0], np.array([np.median(y)]))
+    forms = [[*range(power + 1)] for power in range(degree + 1)]
+    forms += [[*powers, -2] for powers in forms if may_have_friction and degree > 0]
+
+    def predict(powers: list[int], values: FloatArray, at: FloatArray) -> FloatArray:
+        return np.asarray(at[:, None] ** np.array(powers, dtype=np.float64) @ values)
+
     for _ in range(2):
-        best = (np.inf, best[1])
-        for power in range(degree + 1):
-            fit = np.polyfit(x[keep], y[keep], power, w=1.0 / std[keep])
-            misfit = float(np.sum(((y[keep] - np.polyval(fit, x[keep])) / std[keep]) ** 2))
-            n = int(keep.sum())
-            score = n * np.log(max(misfit / n, 0.1)) + power * np.log(n)
+        best = (np.inf, *best[1:])
+        n = int(keep.sum())
+        for powers in forms:
+            columns = x[keep, None] ** np.array(powers, dtype=np.float64)
+            values = np.linalg.lstsq(columns / std[keep, None], y[keep] / std[keep], rcond=1e-12)[0]
+            misfit = float(np.sum(((y[keep] - columns @ values) / std[keep]) ** 2))
+            score = float(n * np.log(max(misfit / n, 0.1)) + len(powers) * np.log(n))
+            if powers[-1] < 0:
+                score = score + MODAL.joint_evidence if values[-1] > 0.0 else np.inf
             if score < best[0]:
-                best = (score, fit)
-        departure = np.abs(y - np.polyval(best[1], x)) / std
+                best = (score, powers, np.asarray(values, dtype=np.float64))
+        departure = np.abs(y - predict(*best[1:], x)) / std
         keep = departure <= max(5.0 * float(np.median(departure)), 5.0)
         if keep.sum() < degree + 3:
             break
-    return best[1]
+    return lambda at: predict(*best[1:], at)
 
 
 def _find_next_neighbour(

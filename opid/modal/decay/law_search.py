@@ -1,0 +1,191 @@
+"""Which terms the law of a decay has: powers, dry friction and an Iwan joint, by harmonic linearisation.
+
+The squared natural frequency and the damping coefficient over the amplitude are linear in all coefficients but the
+exponent of the joint, so every form of the law is tried by linear least squares, with exponents of a grid. The Bayesian
+criterion ranks the forms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import NotDeterminedError
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
+from opid.modal.decay.slow_flow import JointTerms, slip_damping, slip_softening
+from opid.modal.power_laws import HIGHEST_ORDER
+from opid.modal.settings import MODAL
+from opid.signals.recording import FloatArray
+
+EXPONENTS = (-0.8, -0.65, -0.5, -0.35, -0.2, 0.0, 0.2)
+
+
+@dataclass(frozen=True)
+class LawForm:
+    """The terms of a law, and where they stand in its vector k, c, friction, slip and exponent.
+
+    Args:
+        stiffness_order: highest power of the stiffness, 1 where it is linear.
+        damping_order: highest power of the damping, 1 where it is linear.
+        has_friction: whether there is dry friction.
+        has_memory: whether there is an Iwan joint.
+    """
+
+    stiffness_order: int
+    damping_order: int
+    has_friction: bool = False
+    has_memory: bool = False
+
+    @property
+    def size(self) -> int:
+        """The number of coefficients."""
+        return self.stiffness_order + self.damping_order + self.has_friction + 2 * self.has_memory
+
+    def split(self, vector: FloatArray) -> tuple[FloatArray, FloatArray, JointTerms]:
+        """Return k, c and the terms of the joint of a vector; what follows them in the vector is ignored."""
+        powers = self.stiffness_order + self.damping_order
+        friction = float(vector[powers]) if self.has_friction else 0.0
+        slip, exponent = vector[powers + self.has_friction : self.size].tolist() if self.has_memory else (0.0, 0.0)
+        return (
+            vector[: self.stiffness_order],
+            vector[self.stiffness_order : powers],
+            JointTerms(friction, slip, exponent),
+        )
+
+    @property
+    def prior_score(self) -> float:
+        """What the Bayesian criterion adds before any data."""
+        powers = self.stiffness_order + self.damping_order - 2
+        return MODAL.joint_evidence * (self.has_friction + self.has_memory) + MODAL.power_evidence * powers
+
+    def is_possible(self, vector: FloatArray) -> bool:
+        """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""
+        _, _, joint = self.split(vector)
+        lowest, highest = MODAL.slip_exponents
+        takes_energy = joint.friction >= 0.0 and joint.slip >= 0.0
+        return bool(vector[0] > 0.0 and takes_energy and lowest < joint.exponent < highest)
+
+    def is_determined(self, vector: FloatArray, std: FloatArray) -> bool:
+        """Whether friction and slip stand out of their standard deviations, and the exponent is known."""
+        first, last = self.stiffness_order + self.damping_order, self.size - self.has_memory
+        stands_out = vector[first:last] > MODAL.joint_sigma * std[first:last]
+        return bool(stands_out.all() and (not self.has_memory or std[-1] < MODAL.widest_exponent))
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Frequency and damping over amplitude in units in which all coefficients have similar sizes, (n,) each.
+
+    `square` is the squared natural frequency at amplitude `level`, `damping` the coefficient of q' at the speed
+    `speed`; the others are their standard deviations.
+    """
+
+    level: FloatArray
+    square: FloatArray
+    square_std: FloatArray
+    speed: FloatArray
+    damping: FloatArray
+    damping_std: FloatArray
+
+
+def search_forms(
+    seen: Linearisation,
+    *,
+    stiffness_order: int | None,
+    damping_order: int | None,
+    friction: bool | None,
+    memory: bool | None,
+) -> list[tuple[LawForm, FloatArray]]:
+    """Return the forms worth a closer look, the likeliest first, and the start values of each.
+
+    Where an order, the friction or the memory is None, all are tried.
+
+    Raises:
+        NotDeterminedError: fewer windows than coefficients of the smallest form.
+    """
+    orders = [range(1, HIGHEST_ORDER + 1) if each is None else (each,) for each in (stiffness_order, damping_order)]
+    joints = [(False, True) if each is None else (each,) for each in (friction, memory)]
+    tries: list[_Try] = []
+    for (n_k, n_c), (has_friction, has_memory) in product(product(*orders), product(*joints)):
+        form = LawForm(n_k, n_c, has_friction, has_memory)
+        if (
+            max(form.stiffness_order, form.damping_order + form.has_friction) + 2 * form.has_memory
+            < seen.level.size - 1
+        ):
+            tries += [each for each in _try_form(form, seen) if form.is_possible(each.vector)]
+    if not tries:
+        raise NotDeterminedError(
+            f"{seen.level.size} windows cannot determine {stiffness_order or 1} and {damping_order or 1} coefficients: "
+            "lower the orders"
+        )
+    forms, n = [each.form for each in tries], seen.level.size
+    scores = score_misfit([each.of_square for each in tries], n, [form.stiffness_order for form in forms])
+    scores += score_misfit([each.of_damping for each in tries], n, [form.size - form.stiffness_order for form in forms])
+    scores += [form.prior_score for form in forms]
+    ranked = sorted(zip(scores.tolist(), forms, [each.vector for each in tries], strict=True), key=lambda each: each[0])
+    # Of the exponents of a form the likeliest comes first; reversed, it is stored last.
+    best_of = {form: (score, vector) for score, form, vector in reversed(ranked)}
+    found = sorted(((score, form, vector) for form, (score, vector) in best_of.items()), key=lambda each: each[0])
+    near = [each for each in found if each[0] < found[0][0] + MODAL.rival_score]
+    # Rivals of other kinds come before further orders of the same kind, for they differ most at zero amplitude.
+    kinds = {(form.has_friction, form.has_memory): (form, vector) for _, form, vector in reversed(near)}
+    first = [(form, vector) for _, form, vector in near if kinds[form.has_friction, form.has_memory][0] == form]
+    rest = [(form, vector) for _, form, vector in near if kinds[form.has_friction, form.has_memory][0] != form]
+    return [*first, *rest][: MODAL.most_rivals]
+
+
+def score_misfit(squares: ArrayLike, n_data: int, n_coefficients: ArrayLike) -> FloatArray:
+    """Return the Bayesian criterion of forms by their squared errors over the variance; lower is better, (m,).
+
+    The variance of the noise is known; where even the best form misses more than it, that of the best form counts.
+    """
+    missed, size = np.asarray(squares, dtype=np.float64), np.asarray(n_coefficients)
+    variance = max(float(np.min(missed / np.maximum(n_data - size, 1))), 1.0)
+    return np.asarray(missed / variance + size * np.log(n_data), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Try:
+    """A form, its coefficients, and the squared errors of squared frequency and of damping over their variance."""
+
+    form: LawForm
+    vector: FloatArray
+    of_square: float
+    of_damping: float
+
+
+def _try_form(form: LawForm, seen: Linearisation) -> Iterator[_Try]:
+    """Yield the coefficients of a form for every exponent of its joint."""
+    size, level = seen.level.size, seen.level
+    frequency = np.sqrt(np.maximum(seen.square, 1e-12))
+    factors = first_harmonic_factor(np.arange(1, HIGHEST_ORDER + 1))
+    for exponent in EXPONENTS if form.has_memory else (0.0,):
+        columns = np.zeros((2 * size, form.size))
+        for n in range(form.stiffness_order):
+            columns[:size, n] = factors[n] * level**n
+        for n in range(form.damping_order):
+            columns[size:, form.stiffness_order + n] = factors[n] * seen.speed**n
+        place = form.stiffness_order + form.damping_order
+        if form.has_friction:
+            columns[size:, place] = 4.0 / (np.pi * seen.speed)
+            place += 1
+        if form.has_memory:
+            slipped = level ** (1.0 + exponent)
+            columns[:size, place] = -slip_softening(exponent) * slipped
+            columns[size:, place] = slip_damping(exponent) * slipped / frequency
+            columns = columns[:, : place + 1]
+        std = np.concatenate(
+            [
+                np.maximum(each, 1e-12 * float(np.median(np.abs(y))) + 1e-300)
+                for y, each in ((seen.square, seen.square_std), (seen.damping, seen.damping_std))
+            ]
+        )
+        y = np.concatenate([seen.square, seen.damping])
+        values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
+        errors = ((y - columns @ values) / std) ** 2
+        vector = np.append(values, exponent) if form.has_memory else values
+        yield _Try(form, vector, float(errors[:size].sum()), float(errors[size:].sum()))

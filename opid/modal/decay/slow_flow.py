@@ -1,0 +1,162 @@
+"""The slow flow of a free decay: amplitude and phase of its fundamental, by harmonic balance and averaging.
+
+A' = -delta(A) A, phi' = omega(A), without time steps. The terms of second order in damping and in the drift of the
+frequency are kept: the frequency of the fundamental is then right to about 1e-5 for a shift of 3 % and a damping ratio
+of 1 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import beta
+
+from opid.signals.recording import FloatArray
+
+
+@dataclass(frozen=True)
+class JointTerms:
+    """What a joint adds to the powers: dry friction, and the slip of an Iwan joint.
+
+    Dry friction is F sgn(q'). The Iwan joint has sliders whose slip travels x are spread as R x^chi (Segalman 2005, J.
+    Appl. Mech. 72, 752): they carry K q - R |q|^(2 + chi) / ((1 + chi) (2 + chi)) on first loading, where K belongs to
+    k0, and lose 4 R A^(3 + chi) / ((2 + chi) (3 + chi)) in a cycle.
+
+    Args:
+        friction: F, force per unit mass.
+        slip: R, force per unit mass over displacement^(2 + chi).
+        exponent: chi, above -1; 0 spreads the sliders evenly.
+    """
+
+    friction: float = 0.0
+    slip: float = 0.0
+    exponent: float = 0.0
+
+    def find_softening(self, amplitude: FloatArray) -> FloatArray:
+        """Return by how much slip lowers the secant stiffness at amplitudes, force per unit mass over displacement."""
+        return self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
+
+    def find_damping(self, amplitude: FloatArray) -> FloatArray:
+        """Return what friction and slip add to omega c(A) at amplitudes, where c is the coefficient of q'."""
+        slipped = self.slip * slip_damping(self.exponent) * amplitude ** (1.0 + self.exponent)
+        return 4.0 * self.friction / (np.pi * amplitude) + slipped
+
+
+def slip_softening(exponent: float) -> float:
+    """Return what slip takes from the secant stiffness, over R A^(1 + chi).
+
+    It is the mean over the sliders of the first harmonic of a Jenkins element.
+
+    >>> round(slip_softening(0.0), 4)  # evenly spread sliders lose half of their fraction that slips
+    0.5
+    """
+    return float(8.0 / (np.pi * (1.0 + exponent)) * beta(exponent + 2.5, 1.5))
+
+
+def slip_damping(exponent: float) -> float:
+    """Return omega times the damping that slip adds, over R A^(1 + chi).
+
+    >>> round(slip_damping(0.0), 4)
+    0.2122
+    """
+    return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """The slow motion of the fundamental A(t) cos phi(t) of a free decay, as functions of its amplitude."""
+
+    log_amplitude: FloatArray  # (n,) logarithm of A, rising
+    omega: FloatArray  # (n,) phi'
+    rate: FloatArray  # (n,) delta = -A'/A
+    natural: FloatArray  # (n,) natural frequency, without the terms of second order
+    damping: FloatArray  # (n,) c = 2 zeta omega
+    # (n,) delta' - j omega': (A exp(j phi))'' = -((omega + j delta)^2 + drift) A exp(j phi)
+    drift: NDArray[np.complex128]
+
+
+def solve_slow_flow(
+    k: FloatArray, c: FloatArray, low: float, high: float, joint: JointTerms | None = None
+) -> Flow | None:
+    """Return the slow flow of a law from amplitude exp(low) to exp(high); None if it does not vibrate or decay.
+
+    k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1). What the joint adds is averaged over a
+    cycle of the fundamental. Dry friction has one more term of second order: between two reversals the motion is the
+    undisturbed one about the offset F / k0, and the fundamental of these pieces lags by 3 F / (pi k0 A), which grows as
+    the amplitude falls.
+
+    >>> flow = solve_slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
+    >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
+    (0.01, 0.99995)
+    """
+    log_amplitude = np.linspace(low, high, 100)
+    a = np.exp(log_amplitude)[:, None]
+    angle = np.pi * (np.arange(24) + 0.5) / 24  # half a cycle; the other half is its mirror image
+    cosine, sine = np.cos(angle), np.sin(angle)
+    third_cosine, third_sine = np.cos(3.0 * angle), np.sin(3.0 * angle)
+    joint = joint or JointTerms()
+    loss, gain = joint.find_damping(a), -joint.find_softening(a)
+    in_phase, quadrature = np.zeros_like(a), np.zeros_like(a)
+    omega, drag = np.full_like(a, np.sqrt(max(k[0], 1e-12))), np.zeros((1, 1))
+    for _ in range(5):
+        q = a * cosine + in_phase * third_cosine + quadrature * third_sine
+        v = -omega * (a * sine + 3.0 * (in_phase * third_sine - quadrature * third_cosine))
+        drag = _sum_higher_powers(c, v)
+        force = _sum_higher_powers(k, q) + drag
+        square = k[0] + gain + _find_harmonic(force, cosine) / a
+        if (square <= 0.0).any():
+            return None
+        omega = np.sqrt(square)
+        in_phase = _find_harmonic(force, third_cosine) / (9.0 * square - k[0])
+        quadrature = _find_harmonic(force, third_sine) / (9.0 * square - k[0])
+    damping = c[0] + ((loss - _find_harmonic(drag, sine) / a) / omega)[:, 0]
+    natural = omega[:, 0]
+    step = log_amplitude[1] - log_amplitude[0]
+    rate = damping / (2.0 + np.gradient(np.log(natural), step, edge_order=2))
+    if (rate <= 0.0).any():
+        return None
+    rate_drift = -rate * np.gradient(rate, step, edge_order=2)
+    by_friction = 2.0 * joint.friction / (np.pi * natural * a[:, 0])
+    damped = np.sqrt(np.maximum(natural**2 + rate**2 - damping * rate - rate_drift - by_friction**2, 1e-12))
+    drift = rate_drift + 1j * rate * np.gradient(damped, step, edge_order=2)
+    return Flow(log_amplitude, damped, rate, natural, damping, drift)
+
+
+def predict_decay(
+    flow: Flow, time: FloatArray, log_start: float, derivative: int
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return log-amplitude and phase of the m-th derivative, (n,) each; None where the flow does not reach so far.
+
+    The first time is 0; there the displacement has the amplitude exp(log_start) and the phase 0.
+    """
+    from scipy.interpolate import CubicSpline
+
+    fall = flow.log_amplitude[::-1]
+    since = CubicSpline(-fall, 1.0 / flow.rate[::-1]).antiderivative()(-fall)
+    turned = CubicSpline(-fall, flow.omega[::-1] / flow.rate[::-1]).antiderivative()(-fall)
+    own_time = since - np.interp(-log_start, -fall, since)
+    if (np.diff(own_time) <= 0.0).any() or not own_time[0] <= time[0] <= time[-1] <= own_time[-1]:
+        return None
+    # Times and amplitudes map smoothly onto each other, so amplitude and phase are functions of time.
+    log_amplitude = CubicSpline(own_time, fall)(time)
+    by_time = CubicSpline(own_time, turned)(time)
+    omega, rate = (np.interp(log_amplitude, flow.log_amplitude, each) for each in (flow.omega, flow.rate))
+    # Each derivative of A e^(j phi) multiplies it by -delta + j omega; for the second one these change as well.
+    gain = (omega + 1j * rate) ** derivative
+    if derivative == 2:
+        gain = gain + np.interp(log_amplitude, flow.log_amplitude, flow.drift)
+    return log_amplitude + np.log(np.abs(gain)), by_time - by_time[0] + np.angle(gain)
+
+
+def _sum_higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:
+    """Return sum_n values_n x |x|^(n-1) from n = 2 on."""
+    size, total = np.abs(x), np.zeros_like(x)
+    for value in values[:0:-1]:
+        total = (total + value) * size
+    return total * x
+
+
+def _find_harmonic(force: FloatArray, shape: FloatArray) -> FloatArray:
+    return 2.0 * (force @ shape / shape.size)[:, None]
