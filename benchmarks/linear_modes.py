@@ -79,7 +79,7 @@ class Outcome:
         frequency: errors of the natural frequencies, %.
         damping: errors of the damping ratios, %.
         mass: errors of the modal masses, %.
-        holds: whether the intervals of these three hold.
+        holds: whether the intervals of these three hold; None where none is given.
         seconds: of the processor.
         said: the reason of a refusal, or the warnings.
     """
@@ -91,7 +91,7 @@ class Outcome:
     frequency: tuple[float, ...]
     damping: tuple[float, ...]
     mass: tuple[float, ...]
-    holds: tuple[tuple[bool, bool, bool], ...]
+    holds: tuple[tuple[bool | None, ...], ...]
     seconds: float
     said: str
 
@@ -207,7 +207,7 @@ def main() -> None:
             quantiles([abs(x) for one in given for x in getattr(one, name)], 0.5, 1.0) if given else "-"
             for name in ("frequency", "damping", "mass")
         ]
-        held = [share([each[k] for one in given for each in one.holds]) for k in range(3)]
+        held = [share([each[k] for one in given for each in one.holds if each[k] is not None]) for k in range(3)]
         modes = f"{sum(len(one.holds) for one in given)} of {sum(one.n_modes for one in given)}"
         wrong = sum(one.n_wrong for one in given)
         print(table_row(world, len(own), len(own) - len(given), modes, wrong, *columns, *held))

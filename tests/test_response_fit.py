@@ -112,7 +112,28 @@ def test_bad_responses_are_refused():
             fit_modes(responses, band_hz=band_hz)
 
 
-def ring(seed, fs=512.0, duration_s=30.0):
+def test_records_that_differ_give_no_interval_where_they_do():
+    """A joint that slips moves the frequency with the level of the hit."""
+    slipped = replace(MODES, frequency_hz=MODES.frequency_hz * np.array([1.0, 1.0, 0.997, 1.0]))
+    records = [hit(ring(k, modes=each)) for k, each in enumerate((MODES, slipped))]
+    found = fit_modes([measured_response(records)], band_hz=BAND_HZ)
+    known = {round(each.value): each.std is not None for each in found.frequency_hz}
+    assert known[40] and known[91] and not known[63]
+    assert any("the records differ about 62.9" in each for each in found.warnings)
+
+
+def test_a_record_that_ends_early_is_refused():
+    record = ring(0).section(0.0, 2.0)
+    with pytest.raises(InputError, match="a record ends with .* of its largest motion"):
+        fit_modes([measured_response([hit(record)])], band_hz=BAND_HZ)
+
+
+def test_one_record_does_not_show_whether_the_structure_is_linear():
+    found = fit_modes([respond()], band_hz=BAND_HZ)
+    assert any("nothing shows whether the structure is linear" in each for each in found.warnings)
+
+
+def ring(seed, fs=512.0, duration_s=30.0, modes=MODES):
     """Return the record of a hit at the tip, from the responses of the modes."""
     rng, n = np.random.default_rng(seed), round(fs * duration_s)
     time_s = np.arange(n) / fs
@@ -123,12 +144,16 @@ def ring(seed, fs=512.0, duration_s=30.0):
     )
     lines_hz = np.fft.rfftfreq(n, 1 / fs)
     response = np.zeros((lines_hz.size, 4), dtype=complex)
-    response[1:] = resynthesised(MODES, lines_hz[1:], "tip").value
+    response[1:] = resynthesised(modes, lines_hz[1:], "tip").value
     motion = np.fft.irfft(np.fft.rfft(force)[:, np.newaxis] * response, n, axis=0)
     samples = np.column_stack([motion, force])
     samples += 1e-3 * samples.std(axis=0) * rng.standard_normal(samples.shape)
     channels = (*(Channel(name, "m/s^2") for name in SENSORS), Channel("hammer", "N"))
     return Recording(samples, fs, channels)
+
+
+def hit(recording):
+    return forced_record(recording, name="hit", force="hammer", drive_point="tip")
 
 
 def test_the_command_writes_modes_that_a_study_reads(tmp_path, monkeypatch):

@@ -16,6 +16,9 @@ from opid.provenance import ReadFile
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import Window, cross_spectra
 
+N_PARTS = 50
+"""Parts of a record, of which the last one shows whether it has decayed."""
+
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
@@ -28,6 +31,7 @@ class FrequencyResponse:
         drive_point: the sensor where and in whose direction the force acts.
         n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
         coherence: (n, n_sensors) coherence, 0 .. 1; None where nothing was averaged, as it would be 1 by construction.
+        left_at_end: motion at the end of the records that were transformed whole, over the largest one, rms.
     """
 
     frequency_hz: FloatArray
@@ -36,6 +40,7 @@ class FrequencyResponse:
     drive_point: str
     n_averages: float = 1.0
     coherence: FloatArray | None = None
+    left_at_end: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +153,14 @@ def measured_response(
         both = force_power[:, None] * output_power
         coherence = np.clip(_divide(np.abs(cross) ** 2, both), 0, 1)
     value = _divide(cross, force_power[:, None])
-    return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence)
+    left = 0.0 if nperseg is not None else max(_measure_end(motion) for _, motion in records)
+    return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence, left)
+
+
+def _measure_end(motion: FloatArray) -> float:
+    """Return the rms of the last fiftieth of a record over that of the fiftieth with the largest motion."""
+    power = [float(np.mean(part**2)) for part in np.array_split(motion, min(N_PARTS, len(motion)))]
+    return float(np.sqrt(power[-1] / max(power))) if max(power) > 0.0 else 0.0
 
 
 def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str) -> FrequencyResponse:

@@ -28,6 +28,7 @@ from opid.json_values import plain
 from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.frequency_response import FrequencyResponse
 from opid.modal.linear.modes import LinearModes
+from opid.modal.settings import MODAL
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
@@ -50,7 +51,9 @@ class ResponseFitSettings:
         n_weightings: how often the noise of the lines is estimated and the fit repeated.
         lines_per_cell: number of neighbouring lines whose noise may be correlated: a mode is some lines wide.
         least_std: a mode whose largest residue is below so many standard deviations is left out.
-        least_coherence: median coherence about a resonance at the drive point below which a warning says so.
+        least_coherence: median coherence about a resonance below which the records differ by more than noise: that of
+            joints that slip was 0.984 to 0.998, that of linear modes with noise of 1 % above 0.9999.
+        near: half of the width about a resonance, in damping ratios, in which it is taken.
         most_left: rms fraction of the responses that the modes may leave before nothing is reported.
         gain: relative standard deviation of a residue by the calibrations of force and acceleration, each good to 1 %.
         complexity: standard deviation of a natural frequency, over the square of its damping ratio: damping couples
@@ -68,7 +71,8 @@ class ResponseFitSettings:
     n_weightings: int = 3
     lines_per_cell: int = 8
     least_std: float = 6.0
-    least_coherence: float = 0.9
+    least_coherence: float = 0.999
+    near: float = 2.0
     most_left: float = 0.3
     gain: float = 0.014
     complexity: float = 2.0
@@ -167,6 +171,12 @@ def fit_modes(
         NotDeterminedError: no mode in the band, or modes that do not explain the responses.
     """
     data = _Data.of(responses, band_hz)
+    left_at_end = max(each.left_at_end for each in responses)
+    if left_at_end > MODAL.most_left:
+        raise InputError(
+            f"a record ends with {100 * left_at_end:.0f} % of its largest motion, and at most "
+            f"{100 * MODAL.most_left:g} % are accepted: record until the structure is at rest"
+        )
     begun = _find_poles(data, settings)
     if not begun.size:
         raise NotDeterminedError(
@@ -457,16 +467,22 @@ class _Fit:
             masses.append(Estimate.normal(mass_kg, mass_kg * float(np.hypot(2 * std[best] / phi[best], settings.gain))))
         relative = np.sqrt(np.diag(covariance))[:-1].reshape(-1, 2)
         relative[:, 0] = np.hypot(relative[:, 0], settings.complexity * self.poles[:, 1] ** 2)
-        relative[:, 1] = np.hypot(relative[:, 1], settings.left_at_end)
+        left_at_end = max(settings.left_at_end, *(each.left_at_end for each in data.responses))
+        relative[:, 1] = np.hypot(relative[:, 1], left_at_end)
         frequencies, ratios = (
             tuple(Estimate.normal(value, value * std) for value, std in zip(own, of.tolist(), strict=True))
             for own, of in zip(self.poles[kept].T.tolist(), relative[kept].T, strict=True)
+        )
+        unlike = self._find_unlike(kept, shapes, settings)
+        frequencies, ratios, given = (
+            tuple(each.without_interval() if low else each for each, low in zip(several, unlike.tolist(), strict=True))
+            for several in (frequencies, ratios, masses)
         )
         values = np.split(_join(self.shape @ self.residues.T), n_drives, axis=1)
         return FittedModes(
             frequencies,
             ratios,
-            tuple(masses),
+            given,
             shapes,
             shape_std,
             sensors,
@@ -478,8 +494,22 @@ class _Fit:
                 FrequencyResponse(each.frequency_hz, value, sensors, each.drive_point, n_averages=0)
                 for each, value in zip(data.responses, values, strict=True)
             ),
-            tuple(_list_warnings(self, kept, data, settings)),
+            tuple(_list_warnings(self, kept, unlike, settings)),
         )
+
+    def _find_unlike(
+        self, kept: NDArray[np.int64], shapes: FloatArray, settings: ResponseFitSettings
+    ) -> NDArray[np.bool_]:
+        """Return at which modes the records differ by more than noise, at the sensor that the mode moves most."""
+        found = np.zeros(kept.size, dtype=bool)
+        for response in self.data.responses:
+            if response.coherence is None:
+                continue
+            for column, (own_hz, ratio) in enumerate(self.poles[kept].tolist()):
+                coherence = response.coherence[:, int(np.argmax(np.abs(shapes[:, column])))]
+                near = _median_near(coherence, response.frequency_hz, own_hz, settings.near * ratio)
+                found[column] |= near < settings.least_coherence
+        return found
 
 
 def _split_residues(residues: FloatArray, stds: FloatArray, drives: Sequence[int]) -> tuple[FloatArray, FloatArray]:
@@ -499,8 +529,11 @@ def _split_residues(residues: FloatArray, stds: FloatArray, drives: Sequence[int
     return found.x * np.sign(found.x[np.argmax(np.abs(found.x))]), np.sqrt(np.diag(covariance))
 
 
-def _list_warnings(fit: _Fit, kept: NDArray[np.int64], data: _Data, settings: ResponseFitSettings) -> Iterator[str]:
+def _list_warnings(
+    fit: _Fit, kept: NDArray[np.int64], unlike: NDArray[np.bool_], settings: ResponseFitSettings
+) -> Iterator[str]:
     """Yield what limits the modes, one sentence each."""
+    data = fit.data
     names = list_names([repr(each.drive_point) for each in data.responses])
     lost = [f"{fit.poles[mode, 0]:.4g}" for mode in range(len(fit.poles)) if mode not in kept]
     if lost:
@@ -508,21 +541,18 @@ def _list_warnings(fit: _Fit, kept: NDArray[np.int64], data: _Data, settings: Re
             f"{len(lost)} mode(s) at {', '.join(lost)} Hz are left out, because they hardly move {names}, where the "
             "force acts, so that their modal masses are unknown: drive the structure at a further point"
         )
-    for response in data.responses:
-        if response.coherence is None:
-            continue
-        coherence = response.coherence[:, response.sensors.index(response.drive_point)]
-        low = [
-            f"{own_hz:.4g}"
-            for own_hz, ratio in fit.poles[kept].tolist()
-            if _median_near(coherence, response.frequency_hz, own_hz, 2 * ratio) < settings.least_coherence
-        ]
-        if low:
-            yield (
-                f"the coherence at {response.drive_point!r} is below {settings.least_coherence:g} about "
-                f"{', '.join(low)} Hz: the records differ there by more than noise; hits of other levels on a "
-                "nonlinear structure, or a structure that moved, do that"
-            )
+    if unlike.any():
+        low = ", ".join(f"{own_hz:.4g}" for own_hz in fit.poles[kept][unlike, 0])
+        yield (
+            f"the records differ about {low} Hz by more than the noise of a good test (the coherence is below "
+            f"{settings.least_coherence:g}), so that no interval is given there: joints that slip under harder hits do "
+            "that, and so do noise, and a structure that moved; hit all records equally hard, and softer"
+        )
+    if any(response.n_averages == 1 for response in data.responses):
+        yield (
+            "there is one record of a drive point, so that nothing shows whether the structure is linear: add hits of "
+            "another height"
+        )
 
 
 def _median_near(coherence: FloatArray, frequency_hz: FloatArray, own_hz: float, width: float) -> float:
