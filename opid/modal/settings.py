@@ -108,6 +108,9 @@ class ModalThresholds:
     joint_evidence: float = 6.0
     # what each power above 1 must gain: beside friction, with ten windows, powers would follow noise at low amplitude
     power_evidence: float = 3.0
+    # windows of a decay for each term of damping beside friction: with nine windows, the powers 2 and 3 took so much of
+    # a friction that both it and the viscous damping were wrong by three standard deviations in one of 24 decays
+    windows_per_term: float = 4.0
     # standard deviations by which friction or slip must stand out, and the largest one of the exponent of slip: an
     # exponent that nothing determines takes any stiffness to zero amplitude
     joint_sigma: float = 3.0

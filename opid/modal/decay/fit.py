@@ -368,8 +368,9 @@ def _describe_law(
     if flow is None:
         raise NotDeterminedError("no law of these orders decays over all amplitudes of the decays: lower the orders")
     low, spread = best.find_low()
-    low_std = _widen(fits, low)
-    wider = np.ones(best.vector.size)
+    few = _widen_few_windows(sum(each.log_amplitude.size for each in decays), best.form.size)
+    low_std = few * _widen(fits, low)
+    wider = np.full(best.vector.size, few)
     wider[list(best.places)] = low_std[:2] / np.sqrt(np.maximum(np.diag(spread)[:2], 1e-300))
     factors = units.find_factors(best.form, best.vector)
     covariance = best.covariance * np.outer(wider, wider) * np.outer(factors, factors)
@@ -383,7 +384,7 @@ def _describe_law(
     friction = Estimate()
     if best.form.has_friction:
         rest.pop(0)
-        friction = Estimate.normal(values[n_k + n_c], _widen_friction(fits) * factors[n_k + n_c])
+        friction = Estimate.normal(values[n_k + n_c], few * _widen_friction(fits) * factors[n_k + n_c])
     slip, exponent = rest if rest else (Estimate(), Estimate())
     # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
     reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
@@ -419,6 +420,16 @@ def _widen(fits: Sequence[tuple[_Fit, float]], low: FloatArray) -> FloatArray:
         values, spread = fit.find_low()
         squares += weight * (np.diag(spread) + (values - low) ** 2)
     return np.asarray(np.sqrt(squares), dtype=np.float64)
+
+
+def _widen_few_windows(n_windows: int, n_coefficients: int) -> float:
+    """Return the half width of an interval of Student's t over that of a normal one: few windows tell the noise badly.
+
+    A window gives an amplitude and a phase, and each decay has a start value of both.
+    """
+    from scipy import special
+
+    return float(special.stdtrit(max(2 * n_windows - n_coefficients - 2, 1), 0.975)) / 1.96
 
 
 def _widen_friction(fits: Sequence[tuple[_Fit, float]]) -> float:

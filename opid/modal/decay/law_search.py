@@ -62,6 +62,11 @@ class LawForm:
         powers = self.stiffness_order + self.damping_order - 2
         return MODAL.joint_evidence * (self.has_friction + self.has_memory) + MODAL.power_evidence * powers
 
+    def is_imitated_by_friction(self, n_windows: int) -> bool:
+        """Whether so few windows cannot tell friction from the powers of damping beside it."""
+        n_terms = self.damping_order + self.has_friction
+        return self.has_friction and self.damping_order > 1 and n_windows < MODAL.windows_per_term * n_terms
+
     def is_possible(self, vector: FloatArray) -> bool:
         """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""
         _, _, joint = self.split(vector)
@@ -112,6 +117,8 @@ def search_forms(
     tries: list[_Try] = []
     for (n_k, n_c), (has_friction, has_memory) in product(product(*orders), product(*joints)):
         form = LawForm(n_k, n_c, has_friction, has_memory)
+        if damping_order is None and form.is_imitated_by_friction(seen.level.size):
+            continue
         if (
             max(form.stiffness_order, form.damping_order + form.has_friction) + 2 * form.has_memory
             < seen.level.size - 1
