@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,13 +64,15 @@ def identify_resonance(
     say("the law")
     orders: dict[str, Any] = {"stiffness_order": study.stiffness_order, "damping_order": study.damping_order}
     moving = _choose_transients([each for _, each in found], chosen)
+    # Levels at quadrature alone do not show the phase of the force.
+    trusted = chosen if moving else replace(chosen, phase_tolerance_deg=chosen.unseen_phase_deg)
     reason = ""
     laws: list[ResonanceLaw] = []
     try:
-        by_records = fit_states([*states, *moving], chosen, **orders, systematic=outside)
+        by_records = fit_states([*states, *moving], trusted, **orders, systematic=outside)
         seen = by_records.force_phase_deg
         laws = [
-            fit_states(states, chosen, **orders, measured_waves=False, systematic=outside, known_phase_deg=seen),
+            fit_states(states, trusted, **orders, measured_waves=False, systematic=outside, known_phase_deg=seen),
             by_records,
         ]
     except NotDeterminedError as error:
@@ -201,7 +204,7 @@ def _list_warnings(
     if law.n_states == len(kept):
         yield (
             "levels at quadrature alone do not show a phase between force and accelerations: the intervals assume a "
-            f"standard deviation of {settings.phase_tolerance_deg:g} degrees; keep the transients between the levels "
+            f"standard deviation of {settings.unseen_phase_deg:g} degrees; keep the transients between the levels "
             "in the logs"
         )
     if abs(phase.value or 0.0) > max(settings.warned_phase_deg, settings.hidden_sigma * (phase.std or 0.0)):

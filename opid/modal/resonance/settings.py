@@ -25,6 +25,8 @@ class ResonanceSettings:
         least_signal: amplitude over its standard deviation that force and motion of a level need.
         phase_tolerance_deg: standard deviation of an unknown phase between force and accelerations: that of
             conditioners of one rack.
+        unseen_phase_deg: the same where a log has no transients, which would show it: filters of two channels differ by
+            some degrees at a few hundred hertz.
         gain_tolerance: standard deviation of an unknown gain of the force over the accelerations and the shape, as a
             fraction: that of a calibration.
         disbelief: phase that the motions show over this standard deviation, from which it is no longer believed.
@@ -54,6 +56,7 @@ class ResonanceSettings:
     farthest_deg: float = 45.0
     least_signal: float = 10.0
     phase_tolerance_deg: float = 0.5
+    unseen_phase_deg: float = 3.0
     gain_tolerance: float = 0.01
     disbelief: float = 2.0
     doubted_phase_deg: float = 20.0
