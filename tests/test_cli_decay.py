@@ -127,3 +127,21 @@ def test_bad_input_ends_with_status_2(log, tmp_path):
     refused(opid("decay", tmp_path / "none.csv", "--channel", "az"), "none.csv")
     refused(opid("decay", log, "--channel", "az", "--out", log), "is no directory")
     assert opid("decay", log).exit_code == 2
+
+
+def test_repeats_are_pooled(log, tmp_path):
+    """Three hammer blows on the same mode, each with noise of its own."""
+    table, lines = np.loadtxt(log, delimiter=",", skiprows=1), log.read_text().splitlines()[0].split(",")
+    paths = []
+    for number in range(3):
+        noise = np.random.default_rng([3, number]).standard_normal(len(table))
+        noisy = table.copy()
+        noisy[:, 1] += 0.005 * table[:, 1].std() * noise
+        paths.append(written(tmp_path / f"hit_{number}.csv", dict(zip(lines, noisy.T, strict=True))))
+    out = tmp_path / "result"
+    done = opid("decay", *paths, "--channel", "az", *ORDERS, "--out", out)
+    assert done.exit_code == 0, done.output
+    found = json.loads((out / "result.json").read_text())
+    assert len(found["repeats"]) == 3
+    assert abs(found["frequency_low_hz"]["value"] - FREQUENCY) < 4 * found["frequency_low_hz"]["std"]
+    assert "hit_0.csv" in done.stdout
