@@ -145,3 +145,21 @@ def test_repeats_are_pooled(log, tmp_path):
     assert len(found["repeats"]) == 3
     assert abs(found["frequency_low_hz"]["value"] - FREQUENCY) < 4 * found["frequency_low_hz"]["std"]
     assert "hit_0.csv" in done.stdout
+
+
+def test_an_angle_is_as_good_as_a_length(log, tmp_path):
+    """The same numbers in mm and in mrad give the same law, in units of their own."""
+    turned = tmp_path / "hit.csv"
+    turned.write_text(log.read_text().replace("z [mm]", "angle [mrad]", 1))
+    found = []
+    for path, channel in ((log, "z"), (turned, "angle")):
+        out = tmp_path / channel
+        done = opid("decay", path, "--channel", channel, *ORDERS, "--out", out)
+        assert done.exit_code == 0, done.output
+        found.append(json.loads((out / "result.json").read_text()))
+    one, other = found
+    assert (one["amplitude_unit"], other["amplitude_unit"]) == ("m", "rad")
+    assert one["frequency_low_hz"] == other["frequency_low_hz"]
+    assert one["k"] == other["k"]
+    assert (one["units"]["k3"], other["units"]["k3"]) == ("1/(s^2 m^2)", "1/(s^2 rad^2)")
+    assert "per unit of inertia" in done.stdout

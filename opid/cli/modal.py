@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -206,7 +206,7 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
     "--channel",
     required=True,
     metavar="NAME",
-    help="An acceleration, a velocity or a displacement.",
+    help="An acceleration, a velocity, a displacement or an angle.",
 )
 @click.option("--unit", type=Unit(), metavar="UNIT", help="Unit of the channel (g, mm/s, ...), whatever the log says.")
 @time_unit_option
@@ -271,11 +271,14 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
 
     say("the record")
     record = _read_channel(log, settings, UNITS)
+    unit = record.channels[0].unit
+    length: Literal["m", "rad"] = "rad" if unit.startswith("rad") else "m"
     say("the decay")
     found = free_decay(
         record.samples[:, 0],
         fs=record.fs,
-        quantity=QUANTITIES[UNITS.index(record.channels[0].unit)],
+        quantity=QUANTITIES[UNITS.index("m" + unit.removeprefix(length))],
+        length=length,
         near_hz=settings["near"],
         start_s=settings["start"],
         stop_s=settings["stop"],
@@ -305,10 +308,10 @@ def _read_channel(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]
     if unit is None and track.channels[column].unit is None:
         raise InputError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
     record = recording_of(opened, how, channels={channel: ChannelSettings(channel, unit=unit)})
-    if record.channels[0].unit not in units:
+    if record.channels[0].unit not in (*units, *("rad" + each[1:] for each in units)):
         raise InputError(
             f"channel {channel!r} of {log} is in {record.channels[0].unit}: a free decay is followed in an "
-            "acceleration, a velocity or a displacement; choose such a channel, or give the unit of its numbers, like "
-            "--unit g"
+            "acceleration, a velocity, a displacement or an angle; choose such a channel, or give the unit of its "
+            "numbers, like --unit g"
         )
     return record

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from opid.errors import InputError
@@ -62,16 +63,16 @@ def unit_of(letter: str, power: int) -> str:
     return f"N{seconds}/({_raise_to('m', power)} {_raise_to('kg', (power + 1) / 2)})"
 
 
-def unit_per_mass(letter: str, power: int) -> str:
+def unit_per_mass(letter: str, power: int, length: str = "m") -> str:
     """Return the unit of a coefficient per unit mass, (m/s^2) / m^n or (m/s^2) / (m/s)^n, in short.
 
-    The letter is "k" or "c", and the power n.
+    The letter is "k" or "c", and the power n; with the length "rad" it is per unit of inertia.
 
     >>> unit_per_mass("k", 1), unit_per_mass("k", 3), unit_per_mass("c", 1), unit_per_mass("c", 3)
     ('1/s^2', '1/(s^2 m^2)', '1/s', 's/m^2')
     """
     seconds, metres = (-2 if letter == "k" else power - 2), 1 - power
-    exponents = {"s": seconds, "m": metres}
+    exponents = {"s": seconds, length: metres}
     above, below = ([_raise_to(name, abs(n)) for name, n in exponents.items() if n * sign > 0] for sign in (1, -1))
     under = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
     return f"{' '.join(above) or '1'}/{under}"
@@ -82,20 +83,23 @@ def _raise_to(name: str, exponent: float) -> str:
 
 
 def coefficient_rows(
-    stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], name: str = "", *, per_mass: bool = False
+    stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], name: str = "", *, length: str = ""
 ) -> Iterator[SummaryRow]:
-    """Yield the coefficients of a mode, or per unit mass of a sensor's motion, as rows of a summary: k1, k3, c1, ..."""
-    unit = unit_per_mass if per_mass else unit_of
+    """Yield the coefficients of a mode as rows of a summary: k1, k3, c1, ...
+
+    With a length, "m" or "rad", they are those of a sensor's motion, per unit of mass or inertia.
+    """
+    unit = partial(unit_per_mass, length=length) if length else unit_of
     for letter, estimates in (("k", stiffness), ("c", damping)):
         for power, estimate in sorted(estimates.items()):
             yield SummaryRow.of(f"{name}{letter}{power}", estimate, unit(letter, power))
 
 
 def coefficients_json(
-    stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], *, per_mass: bool = False
+    stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], *, length: str = ""
 ) -> dict[str, Any]:
-    """Return `k` and `c` by power, and their units, of a mode, or per unit mass of a sensor's motion."""
-    unit, both = unit_per_mass if per_mass else unit_of, {"k": stiffness, "c": damping}
+    """Return `k` and `c` by power, and their units, of a mode, or of a sensor's motion as in `coefficient_rows`."""
+    unit, both = partial(unit_per_mass, length=length) if length else unit_of, {"k": stiffness, "c": damping}
     found = {name: {str(power): asdict(each) for power, each in estimates.items()} for name, estimates in both.items()}
     units = {f"{name}{power}": unit(name, power) for name, estimates in both.items() for power in estimates}
     return {**found, "units": units}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,8 @@ def _tabulate_ends(decay: Decay) -> Table:
 
 
 def _list_law_rows(decay: Decay) -> Iterator[Row]:
-    unit, per = (unit_per_mass, ", per unit mass") if decay.mode is None else (unit_of, "")
+    unit, per = (partial(unit_per_mass, length=decay.length), ", per unit mass") if decay.length else (unit_of, "")
+    per = per.replace("mass", "of inertia") if decay.length == "rad" else per
     yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1){_name_joint(decay)} = 0",)
     for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):
         for power, estimate in sorted(estimates.items()):

@@ -57,6 +57,7 @@ _TABLE: dict[str, dict[str, float]] = {
     "Hz": _list_prefixed("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "dps": math.pi / 180, "°/s": math.pi / 180},
+    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180},
     "V": _list_prefixed("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
     "A": _list_prefixed("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
     "Pa": _list_prefixed("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},

@@ -42,13 +42,13 @@ class Decay(Result):
         frequency_std_hz: (n,) standard deviation of the frequency, Hz.
         damping_ratio: (n,) damping ratio c / (2 omega) at these amplitudes.
         damping_std: (n,) standard deviation of the damping ratio.
-        amplitude_unit: "m kg^1/2" in modal coordinates, "m" for a raw channel.
+        amplitude_unit: "m kg^1/2" in modal coordinates, "m" or "rad" for a raw channel.
         start_s: start of the decay that was used, s from the first sample.
         stop_s: end of the decay that was used, s from the first sample.
         time_s: (m,) times of the points that are plotted, s.
         signal: (m,) the record as given, in `signal_unit`.
         envelope: (m,) amplitude of the fundamental in the same unit; nan outside the stretch that was used.
-        signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s" or "m/s^2".
+        signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s", "m/s^2", or the same of "rad".
         law: restoring force of the powers 2 and up, per unit mass (modal force in modal coordinates); None if no law
             was found.
         stiffness: k_n by its power n, where 1 is k0, per unit mass.
@@ -102,15 +102,20 @@ class Decay(Result):
             SummaryRow.of("damping_ratio", Estimate.normal(self.damping_ratio[0], self.damping_std[0]), "1"),
             SummaryRow.of("frequency_low_hz", self.frequency_low_hz, "Hz"),
             SummaryRow.of("damping_low", self.damping_low, "1"),
-            *coefficient_rows(self.stiffness, self.damping, per_mass=self.mode is None),
+            *coefficient_rows(self.stiffness, self.damping, length=self.length),
             *(SummaryRow.of(name, estimate, unit) for name, estimate, unit in self.list_joint()),
         )
+
+    @property
+    def length(self) -> str:
+        """Unit of the displacement of a sensor, "m" or "rad"; "" in modal coordinates."""
+        return self.amplitude_unit if self.mode is None else ""
 
     def list_joint(self) -> list[tuple[str, Estimate, str]]:
         """Return name, estimate and unit of the friction and of the joint's slip that were found."""
         if self.fitted is None:
             return []
-        force = "m/s^2" if self.mode is None else "N/kg^1/2"
+        force = f"{self.length}/s^2" if self.mode is None else "N/kg^1/2"
         exponent = self.fitted.slip_exponent.value or 0.0
         rows = (
             ("friction", self.fitted.friction, force),
@@ -134,7 +139,7 @@ class Decay(Result):
             "residual_share": self.residual_fraction,
             "frequency_low_hz": asdict(self.frequency_low_hz),
             "damping_low": asdict(self.damping_low),
-            **coefficients_json(self.stiffness, self.damping, per_mass=self.mode is None),
+            **coefficients_json(self.stiffness, self.damping, length=self.length),
             "joint": None if self.fitted is None else self.fitted.joint_json(),
             "repeats": [each.fields_json() for each in self.repeats],
         }
@@ -196,6 +201,7 @@ def free_decay(
     damping_order: int | None = None,
     friction: bool | None = None,
     memory: bool | None = None,
+    length: Literal["m", "rad"] = "m",
     name: str = "decay",
     mode: int | None = None,
 ) -> Decay:
@@ -208,6 +214,7 @@ def free_decay(
         samples: (n,) the signal, in SI units.
         fs: sampling rate, Hz.
         quantity: "acceleration", "velocity" or "displacement".
+        length: unit of the displacement: "m", or "rad" for an angle.
         near_hz: frequency of the mode, within a tenth, Hz; where None, the strongest mode that decays is taken.
         band_hz: band of the mode, Hz, instead of `near_hz`.
         start_s: start of the free decay, s from the first sample; found where None.
@@ -263,13 +270,13 @@ def free_decay(
         frequency_std_hz=natural_std[order] / (2.0 * np.pi),
         damping_ratio=(damping / (2.0 * natural))[order],
         damping_std=(damping_std / (2.0 * natural))[order],
-        amplitude_unit="m" if mode is None else "m kg^1/2",
+        amplitude_unit=length if mode is None else "m kg^1/2",
         start_s=track.start_s,
         stop_s=track.stop_s,
         time_s=time_s,
         signal=signal,
         envelope=envelope,
-        signal_unit=UNITS[derivative] + ("" if mode is None else " kg^1/2"),
+        signal_unit=length + UNITS[derivative][1:] + ("" if mode is None else " kg^1/2"),
         law=None if law is None else law.law,
         stiffness={} if law is None else law.stiffness,
         damping={} if law is None else law.damping,
