@@ -12,7 +12,8 @@ import opid
 from opid.json_values import json_text
 from opid.signals.health.inspection import inspect
 from opid.signals.health.result import ClockHealth, Finding, Health, PairHealth, SpectralLine
-from opid.signals.logs import open_log
+from opid.signals.logs import open_log, write_log
+from opid.signals.recording import Channel, Recording
 
 
 @pytest.fixture(scope="module")
@@ -268,3 +269,16 @@ def test_a_real_file_of_any_logger_is_told_on_a_page(name):
         loudest = next(channel for channel in health.channels if channel.name == "Mic").lines[0]
         assert loudest.frequency_hz == pytest.approx(2791.7, abs=0.5)
         assert loudest.resolved
+
+
+def test_a_short_record_is_not_called_incoherent(tmp_path):
+    """Two seconds give too few averages to tell; one signal in two channels is coherent."""
+    rng = np.random.default_rng(0)
+    for n, words in ((512, "too short to compare 1 pair of accelerations"), (60000, "coherent band")):
+        motion = rng.standard_normal(n)
+        samples = np.column_stack([motion, motion + 0.1 * rng.standard_normal(n)])
+        path = tmp_path / f"{n}.csv"
+        write_log(Recording(samples, 256.0, (Channel("a", "m/s^2"), Channel("b", "m/s^2"))), path)
+        said = " ".join(opid.text(inspect(open_log(path))).split())
+        assert words in said
+        assert "not coherent" not in said

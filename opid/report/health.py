@@ -308,11 +308,13 @@ def _say_lines(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
 
 def _list_pair_blocks(pairs: Sequence[PairHealth]) -> Iterator[Block]:
     together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
-    more, apart = len(together) - MOST_PAIRS, len(pairs) - len(together)
+    short = sum(pair.is_short for pair in pairs)
+    more, apart = len(together) - MOST_PAIRS, len(pairs) - len(together) - short
     notes = [f"and {format_count(more, 'pair')} more (--json lists all)."] * (more > 0)
     notes += [f"{format_count(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent."] * (
         apart > 0
     )
+    notes += [f"The record is too short to compare {format_count(short, 'pair')} of accelerations."] * (short > 0)
     if together:
         heads = build_columns(
             "channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1)

@@ -70,9 +70,10 @@ def _compare(
     averages: float,
 ) -> PairHealth:
     coherence = _compute_coherence(spectra)
-    band = _find_coherent_band(frequency_hz, coherence) if averages >= HEALTH.least_averages else None
+    is_short = averages < HEALTH.least_averages
+    band = None if is_short else _find_coherent_band(frequency_hz, coherence)
     if band is None:
-        return PairHealth(first, second, np.nan, np.nan, None)
+        return PairHealth(first, second, np.nan, np.nan, None, is_short)
     inside = slice(*band)
     lag_s, std_s = _fit_lag(frequency_hz, spectra[2], coherence, inside, averages)
     low, high = float(frequency_hz[band[0]]), float(frequency_hz[band[1] - 1])

@@ -210,6 +210,7 @@ class PairHealth:
         lag_s: time by which the second comes later, s; NaN where they are not coherent enough.
         lag_std_s: standard deviation of the lag, s.
         coherent_band_hz: longest band in which the squared coherence exceeds a half, Hz; None where there is none.
+        is_short: whether the record is too short to tell.
     """
 
     first: str
@@ -217,6 +218,7 @@ class PairHealth:
     lag_s: float
     lag_std_s: float
     coherent_band_hz: tuple[float, float] | None
+    is_short: bool = False
 
 
 @dataclass(frozen=True, eq=False)
