@@ -251,3 +251,22 @@ def test_what_does_not_decay_is_refused(clean):
         free_decay(rng.standard_normal(8000), fs=FS)
     with pytest.raises(NotDeterminedError):
         free_decay(np.sin(np.arange(12000) * 0.15) + 0.01 * rng.standard_normal(12000), fs=FS)
+
+
+def test_a_mode_that_gains_energy_has_no_interval_of_its_damping():
+    """A limit cycle that is approached from above: its damping is negative at small amplitude."""
+    omega, fs = 2 * np.pi * 30, 1024.0
+
+    def rate(_, state):
+        q, v = state
+        return v, -(omega**2 * q - 0.6 * v + 6 * v * abs(v))
+
+    time = np.arange(0, 6, 1 / fs)
+    found = solve_ivp(rate, (0, 6), (4e-3, 0.0), t_eval=time, rtol=1e-9, atol=1e-13).y[0]
+    record = np.concatenate([np.zeros(300), found])
+    noise = 1e-3 * record.std() * np.random.default_rng(0).standard_normal(record.size)
+    decay = free_decay(record + noise, fs=fs, quantity="displacement")
+    assert decay.damping[1].value < 0
+    assert decay.damping[1].std is None
+    assert decay.damping_low.value is None
+    assert any("the damping at small amplitude is negative" in each for each in decay.warnings)

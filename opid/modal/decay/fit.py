@@ -380,6 +380,9 @@ def _describe_law(
         _estimate(value, each, best.repeats if j in best.places else 1)
         for j, (value, each) in enumerate(zip(values, std, strict=True))
     ]
+    if best.is_active:
+        # No structure at rest has negative damping: what the record holds beside the decay is not known.
+        estimates[n_k] = estimates[n_k].without_interval()
     rest = estimates[n_k + n_c :]
     friction = Estimate()
     if best.form.has_friction:
