@@ -24,6 +24,7 @@ from scipy import interpolate, signal
 from trials import simulated
 
 import opid
+from opid.errors import NotDeterminedError
 from opid.signals.recording import FloatArray
 
 LATEST_S, FASTEST_PPM = 2.0, 100.0
@@ -119,7 +120,7 @@ def run(job: tuple[str, int]) -> Outcome:
         (Path(folder) / "study.toml").write_text(study)
         try:
             found = identify(opid.read_study(Path(folder) / "study.toml"), law=None)
-        except ValueError as error:
+        except (ValueError, NotDeterminedError) as error:
             return Outcome(*job, nothing, nothing, np.nan, str(error).partition("the clock")[2] or str(error))
     gear = case.gear
     said = found.not_determined or next((each for each in found.warnings if "clock" in each or "lag" in each), "")
