@@ -6,8 +6,9 @@ Each seed hits a structure five times at each drive point with a soft pulse of r
 1 % of its rms. `cubic`, `case 1` and `case 2` are the structures of the virtual sine-beat series, so slightly hit that
 their joints do not slip; `two drive points` hits case 2 at two places. The other worlds are those of case 1 with
 accelerations that are 50 us late (`late`) or 2 % too large (`gain`), a record that ends while the structure still moves
-(`cut`), hits up to as hard as the highest sine beats, so that joints slip (`hard`), and a force that counts in the
-other direction (`turned`). No seed is dropped. A mode that is left out and an answer that is refused are counted.
+(`cut`), hits up to as hard as the highest sine beats, so that joints slip (`hard`; in `hard alike` all have nearly one
+height), and a force that counts in the other direction (`turned`). No seed is dropped. A mode that is left out and an
+answer that is refused are counted.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from harness import quantiles, read_names, run_all, seeds_parser, share, table_h
 
 from opid.mechanics.rig import FORCE, impact
 from opid.modal.forced.excitation import quiet_s
+from opid.modal.linear.fitted_modes import FittedModes
 from opid.modal.linear.frequency_response import measured_response
 from opid.modal.linear.modes import LinearModes, modal_test
-from opid.modal.linear.response_fit import FittedModes, fit_modes
+from opid.modal.linear.response_fit import fit_modes
 from opid.signals.recording import Recording
 from opid.virtual.modal_tests.series import virtual_series
 
@@ -39,6 +41,7 @@ class World:
         case: of the virtual series.
         n_drives: number of drive points.
         hardest: peak of the hardest hit over that of one that reaches the highest sine beat.
+        lightest: peak of the lightest hit over that of the hardest.
         late_s: delay of the accelerations.
         gain: factor on the accelerations.
         kept: fraction of the record that is kept.
@@ -48,6 +51,7 @@ class World:
     case: str = "1"
     n_drives: int = 1
     hardest: float = 1e-3
+    lightest: float = 0.1
     late_s: float = 0.0
     gain: float = 1.0
     kept: float = 1.0
@@ -63,6 +67,7 @@ WORLDS = {
     "gain": World("1", gain=1.02),
     "cut": World("1", kept=0.1),
     "hard": World("1", hardest=1.0),
+    "hard alike": World("1", hardest=1.0, lightest=0.9),
     "turned": World("1", sign=-1),
 }
 
@@ -115,7 +120,7 @@ def hit(world: World, drive: str, rng: np.random.Generator, n_hits: int) -> tupl
 
     def record() -> Iterator[Recording]:
         for _ in range(n_hits):
-            height = peak_n * float(rng.uniform(0.1, 1.0))
+            height = peak_n * float(rng.uniform(world.lightest, 1.0))
             run = impact(rig, peak_n=height, pulse_s=pulse_s, fs=fs, duration_s=duration_s, rng=rng).recording
             samples, force = run.samples.copy(), run.index(FORCE)
             others = [k for k in range(samples.shape[1]) if k != force]

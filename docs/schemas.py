@@ -24,9 +24,9 @@ from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
 from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
-from opid.modal.linear.response_fit import SCHEMA as MODES, FittedModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.resonance.appropriation import Interaction
 from opid.modal.resonance.law import ResonanceLaw

@@ -130,9 +130,15 @@ def test_a_record_that_ends_early_is_refused():
         fit_modes([measured_response([hit(record)])], band_hz=BAND_HZ)
 
 
-def test_one_record_does_not_show_whether_the_structure_is_linear():
-    found = fit_modes([replace(respond(), n_averages=1)], band_hz=BAND_HZ)
-    assert any("nothing shows whether the structure is linear" in each for each in found.warnings)
+@pytest.mark.parametrize("heights", [(1.0,), (1.0, 1.2), (1.0, 3.0)])
+def test_forces_of_one_height_do_not_show_whether_the_structure_is_linear(heights):
+    rings = [ring(seed) for seed in range(len(heights))]
+    first = rings[0].channel("hammer").max()
+    factors = [height * first / each.channel("hammer").max() for each, height in zip(rings, heights, strict=True)]
+    scaled = [replace(each, samples=factor * each.samples) for each, factor in zip(rings, factors, strict=True)]
+    found = fit_modes([measured_response([hit(each) for each in scaled])], band_hz=BAND_HZ)
+    said = any("nothing shows whether the structure is linear" in each for each in found.warnings)
+    assert said == (max(heights) < 1.5)
 
 
 def ring(seed, fs=512.0, duration_s=30.0, modes=MODES):

@@ -28,7 +28,7 @@ from opid.progress import Say
 
 if TYPE_CHECKING:
     from opid.modal.decay.free_decay import Decay
-    from opid.modal.linear.response_fit import FittedModes
+    from opid.modal.linear.fitted_modes import FittedModes
     from opid.signals.recording import Recording
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)

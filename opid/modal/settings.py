@@ -39,6 +39,7 @@ class ModalThresholds:
     least_signal: float = 3.0  # force or motion in the band over its noise, rms, that a test needs
     # fraction of the largest motion that may be left at an end of a record: a test with more is refused ...
     most_left: float = 0.05
+    parts_of_record: int = 50  # the last of so many parts of a record shows what is left at its end
     warned_left: float = 0.01  # ... and a test with more than this gets a warning
     # least multiple of the natural frequency that a record holds, for the third harmonic with some of its width
     third_harmonic: float = 3.1
@@ -115,6 +116,8 @@ class ModalThresholds:
     # exponent that nothing determines takes any stiffness to zero amplitude
     joint_sigma: float = 3.0
     widest_exponent: float = 0.3
+    # exponents with which the search for slip begins: those of joints measured so far, closely enough for the fit
+    first_exponents: tuple[float, ...] = (-0.8, -0.65, -0.5, -0.35, -0.2, 0.0, 0.2)
     slip_exponents: tuple[float, float] = (-0.95, 1.5)  # range of chi; joints measured so far have -0.8 to 0.2
     most_rivals: int = 6  # forms of the law that are fitted to amplitude and phase, which takes most of the time
     least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals

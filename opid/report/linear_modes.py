@@ -7,8 +7,8 @@ from typing import Any
 
 from opid.errors import list_names
 from opid.estimate import Estimate, format_number, format_percent, rounded
+from opid.modal.linear.fitted_modes import FittedModes
 from opid.modal.linear.frequency_response import cmif
-from opid.modal.linear.response_fit import FittedModes
 from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings
 
 MODES_IN_A_TABLE = 5

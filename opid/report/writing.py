@@ -65,7 +65,7 @@ KINDS = (
     KindOfResult("signals.health.result.Health", "health"),
     KindOfResult("signals.health.result.Inspection", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "decay"),
-    KindOfResult("modal.linear.response_fit.FittedModes", "linear_modes"),
+    KindOfResult("modal.linear.fitted_modes.FittedModes", "linear_modes"),
     KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
     KindOfResult("modal.resonance.result.Resonance", "resonance", (ModalTruth,)),
     KindOfResult("updating.result.Updating", "updating", (UpdatingTruth,)),

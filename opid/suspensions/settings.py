@@ -701,11 +701,14 @@ class WeighingSettings:
         used_within_std: a weighed mass takes part in the answer if it is within so many standard deviations of what the
             runs say. Of right scales one in 22 is further off; a scale that is wrong by four of its tolerances, and is
             used, moved the mass by more than its interval in 5 of 20 gears at a limit of three.
+        rules_above: the tolerance of a force causes most of the interval of the mass if it is above this fraction of
+            the standard deviation: half of the variance.
         contradicts_std: a difference of more standard deviations is a contradiction; one in 370 is larger by chance.
     """
 
     usual_fraction: float = 0.002
     used_within_std: float = 2.0
+    rules_above: float = 0.7
     contradicts_std: float = 3.0
 
 

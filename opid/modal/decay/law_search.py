@@ -21,8 +21,6 @@ from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
-EXPONENTS = (-0.8, -0.65, -0.5, -0.35, -0.2, 0.0, 0.2)
-
 
 @dataclass(frozen=True)
 class LawForm:
@@ -170,7 +168,7 @@ def _try_form(form: LawForm, seen: Linearisation) -> Iterator[_Try]:
     size, level = seen.level.size, seen.level
     frequency = np.sqrt(np.maximum(seen.square, 1e-12))
     factors = first_harmonic_factor(np.arange(1, HIGHEST_ORDER + 1))
-    for exponent in EXPONENTS if form.has_memory else (0.0,):
+    for exponent in MODAL.first_exponents if form.has_memory else (0.0,):
         columns = np.zeros((2 * size, form.size))
         for n in range(form.stiffness_order):
             columns[:size, n] = factors[n] * level**n

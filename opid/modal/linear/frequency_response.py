@@ -12,12 +12,10 @@ from scipy import fft
 from opid.errors import InputError, nearest
 from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.modes import LinearModes, ModalTest, check_force, with_accelerations
+from opid.modal.settings import MODAL
 from opid.provenance import ReadFile
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import Window, cross_spectra
-
-N_PARTS = 50
-"""Parts of a record, of which the last one shows whether it has decayed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +30,7 @@ class FrequencyResponse:
         n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
         coherence: (n, n_sensors) coherence, 0 .. 1; None where nothing was averaged, as it would be 1 by construction.
         left_at_end: motion at the end of the records that were transformed whole, over the largest one, rms.
+        level_ratio: largest peak of the force in a record over the smallest.
     """
 
     frequency_hz: FloatArray
@@ -41,6 +40,7 @@ class FrequencyResponse:
     n_averages: float = 1.0
     coherence: FloatArray | None = None
     left_at_end: float = 0.0
+    level_ratio: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,12 +154,14 @@ def measured_response(
         coherence = np.clip(_divide(np.abs(cross) ** 2, both), 0, 1)
     value = _divide(cross, force_power[:, None])
     left = 0.0 if nperseg is not None else max(_measure_end(motion) for _, motion in records)
-    return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence, left)
+    peaks = [float(np.abs(force).max()) for force, _ in records]
+    ratio = max(peaks) / max(min(peaks), 1e-300)
+    return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence, left, ratio)
 
 
 def _measure_end(motion: FloatArray) -> float:
-    """Return the rms of the last fiftieth of a record over that of the fiftieth with the largest motion."""
-    power = [float(np.mean(part**2)) for part in np.array_split(motion, min(N_PARTS, len(motion)))]
+    """Return the rms of the last part of a record over that of the part with the largest motion."""
+    power = [float(np.mean(part**2)) for part in np.array_split(motion, min(MODAL.parts_of_record, len(motion)))]
     return float(np.sqrt(power[-1] / max(power))) if max(power) > 0.0 else 0.0
 
 

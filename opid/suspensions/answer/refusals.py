@@ -32,9 +32,6 @@ from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, 
 from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Study, rigid_faults
 
-# a tolerance of more than this fraction of a standard deviation rules it
-_MOST_OF_IT = 0.7
-
 
 def why_refused(choice: Choice) -> str | None:
     """Return why there are no numbers at all; None if there are."""
@@ -254,7 +251,7 @@ def _explain_no_mass_of_gear(choice: Choice) -> str | None:
     is_loose = _is_loose(part.known.mass, choice.verdicts)
     if is_loose and not largest:
         tolerance = min((scale.tolerance for scale, _ in part.fit.model.scales), default=0.0)
-        if tolerance > _MOST_OF_IT * std / max(mu, 1e-300):
+        if tolerance > part.settings.weighing.rules_above * std / max(mu, 1e-300):
             return (
                 "the gain of the force in the strut is not known well enough for a mass: calibrate it, or add a run "
                 "with a known mass more or less; the ratios to the mass are given"
