@@ -1,8 +1,9 @@
 """Free decays with dry friction, and repeats with scatter: errors and intervals that hold, as a Markdown table.
 
 Run `python benchmarks/decays.py --seeds 20`, about 6 minutes. Friction: 60 Hz, damping ratio 0.004, friction of 0.2 %
-of the elastic force at the first amplitude, 1 % noise. Repeats: 12 decays of such a mode without friction, whose
-stiffness scatters by 0.14 % (0.042 Hz) and whose damping by 3 % from one to the next; one set for five seeds.
+of the elastic force at the first amplitude, 1 % noise; then of 0.4 and 0.7 %, with which the decay is over after nine
+and seven windows. Repeats: 12 decays of such a mode without friction, whose stiffness scatters by 0.14 % (0.042 Hz) and
+whose damping by 3 % from one to the next; one set for five seeds.
 """
 
 import os
@@ -49,6 +50,12 @@ def main() -> None:
     print_row("friction force", [(law.friction, FRICTION) for law in laws])
     print_row("viscous damping beside it", [(law.damping[1], C0) for law in laws])
     print_row("frequency at zero amplitude beside it", [(law.frequency_low_hz, OMEGA / (2 * np.pi)) for law in laws])
+    for fraction in (0.004, 0.007):
+        force = fraction * K0 * LEVEL
+        short = [follow(np.random.default_rng([3, seed]), K0, C0, force).fitted for seed in seeds]
+        given = [law for law in short if law is not None]
+        print_row(f"friction force, {100 * fraction:g} %", [(law.friction, force) for law in given])
+        print_row("viscous damping beside it", [(law.damping[1], C0) for law in given])
     pooled = []
     for seed in seeds[: max(len(seeds) // 5, 1)]:
         rng = np.random.default_rng([2, seed])

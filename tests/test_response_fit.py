@@ -107,6 +107,8 @@ def test_bad_responses_are_refused():
         ([one, respond(replace(MODES, sensors=("tip", "b", "c", "d")))], BAND_HZ, "other sensors or lines"),
         ([replace(one, drive_point="nose")], BAND_HZ, "no sensor is called 'nose'"),
         ([one], (60.0, 60.2), "at least 16 are needed"),
+        ([one], (180.0, 60.0), "give its lower end first"),
+        ([one], (-5.0, float("nan")), "give its lower end first"),
     ):
         with pytest.raises(InputError, match=words):
             fit_modes(responses, band_hz=band_hz)

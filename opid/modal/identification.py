@@ -160,7 +160,10 @@ def _explain_no_law(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
             "these levels; excite it harder, or name the modes to fit (nonlinear = [7, 11])"
         )
     modes = ", ".join(str(mode) for mode in study.nonlinear)
-    return f'no test has use = "fit" or "decay", which mode(s) {modes} need: give sine beats or free decays'
+    return (
+        f'no test has use = "fit" or "decay", which mode(s) {modes} need: give sine beats or free decays '
+        "(`opid resonance` reads tests at phase resonance)"
+    )
 
 
 def _compare_levels(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:

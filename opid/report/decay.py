@@ -15,6 +15,9 @@ from opid.report.document import Block, Column, Document, Figure, Paragraph, Row
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.sketch import sketch_decay
 
+PER = {"": "", "m": ", per unit mass", "rad": ", per unit of inertia"}
+"""What the force of the law is divided by, by the unit of the displacement."""
+
 
 def build_document(decay: Decay) -> Document:
     """Return the report of a free decay: frequency and damping over amplitude, and the law."""
@@ -84,7 +87,7 @@ def _tabulate_repeats(decay: Decay, law: DecayLaw) -> Table:
             None if value is None else factor * value for value, factor in zip(values, (1, 100), strict=True)
         )
         rows.append((each.name, "-" if hz is None else rounded(hz), "-" if percent is None else rounded(percent)))
-    rows.append(("scatter", rounded(law.frequency_scatter_hz), rounded(100 * law.damping_scatter)))
+    rows.append(("scatter", format_number(law.frequency_scatter_hz, 2), format_number(100 * law.damping_scatter, 2)))
     return Table(
         (Column("repeat", align="left"), Column("frequency at zero", "Hz"), Column("damping at zero", "%")),
         tuple(rows),
@@ -120,9 +123,8 @@ def _tabulate_ends(decay: Decay) -> Table:
 
 
 def _list_law_rows(decay: Decay) -> Iterator[Row]:
-    unit, per = (partial(unit_per_mass, length=decay.length), ", per unit mass") if decay.length else (unit_of, "")
-    per = per.replace("mass", "of inertia") if decay.length == "rad" else per
-    yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1){_name_joint(decay)} = 0",)
+    unit = partial(unit_per_mass, length=decay.length) if decay.length else unit_of
+    yield (f"Law{PER[decay.length]}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1){_name_joint(decay)} = 0",)
     for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):
         for power, estimate in sorted(estimates.items()):
             yield build_estimate_row(f"{letter}{power}", unit(letter, power), estimate)

@@ -145,6 +145,10 @@ class _Data:
                     f"masses; the sensors are {list_names(map(repr, each.sensors))}"
                 )
         low, high = band_hz
+        if not 0.0 <= low < high < np.inf:
+            raise InputError(
+                f"the band is {low:g} to {high:g} Hz: give its lower end first, and two finite numbers from 0 up"
+            )
         known = np.isfinite(np.stack([each.value for each in responses])).all(axis=(0, 2))
         lines = known & (first.frequency_hz >= low) & (first.frequency_hz <= high) & (first.frequency_hz > 0)
         if lines.sum() < 16:
