@@ -9,7 +9,8 @@ from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure, iwan
 from opid.modal.decay.free_decay import free_decay, pool_decays
 from opid.modal.decay.repeats import pool_repeats
-from opid.modal.decay.slow_flow import JointTerms, slip_damping, slip_softening, solve_slow_flow
+from opid.modal.decay.slow_flow import solve_slow_flow
+from opid.modal.joint_terms import JointTerms, slip_damping, slip_softening
 
 FS, OMEGA, LEVEL = 2048.0, 2.0 * np.pi * 60.0, 1e-3
 K0, C0 = OMEGA**2, 0.008 * OMEGA

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from opid.errors import InputError
-from opid.mechanics.laws.law import Law
+from opid.mechanics.laws.law import LINEAR, Law
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
+from opid.modal.couplings import Product, make_joints
+from opid.modal.joint_terms import ModalJoint
 from opid.modal.linear.modes import LinearModes, ModalTest, force_projection
 from opid.modal.settings import MODAL
 from opid.signals.recording import Channel, FloatArray, Recording, recording_from_arrays
@@ -25,9 +27,13 @@ from opid.signals.resampling import resampled
 class NonlinearModalModel:
     """Modes, some with a restoring-force law: q_j'' + c0 q_j' + k0 q_j + f_j(q_j, q_j') = f_qj (Pacini eq. 13).
 
+    Joints that slip are added to f_j, and what the couplings of the modes give: f_j then depends on other modes, too.
+
     Args:
         modes: the linear part of every mode.
         laws: nonlinear restoring force by the number of the mode, counted from 1; empty for a linear model.
+        joints: friction and slip by the number of the mode, beside its law.
+        couplings: coefficients of the products by which modes drive each other.
 
     Raises:
         InputError: a mode that is not there.
@@ -40,25 +46,34 @@ class NonlinearModalModel:
 
     modes: LinearModes
     laws: Mapping[int, Law] = field(default_factory=dict)
+    joints: Mapping[int, ModalJoint] = field(default_factory=dict)
+    couplings: Mapping[Product, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for mode in self.laws:
+        for mode in (*self.laws, *self.joints, *(mode for product in self.couplings for mode in product.modes)):
             self.modes.index(mode)
-        object.__setattr__(self, "laws", MappingProxyType(dict(self.laws)))
+        for name in ("laws", "joints", "couplings"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     @property
     def linear(self) -> NonlinearModalModel:
         """The same modes without their laws."""
-        return replace(self, laws={})
+        return NonlinearModalModel(self.modes)
 
     def structure(self) -> Structure:
         """Return the model as a structure whose degrees of freedom are the modal coordinates."""
-        n = self.modes.n_modes
-        joints = tuple(
-            Joint(f"mode {mode}", np.eye(n)[mode - 1], law=law) for mode, law in sorted(self.laws.items()) if law.terms
-        )
+        n, stiffness = self.modes.n_modes, self.modes.stiffness()
+        joints = []
+        for mode in sorted({*self.laws, *self.joints}):
+            law, joint = self.laws.get(mode, LINEAR), self.joints.get(mode)
+            sliders = joint.sliders if joint else None
+            if joint:
+                stiffness[mode - 1] -= joint.stuck_stiffness
+            if law.terms or sliders:
+                joints.append(Joint(f"mode {mode}", np.eye(n)[mode - 1], law=law, sliders=sliders))
         names = tuple(f"mode {mode + 1}" for mode in range(n))
-        return Structure(np.eye(n), np.diag(self.modes.damping()), np.diag(self.modes.stiffness()), joints, names)
+        joints += make_joints(self.couplings, n)
+        return Structure(np.eye(n), np.diag(self.modes.damping()), np.diag(stiffness), tuple(joints), names)
 
 
 @dataclass(frozen=True)

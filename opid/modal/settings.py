@@ -142,3 +142,29 @@ class ModalThresholds:
 
 
 MODAL = ModalThresholds()
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """How laws are fitted by simulating the tests."""
+
+    # largest step, in rad of the fastest mode: Runge-Kutta then keeps its frequency to 1e-5, a hundredth of a bandwidth
+    step_rad: float = 0.2
+    # steps of a search while forms are compared, and of the last one for the form that is chosen
+    first_steps: int = 10
+    most_steps: int = 40
+    # relative change of errors and coefficients at which these searches end
+    first_converged: float = 3e-4
+    converged: float = 1e-6
+    unbounded: float = 3.0  # errors of a model that grows without bound, over those of no motion at all
+    # rms misfit of the powers over the noise, from which on friction and slip are tried: with the right law it is 1
+    excess: float = 1.5
+    # directions of a joint with which the search begins, as ratio of the stretches by the largest displacements: its
+    # sign decides which half of the cycle is softer, and a search does not cross zero
+    first_ratios: tuple[float, ...] = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
+    # misfit over the motion of a mode, from which on its law is not given and the interaction stays a warning
+    most_missed: float = 0.3
+    warned_missed: float = 0.05  # ... and from which on there is a warning
+
+
+SIMULATED = SimulationSettings()

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
-from opid.modal.decay.slow_flow import JointTerms, slip_damping, slip_softening
+from opid.modal.joint_terms import JointTerms, slip_damping, slip_softening
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray

@@ -11,57 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import beta
 
+from opid.modal.joint_terms import JointTerms
 from opid.signals.recording import FloatArray
-
-
-@dataclass(frozen=True)
-class JointTerms:
-    """What a joint adds to the powers: dry friction, and the slip of an Iwan joint.
-
-    Dry friction is F sgn(q'). The Iwan joint has sliders whose slip travels x are spread as R x^chi (Segalman 2005, J.
-    Appl. Mech. 72, 752): they carry K q - R |q|^(2 + chi) / ((1 + chi) (2 + chi)) on first loading, where K belongs to
-    k0, and lose 4 R A^(3 + chi) / ((2 + chi) (3 + chi)) in a cycle.
-
-    Args:
-        friction: F, force per unit mass.
-        slip: R, force per unit mass over displacement^(2 + chi).
-        exponent: chi, above -1; 0 spreads the sliders evenly.
-    """
-
-    friction: float = 0.0
-    slip: float = 0.0
-    exponent: float = 0.0
-
-    def find_softening(self, amplitude: FloatArray) -> FloatArray:
-        """Return by how much slip lowers the secant stiffness at amplitudes, force per unit mass over displacement."""
-        return self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
-
-    def find_damping(self, amplitude: FloatArray) -> FloatArray:
-        """Return what friction and slip add to omega c(A) at amplitudes, where c is the coefficient of q'."""
-        slipped = self.slip * slip_damping(self.exponent) * amplitude ** (1.0 + self.exponent)
-        return 4.0 * self.friction / (np.pi * amplitude) + slipped
-
-
-def slip_softening(exponent: float) -> float:
-    """Return what slip takes from the secant stiffness, over R A^(1 + chi).
-
-    It is the mean over the sliders of the first harmonic of a Jenkins element.
-
-    >>> round(slip_softening(0.0), 4)  # evenly spread sliders lose half of their fraction that slips
-    0.5
-    """
-    return float(8.0 / (np.pi * (1.0 + exponent)) * beta(exponent + 2.5, 1.5))
-
-
-def slip_damping(exponent: float) -> float:
-    """Return omega times the damping that slip adds, over R A^(1 + chi).
-
-    >>> round(slip_damping(0.0), 4)
-    0.2122
-    """
-    return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,15 @@ import numpy as np
 from opid.errors import InputError, refuse
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
-from opid.modal.forced.equation import ModeLines, mode_lines
-from opid.modal.forced.mode_tests import check_shapes, check_test, find_band, warn_of_other_modes, warn_of_rates
+from opid.modal.forced.equation import ModeLines, find_line_noise, mode_lines
+from opid.modal.forced.mode_tests import (
+    Interaction,
+    check_shapes,
+    check_test,
+    find_band,
+    find_interactions,
+    warn_of_rates,
+)
 from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
@@ -89,6 +96,8 @@ class ModeFit:
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
+        interactions: modes that this one drives.
+        misfit: rms of the misfit over what noise alone would leave; 1 where the powers are the law.
         warnings: one sentence for each warning about the fit.
     """
 
@@ -112,6 +121,8 @@ class ModeFit:
     frequency_at_hz: FloatArray
     damping_at: FloatArray
     orders: tuple[OrderRung, ...]
+    interactions: tuple[Interaction, ...]
+    misfit: float
     warnings: tuple[str, ...]
 
     @property
@@ -123,7 +134,7 @@ class ModeFit:
         """Return the fit as result.json holds it; `k` and `c` by power, as the paper calls them."""
         arranged = (
             *("stiffness", "damping", "stiffness_curve", "damping_curve"),
-            *("residual_fraction", "modal_mass", "orders"),
+            *("residual_fraction", "modal_mass", "orders", "interactions"),
         )
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
@@ -136,6 +147,7 @@ class ModeFit:
                 "damping": self.damping_curve.as_json("velocity"),
             },
             "orders": [asdict(rung) for rung in self.orders],
+            "interactions": [asdict(each) for each in self.interactions],
         }
 
 
@@ -189,8 +201,9 @@ def fit_mode(
     warnings = [warning for _, of_test in checks for warning in of_test]
     warnings += warn_of_rates(tests, mode)
     warnings += of_shapes[loudest][1]
-    warnings += warn_of_other_modes(tests[loudest], mode, band)
-    return replace(fit, warnings=(*warnings, *_warn_of_fit(fit)))
+    interactions = tuple(find_interactions(tests[loudest], mode, band))
+    warnings += [each.sentence for each in interactions]
+    return replace(fit, interactions=interactions, warnings=(*warnings, *_warn_of_fit(fit)))
 
 
 def _choose_orders(
@@ -242,8 +255,16 @@ def _make_mode_fit(
         frequency_at_hz=omega / (2 * np.pi),
         damping_at=damping / np.maximum(2 * omega, 1e-300),
         orders=tried,
+        interactions=(),
+        misfit=_find_misfit(lines, found),
         warnings=(),
     )
+
+
+def _find_misfit(lines: Sequence[ModeLines], found: Coefficients) -> float:
+    """Return the rms of the misfit over the noise of each line."""
+    left = [found.powers.misfit(each, found.value) / find_line_noise(each, found.powers, found.value) for each in lines]
+    return float(np.sqrt(np.mean(np.abs(np.concatenate(left)) ** 2)))
 
 
 def _choose_band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:

@@ -1,18 +1,20 @@
 """Select the tests that can identify a mode, find its band, and check the tests.
 
 A test must have decayed, with energy and enough motion in the band. The shapes must explain the motion of the sensors,
-which reveals a swapped row, a wrong sign or a missing mode, even without a force. A nonlinear modal model cannot
-represent modes that respond at multiples of the frequency under test, so a warning names them.
+which reveals a swapped row, a wrong sign or a missing mode, even without a force. Modes that respond at multiples of
+the frequency under test are named, for a mode by itself does not explain them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
 from opid.mechanics.structure import ComplexArray
+from opid.modal.couplings import Product
 from opid.modal.forced.equation import ModeLines, find_noise_power, find_quiet_lines, integrate_mode
 from opid.modal.linear.frequency_response import accelerance
 from opid.modal.linear.modes import LinearModes, ModalTest, with_sensors
@@ -148,12 +150,50 @@ def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
         )
 
 
-def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Iterator[str]:
+@dataclass(frozen=True)
+class Interaction:
+    """A mode that moves at a multiple of the frequency of the mode under test, more than the force explains.
+
+    Args:
+        mode: number of the mode under test.
+        other: number of the mode that moves.
+        multiple: 2 or 3.
+        band_hz: that multiple of the band under test, Hz, in which the other mode moves.
+        test: name of the test.
+        fraction: its motion over that of the mode under test, rms of modal accelerations.
+        by_force: the part of that motion which the force explains.
+    """
+
+    mode: int
+    other: int
+    multiple: int
+    band_hz: tuple[float, float]
+    test: str
+    fraction: float
+    by_force: float
+
+    @property
+    def product(self) -> Product:
+        """The lowest product of the potential that drives the other mode in this way, q_i^2 q_j or q_i^3 q_j."""
+        return Product((self.mode,) * self.multiple + (self.other,))
+
+    @property
+    def sentence(self) -> str:
+        """The warning that a model without coupling is wrong."""
+        return (
+            f"mode {self.other} moves at {self.multiple} times the frequency of mode {self.mode} in test "
+            f"{self.test!r}, {self.fraction:.2f} times as much, and the force explains {100 * self.by_force:.0f} % of "
+            f"that: the modes interact, so this model is wrong where mode {self.other} moves; force appropriation "
+            "would show it"
+        )
+
+
+def find_interactions(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Iterator[Interaction]:
     """Yield the modes that move at twice or three times the band of a mode, more than the force can have moved them.
 
-    The modes of a modal model are uncoupled; such motion shows that these are coupled (Pacini, section 4.2.2, where
-    force appropriation proves it: `opid.modal.modal_interaction`). A mode is named if it moves at least 0.3 times as
-    much as the mode under test, and the force explains less than 0.3 of that, for a shaker has harmonics, too.
+    Pacini, section 4.2.2, proves such a coupling by force appropriation (`opid.modal.modal_interaction`). A mode is
+    named if it moves at least 0.3 times as much as the mode under test, and the force explains less than 0.3 of that,
+    for a shaker has harmonics, too.
     """
     index = test.modes.index(mode)
     frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
@@ -173,11 +213,9 @@ def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]
         coupled[index] = False
         if coupled.any():
             other = int(np.argmax(np.where(coupled, seen, 0.0)))
-            by_force = 100 * own[other] / seen[other]
-            yield (
-                f"mode {other + 1} moves at {multiple} times the frequency of mode {mode} in test {test.name!r}, "
-                f"{seen[other] / target:.2f} times as much, and the force explains {by_force:.0f} % of that: the modes "
-                f"interact, so this model is wrong where mode {other + 1} moves; force appropriation would show it"
+            band = (multiple * band_hz[0], multiple * band_hz[1])
+            yield Interaction(
+                mode, other + 1, multiple, band, test.name, float(seen[other] / target), float(own[other] / seen[other])
             )
 
 

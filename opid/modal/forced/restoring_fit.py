@@ -6,8 +6,9 @@ mode needs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from opid.modal.forced.equation import ModeLines, Powers, find_line_noise, find_
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
+
+K = TypeVar("K", bound=Hashable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,20 +165,35 @@ def search_orders(
                 continue  # too many coefficients for the lines that are left
     if not errors:
         raise InputError("no order can be fitted to so few lines: give longer or more tests")
-    mean = {orders: float(np.sqrt(np.mean(each**2))) for orders, each in errors.items()}
-    best = min(mean, key=lambda orders: (mean[orders], sum(orders)))
-    root = len(folds) ** 0.5
-    # Differences from the best are taken fold by fold, so that errors common to all pairs of orders do not count.
-    near = [
-        orders
-        for orders, each in errors.items()
-        if mean[orders] <= (1 + MODAL.parsimony) * mean[best] + float(np.std(each - errors[best], ddof=1)) / root
-    ]
-    chosen = min(near, key=lambda orders: (sum(orders), mean[orders]))
+    chosen = choose_simplest(errors, {orders: sum(orders) for orders in errors})
     return tuple(
-        OrderRung(*orders, mean[orders], float(np.std(each, ddof=1)) / root, orders == chosen)
+        OrderRung(*orders, find_rms(each), float(np.std(each, ddof=1)) / len(folds) ** 0.5, orders == chosen)
         for orders, each in errors.items()
     )
+
+
+def choose_simplest(errors: Mapping[K, FloatArray], sizes: Mapping[K, int]) -> K:
+    """Return the smallest of some forms of a law whose error is within one standard error and 1 % of the least one.
+
+    Args:
+        errors: (n_folds,) errors of each form on what was left out in turn.
+        sizes: the number of coefficients of each form.
+    """
+    mean = {form: find_rms(each) for form, each in errors.items()}
+    best = min(mean, key=lambda form: (mean[form], sizes[form]))
+    # Differences from the best are taken fold by fold, so that errors common to all forms do not count.
+    near = [
+        form
+        for form, each in errors.items()
+        if mean[form]
+        <= (1 + MODAL.parsimony) * mean[best] + float(np.std(each - errors[best], ddof=1)) / each.size**0.5
+    ]
+    return min(near, key=lambda form: (sizes[form], mean[form]))
+
+
+def find_rms(errors: FloatArray) -> float:
+    """Return the rms of errors."""
+    return float(np.sqrt(np.mean(errors**2)))
 
 
 def is_linear_part_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_order: int) -> bool:

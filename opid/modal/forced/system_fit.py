@@ -1,0 +1,368 @@
+"""Which terms a mode, or several modes that drive each other, need beyond powers: friction, slip and couplings.
+
+Every form of the law is fitted by simulation (`simulated_fit`), and judged as the orders of a single mode are: by its
+error on tests that are left out in turn. The fewest coefficients are chosen whose error is within one standard error
+and 1 % of the least one.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product as combine
+from typing import Any
+
+import numpy as np
+from scipy import fft
+
+from opid.errors import InputError
+from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law
+from opid.modal.couplings import DEGREES, Coupling, Product, list_products
+from opid.modal.forced.equation import Powers, mode_lines
+from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.mode_tests import Interaction
+from opid.modal.forced.restoring_fit import choose_simplest, find_rms
+from opid.modal.forced.simulated_fit import (
+    FittedForm,
+    ModeTerms,
+    System,
+    SystemForm,
+    find_misfit,
+    fit_form,
+    make_system,
+    refine_form,
+)
+from opid.modal.joint_terms import JointTerms, ModalJoint, slip_softening
+from opid.modal.linear.modes import ModalTest
+from opid.modal.power_laws import coefficients_json, make_fitted_law
+from opid.modal.settings import MODAL, SIMULATED
+from opid.signals.recording import FloatArray
+
+logger = logging.getLogger(__name__)
+
+LINEAR_PART = Powers((1,), (1,))
+
+
+@dataclass(frozen=True)
+class ModeLaw:
+    """The law of one mode by simulation.
+
+    Args:
+        stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
+        damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
+        friction: dry friction F, N/kg^1/2; empty where there is none.
+        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi); empty without one.
+        slip_exponent: chi of that joint; empty without one.
+        largest: largest displacement of the tests, m kg^1/2.
+    """
+
+    stiffness: Mapping[int, Estimate]
+    damping: Mapping[int, Estimate]
+    friction: Estimate
+    slip: Estimate
+    slip_exponent: Estimate
+    largest: float
+
+    @property
+    def law(self) -> Law:
+        """The nonlinear restoring force of the powers 2 and up."""
+        return make_fitted_law(self.stiffness, self.damping)
+
+    @property
+    def joint(self) -> ModalJoint:
+        """Friction and slip, ready to be simulated."""
+        values = (float(each.value or 0.0) for each in (self.friction, self.slip, self.slip_exponent))
+        return ModalJoint(JointTerms(*values), self.largest)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the law as result.json holds it."""
+        joint = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
+        return {**coefficients_json(self.stiffness, self.damping), "joint": joint, "largest": self.largest}
+
+
+@dataclass(frozen=True)
+class LawTrial:
+    """One form of the law that was tried."""
+
+    terms: str  # its terms beside the powers
+    coefficients: int  # their number, with those of the powers
+    error: float  # misfit of the tests that were left out, over the motion (rms)
+    error_std: float  # standard error of that misfit, from test to test
+    chosen: bool  # whether this form was chosen
+
+
+@dataclass(frozen=True, eq=False)
+class SystemFit:
+    """The law of one mode, or of several that drive each other, by simulation of the tests.
+
+    Args:
+        modes: numbers of the modes, the one under test first.
+        tests: names of the tests.
+        laws: the law of each mode by itself, by its number.
+        couplings: the products by which the modes drive each other; empty for one mode.
+        ratios: where one joint explains the couplings, how far it is stretched by a unit of each other mode, over that
+            of the first mode; empty otherwise.
+        missed: misfit over the motion in the band of each mode, rms, by its number.
+        trials: the forms of the law that were tried.
+        warnings: one sentence for each warning about the fit.
+    """
+
+    modes: tuple[int, ...]
+    tests: tuple[str, ...]
+    laws: Mapping[int, ModeLaw]
+    couplings: tuple[Coupling, ...]
+    ratios: Mapping[int, Estimate]
+    missed: Mapping[int, float]
+    trials: tuple[LawTrial, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the law explains the motion of all its modes well enough to be used."""
+        return max(self.missed.values()) <= SIMULATED.most_missed
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fit as result.json holds it."""
+        return {
+            "modes": self.modes,
+            "tests": self.tests,
+            "laws": {str(mode): law.as_json() for mode, law in self.laws.items()},
+            "couplings": [each.as_json() for each in self.couplings],
+            "ratios": {str(mode): asdict(each) for mode, each in self.ratios.items()},
+            "missed": {str(mode): each for mode, each in self.missed.items()},
+            "trials": [asdict(each) for each in self.trials],
+            "warnings": self.warnings,
+        }
+
+
+def fit_system(
+    tests: Sequence[ModalTest],
+    fit: ModeFit,
+    interactions: Sequence[Interaction] = (),
+    *,
+    products: Sequence[Product] | None = None,
+    search_own: bool = True,
+) -> SystemFit:
+    """Fit the law of a mode, and of the modes that it drives, by simulation.
+
+    Args:
+        tests: the tests that the mode was fitted to.
+        fit: the mode by itself, whose powers are the start.
+        interactions: the modes that it drives.
+        products: the products by which they do, if they are known; searched where None.
+        search_own: whether friction and slip are tried beside the powers.
+
+    Raises:
+        InputError: no form of the law could be fitted.
+    """
+    bands = {fit.mode: fit.band_hz} | {each.other: each.band_hz for each in interactions}
+    bands |= {
+        mode: _choose_band(tests[0], mode) for product in products or () for mode in product.modes if mode not in bands
+    }
+    largest = {mode: max(mode_lines(test, mode, band).largest_q for test in tests) for mode, band in bands.items()}
+    system = make_system(tests, bands, largest)
+    trials: list[_Trial] = []
+    others = {mode: ModeTerms(LINEAR_PART) for mode in bands if mode != fit.mode}
+    first = tuple(products) if products is not None else tuple(each.product for each in interactions)
+    guesses = np.array([_guess_product(tests, bands, each) / system.measure_product(each) for each in first])
+    rest = np.zeros(2 * len(others))
+    for terms, start in _list_own(system, fit, search_own):
+        form = SystemForm({fit.mode: terms} | others, first)
+        _try_form(system, form, np.concatenate([start, rest, guesses]), trials)
+    if first and trials:
+        own = _choose(trials).found
+        alone = own.vector[: own.form.size - len(first)]
+        _try_form(system, SystemForm(own.form.own), alone, trials)
+        if products is None:
+            _search_joint(system, own, alone, trials)
+    if not trials:
+        raise InputError(
+            f"no law of mode {fit.mode} could be simulated in tests {', '.join(repr(test.name) for test in tests)}: "
+            "its start is too far off; give tests at lower levels, too"
+        )
+    chosen = _choose(trials)
+    return _make_fit(system, tests, trials, chosen, largest)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    terms: str
+    found: FittedForm
+
+
+def _choose(trials: Sequence[_Trial]) -> _Trial:
+    errors = {index: each.found.errors for index, each in enumerate(trials)}
+    return trials[choose_simplest(errors, {index: each.found.form.size for index, each in enumerate(trials)})]
+
+
+def _try_form(system: System, form: SystemForm, start: FloatArray, trials: list[_Trial]) -> None:
+    """Fit a form and add it to the trials, unless it cannot be simulated or its joint is not determined."""
+    try:
+        found = fit_form(system, form, start)
+    except InputError as error:
+        logger.info("%s: %s", _name_terms(form), error)
+        return
+    logger.info("%s: left out %.3g, missed %s", _name_terms(form), find_rms(found.errors), found.missed)
+    if _is_determined(found):
+        trials.append(_Trial(_name_terms(form), found))
+
+
+def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: list[_Trial]) -> None:
+    """Try a joint that stretches with all modes, further terms of it, and all products of its degree."""
+    product, value = own.form.products[0], float(own.vector[alone.size])
+    degree = len(product.modes)
+    n_others = len(own.form.modes) - 1
+    form = replace(own.form, products=(), joint=((False, degree),))
+    best: list[FittedForm] = []
+    signs = {tuple(np.sign(each)) for each in combine(SIMULATED.first_ratios, repeat=n_others)}
+    for sign in sorted(signs):
+        # The first product of the joint is that which is known: value = amount * ratio.
+        starts = [
+            np.concatenate([alone, [value / np.prod(each)], each])
+            for each in combine(SIMULATED.first_ratios, repeat=n_others)
+            if tuple(np.sign(each)) == sign
+        ]
+        size = len(trials)
+        _try_form(system, form, min(starts, key=lambda start: find_misfit(system, form, start)), trials)
+        best += [each.found for each in trials[size:]]
+    if not best:
+        return
+    joint = min(best, key=lambda each: find_rms(each.missed))
+    for further in ((False, next(each for each in DEGREES if each != degree)), (True, 4)):
+        wider = replace(form, joint=(*form.joint, further))
+        n = alone.size + len(form.joint)
+        _try_form(system, wider, np.insert(joint.vector, n, 0.0), trials)
+    every = tuple(list_products(own.form.modes, degree))
+    start = [joint.values.couplings[each] / system.measure_product(each) for each in every]
+    _try_form(
+        system, replace(form, products=every, joint=()), np.concatenate([joint.vector[: alone.size], start]), trials
+    )
+
+
+def _list_own(system: System, fit: ModeFit, search: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
+    """Yield the terms that the mode under test may have by itself, and their start."""
+    force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
+    powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
+    start = [float(each.value or 0.0) * a**n / force for n, each in fit.stiffness.items()]
+    start += [float(each.value or 0.0) * v**n / force for n, each in fit.damping.items()]
+    yield ModeTerms(powers), np.array(start)
+    if not search:
+        return
+    yield ModeTerms(powers, has_friction=True), np.array([*start, 0.02])
+    k0 = float(system.modes.stiffness()[0])
+    softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
+    slip = max(softer * a / force / slip_softening(-0.5), 0.1)
+    yield ModeTerms(LINEAR_PART, has_slip=True), np.array([0.0, 0.0, slip, -0.5])
+    yield ModeTerms(Powers((1, 3), (1,)), has_slip=True), np.array([0.0, 0.0, 0.0, slip, -0.5])
+
+
+def _choose_band(test: ModalTest, mode: int) -> tuple[float, float]:
+    """Return the band of a mode whose excitation is not known."""
+    index = test.modes.index(mode)
+    natural, damping = float(test.modes.frequency_hz[index]), float(test.modes.damping_ratio[index])
+    width = 2 * MODAL.half_widths * damping * natural
+    return natural - width, natural + width
+
+
+def _guess_product(tests: Sequence[ModalTest], bands: Mapping[int, tuple[float, float]], product: Product) -> float:
+    """Return a product's coefficient by the equation of its last mode in the quietest test."""
+    driven = product.modes[-1]
+    lines = mode_lines(tests[0], driven, bands[driven])
+    best, least = 0.0, np.inf
+    for test in tests:
+        lines = mode_lines(test, driven, bands[driven])
+        motion = {mode: mode_lines(test, mode, bands[mode]) for mode in set(product.modes)}
+        others = [motion[mode].v if product.of_velocity else motion[mode].q for mode in product.modes[:-1]]
+        factor = product.modes.count(driven)
+        column = factor * fft.rfft(np.prod(others, axis=0))[lines.indices]
+        loudness = float(np.sum(np.abs(column) ** 2))
+        if 0.0 < loudness < least:
+            best, least = float(np.vdot(column, lines.left_side).real) / loudness, loudness
+    return best
+
+
+def _is_determined(found: FittedForm) -> bool:
+    """Return whether friction and slip stand out of their standard deviations, and the exponent is known."""
+    first = 0
+    for terms, values in zip(found.form.own.values(), found.values.own.values(), strict=True):
+        size = len(values.flatten())
+        value, std = np.array(values.flatten())[-3:], found.std[first + size - 3 : first + size]
+        first += size
+        if terms.has_friction and value[0] < MODAL.joint_sigma * std[0]:
+            return False
+        if terms.has_slip and (value[1] <= 0.0 or std[2] > MODAL.widest_exponent):
+            return False
+    return True
+
+
+def _name_terms(form: SystemForm) -> str:
+    """Return the terms of a form beside the powers, for a table."""
+    names = []
+    for mode, terms in form.own.items():
+        k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
+        powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
+        own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
+        names.append(f"mode {mode}: {' + '.join(own) or 'linear'}")
+    names += [each.name for each in form.products]
+    names += [f"joint {'c' if of_velocity else 'k'} z^{degree}" for of_velocity, degree in form.joint]
+    return "; ".join(names)
+
+
+def _make_fit(
+    system: System,
+    tests: Sequence[ModalTest],
+    trials: Sequence[_Trial],
+    chosen: _Trial,
+    largest: Mapping[int, float],
+) -> SystemFit:
+    found = refine_form(system, chosen.found)
+    std = iter(found.std.tolist())
+    laws = {}
+    for mode, values in found.values.own.items():
+        stiffness = {n: Estimate.normal(value, next(std)) for n, value in values.stiffness.items()}
+        damping = {n: Estimate.normal(value, next(std)) for n, value in values.damping.items()}
+        joint = [
+            Estimate.normal(value, spread) if has_it else Estimate()
+            for value, spread, has_it in zip(
+                (values.joint.friction, values.joint.slip, values.joint.exponent),
+                (next(std), next(std), next(std)),
+                (found.form.own[mode].has_friction, *[found.form.own[mode].has_slip] * 2),
+                strict=True,
+            )
+        ]
+        laws[mode] = ModeLaw(stiffness, damping, *joint, largest[mode])
+    couplings = tuple(
+        Coupling(each, Estimate.normal(value, next(std))) for each, value in found.values.couplings.items()
+    )
+    ratios = {mode: Estimate.normal(value, next(std)) for mode, value in found.values.ratios.items()}
+    rungs = tuple(
+        LawTrial(
+            each.terms,
+            each.found.form.size,
+            find_rms(each.found.errors),
+            float(np.std(each.found.errors, ddof=1)) / each.found.errors.size**0.5,
+            each is chosen,
+        )
+        for each in trials
+    )
+    missed = dict(zip(system.numbers, found.missed.tolist(), strict=True))
+    fit = SystemFit(system.numbers, tuple(test.name for test in tests), laws, couplings, ratios, missed, rungs, ())
+    return replace(fit, warnings=tuple(_warn_of_fit(fit, found)))
+
+
+def _warn_of_fit(fit: SystemFit, found: FittedForm) -> Iterator[str]:
+    names = " and ".join(str(mode) for mode in fit.modes)
+    for mode, missed in fit.missed.items():
+        if missed > SIMULATED.warned_missed:
+            yield (
+                f"the law of mode(s) {names} by simulation misses {100 * missed:.0f} % of the motion of mode {mode}: "
+                "a term is not among those that were tried, or the linear modes are of another state"
+            )
+    if not found.minimum.is_converged:
+        yield f"the search for the law of mode(s) {names} did not come to an end: use its values with care"
+    for coupling in fit.couplings:
+        value, std = float(coupling.coefficient.value or 0.0), float(coupling.coefficient.std or 0.0)
+        if abs(value) < 2 * std:
+            yield f"the coupling {coupling.product.name} cannot be told from zero by these tests"

@@ -1,0 +1,104 @@
+"""What a joint adds to the powers of a mode: dry friction, and the slip of an Iwan joint, as terms with a memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import beta
+
+from opid.mechanics.structure import Sliders
+from opid.signals.recording import FloatArray
+
+N_SLIDERS = 24
+"""Jenkins elements of a simulated joint; with 20, responses differ from those of 60 by 0.1 %."""
+
+SMALLEST_TRAVEL, LARGEST_TRAVEL = 3e-3, 2.0
+"""Slip travels of the first and the last element, over the largest displacement of the tests; what would slip beyond
+stays stuck, for no test shows it."""
+
+FRICTION_TRAVEL = 1e-3
+"""Travel before dry friction slides, over the largest displacement: a step in the force needs endless stiffness."""
+
+
+@dataclass(frozen=True)
+class JointTerms:
+    """What a joint adds to the powers: dry friction, and the slip of an Iwan joint.
+
+    Dry friction is F sgn(q'). The Iwan joint has sliders whose slip travels x are spread as R x^chi (Segalman 2005, J.
+    Appl. Mech. 72, 752): they carry K q - R |q|^(2 + chi) / ((1 + chi) (2 + chi)) on first loading, where K belongs to
+    k0, and lose 4 R A^(3 + chi) / ((2 + chi) (3 + chi)) in a cycle.
+
+    Args:
+        friction: F, force per unit mass.
+        slip: R, force per unit mass over displacement^(2 + chi).
+        exponent: chi, above -1; 0 spreads the sliders evenly.
+    """
+
+    friction: float = 0.0
+    slip: float = 0.0
+    exponent: float = 0.0
+
+    def find_softening(self, amplitude: FloatArray) -> FloatArray:
+        """Return by how much slip lowers the secant stiffness at amplitudes, force per unit mass over displacement."""
+        return self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
+
+    def find_damping(self, amplitude: FloatArray) -> FloatArray:
+        """Return what friction and slip add to omega c(A) at amplitudes, where c is the coefficient of q'."""
+        slipped = self.slip * slip_damping(self.exponent) * amplitude ** (1.0 + self.exponent)
+        return 4.0 * self.friction / (np.pi * amplitude) + slipped
+
+
+@dataclass(frozen=True)
+class ModalJoint:
+    """The joint of a mode in a model that can be simulated.
+
+    Args:
+        terms: friction and slip.
+        largest: largest displacement of the tests that show them; what slips only beyond twice that stays stuck.
+    """
+
+    terms: JointTerms
+    largest: float
+
+    @property
+    def sliders(self) -> Sliders | None:
+        """The joint as Jenkins elements; None without any term. `stuck_stiffness` of k0 is theirs."""
+        stiffness, slip_force = self._spread()
+        if self.terms.friction > 0.0:
+            stiffness = np.append(stiffness, self.terms.friction / (FRICTION_TRAVEL * self.largest))
+            slip_force = np.append(slip_force, self.terms.friction)
+        return Sliders(stiffness, slip_force) if stiffness.size else None
+
+    @property
+    def stuck_stiffness(self) -> float:
+        """The part of k0 that the elements of slip carry while they are stuck."""
+        return float(self._spread()[0].sum())
+
+    def _spread(self) -> tuple[FloatArray, FloatArray]:
+        """Return stiffness and slip force of the elements, (n,) each; both are exact in each range of travels."""
+        if not self.terms.slip > 0.0:
+            return np.zeros(0), np.zeros(0)
+        edges = self.largest * np.concatenate([[0.0], np.geomspace(SMALLEST_TRAVEL, LARGEST_TRAVEL, N_SLIDERS)])
+        first, second = self.terms.exponent + 1.0, self.terms.exponent + 2.0
+        return self.terms.slip / first * np.diff(edges**first), self.terms.slip / second * np.diff(edges**second)
+
+
+def slip_softening(exponent: float) -> float:
+    """Return what slip takes from the secant stiffness, over R A^(1 + chi).
+
+    It is the mean over the sliders of the first harmonic of a Jenkins element.
+
+    >>> round(slip_softening(0.0), 4)  # evenly spread sliders lose half of their fraction that slips
+    0.5
+    """
+    return float(8.0 / (np.pi * (1.0 + exponent)) * beta(exponent + 2.5, 1.5))
+
+
+def slip_damping(exponent: float) -> float:
+    """Return omega times the damping that slip adds, over R A^(1 + chi).
+
+    >>> round(slip_damping(0.0), 4)
+    0.2122
+    """
+    return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))
