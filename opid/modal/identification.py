@@ -18,12 +18,14 @@ from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
+from opid.modal.forced.simulated_fit import correct_modes
+from opid.modal.forced.system_fit import SystemFit, fit_system
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.linear.modes import LinearModes, condition_number, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.result import ModalIdentification
-from opid.modal.settings import MODAL
+from opid.modal.settings import MODAL, SIMULATED
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.progress import Say
 from opid.signals.health.inspection import inspect
@@ -62,16 +64,17 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     study = replace(study, nonlinear=nonlinear)
     decays, decay_laws, of_decays = _fit_decays(study, say)
     fits, of_fits = _fit_modes(study, decay_laws, of_decays, say)
+    fits, systems, of_systems = _fit_systems(study, fits, say)
     say("the records")
     of_records = list(warn_of_records(study))
-    truth_tests, unstable = _run_truth_tests(study, fits, decay_laws, say)
+    truth_tests, unstable = _run_truth_tests(study, fits, decay_laws, systems, say)
     return ModalIdentification(
         title=study.title,
         modes=study.modes,
         drive_point=study.drive_point,
         tests=tuple(each.test for each in study.tests),
         fits=fits,
-        model=make_model(study.modes, fits, decay_laws),
+        model=make_model(study.modes, fits, decay_laws, systems),
         truth_tests=truth_tests,
         decays=decays,
         shifts=shifts,
@@ -88,6 +91,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             ),
             *(sentence for _, sentence in of_decays),
             *of_fits,
+            *of_systems,
             *_warn_of_truth_tests(study, fits, decay_laws, truth_tests),
             *unstable,
         ),
@@ -96,30 +100,43 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         | {name: getattr(study, name) for name in ("free_linear", *THRESHOLDS)}
         | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
         decay_laws=decay_laws,
+        systems=systems,
     )
 
 
 def make_model(
-    modes: LinearModes, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw] | None = None
+    modes: LinearModes,
+    fits: Sequence[ModeFit],
+    decay_laws: Mapping[int, DecayLaw] | None = None,
+    systems: Sequence[SystemFit] = (),
 ) -> NonlinearModalModel:
     """Return the modes with their laws; corrections of k0 and c0 change the frequency and damping of their mode.
 
     A correction that was found with other linear properties is not used, for tests may have modes of their own.
     Modes that no forced test moves take their law from `decay_laws`, which are stored by the number of the mode.
+    `systems` add the couplings of modes, and correct those that are driven.
     """
-    stiffness, damping = modes.stiffness(), modes.damping()
     laws = {fit.mode: fit.law for fit in fits}
-    for fit in fits:
-        if _is_fitted_to(fit, modes):
-            stiffness[fit.mode - 1] += _read_linear(fit.stiffness)
-            damping[fit.mode - 1] += _read_linear(fit.damping)
+    corrections = {
+        fit.mode: (_read_linear(fit.stiffness), _read_linear(fit.damping)) for fit in fits if _is_fitted_to(fit, modes)
+    }
+    for system in systems:
+        if _is_fitted_to(system.fit, modes):
+            corrections |= {mode: (k.value or 0.0, c.value or 0.0) for mode, (k, c) in system.driven.items()}
     for mode, law in (decay_laws or {}).items():
         if mode not in laws:
             laws[mode] = law.law
-            stiffness[mode - 1], damping[mode - 1] = _read_linear(law.stiffness), _read_linear(law.damping)
-    omega = np.sqrt(np.maximum(stiffness, 0.0))
-    ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
-    return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
+            index = modes.index(mode)
+            corrections[mode] = (
+                _read_linear(law.stiffness) - float(modes.stiffness()[index]),
+                _read_linear(law.damping) - float(modes.damping()[index]),
+            )
+    return NonlinearModalModel(
+        correct_modes(modes, corrections),
+        laws,
+        {fit.mode: fit.joint for fit in fits if fit.slip.value or fit.friction.value},
+        {each.product: float(each.coefficient.value or 0.0) for system in systems for each in system.couplings},
+    )
 
 
 def warn_of_records(study: ModalStudy) -> Iterator[str]:
@@ -205,6 +222,51 @@ def _fit_modes(
     return tuple(fits), warnings
 
 
+def _fit_systems(
+    study: ModalStudy, fits: tuple[ModeFit, ...], say: Say
+) -> tuple[tuple[ModeFit, ...], tuple[SystemFit, ...], list[str]]:
+    """Return the fits, those by simulation where powers or a single mode are not enough, these, and warnings."""
+    done, systems, warnings = [], [], []
+    taken: set[int] = set()
+    search_own = study.stiffness_order is None and study.damping_order is None
+    for fit in fits:
+        products = study.find_couplings(fit.mode)
+        interactions = () if study.couplings is not None else fit.interactions
+        involved = {
+            fit.mode,
+            *(each.other for each in interactions),
+            *(mode for each in products for mode in each.modes),
+        }
+        tests = [each.test for each in study.tests if each.test.name in fit.tests]
+        is_needed = len(involved) > 1 or products or (search_own and fit.misfit > SIMULATED.excess)
+        if not is_needed or involved & taken or not all(_is_fitted_to(fit, test.modes) for test in tests):
+            done.append(fit)
+            continue
+        say(
+            f"modes {' and '.join(str(mode) for mode in sorted(involved))} together"
+            if len(involved) > 1
+            else f"mode {fit.mode} by simulation"
+        )
+        try:
+            found = fit_system(tests, fit, interactions, products=products or None, search_own=search_own)
+        except InputError as error:
+            warnings.append(f"mode {fit.mode}: {error}")
+            done.append(fit)
+            continue
+        if not found.is_good:
+            left = ", ".join(f"{100 * each:.0f} % of mode {mode}" for mode, each in found.missed.items())
+            warnings.append(
+                f"no law of modes {sorted(involved)} together explains their motion ({left} is left): the model has none"
+            )
+            done.append(fit)
+            continue
+        taken |= involved
+        done.append(found.fit)
+        systems.append(found)
+        warnings += found.warnings
+    return tuple(done), tuple(systems), warnings
+
+
 def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:
     """Return free decays of the nonlinear modes, the law of all decays of each mode, and warnings by mode."""
     decays: list[Decay] = []
@@ -247,13 +309,17 @@ def _read_linear(coefficients: Mapping[int, Estimate]) -> float:
 
 
 def _run_truth_tests(
-    study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], say: Say
+    study: ModalStudy,
+    fits: Sequence[ModeFit],
+    decay_laws: Mapping[int, DecayLaw],
+    systems: Sequence[SystemFit],
+    say: Say,
 ) -> tuple[tuple[TruthTest, ...], list[str]]:
     done, unstable = [], []
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
-            done.append(truth_test(make_model(each.test.modes, fits, decay_laws), each.test))
+            done.append(truth_test(make_model(each.test.modes, fits, decay_laws, systems), each.test))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable

@@ -11,6 +11,7 @@ from opid.json_values import plain
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.system_fit import SystemFit
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.model import NonlinearModalModel, TruthTest
@@ -43,6 +44,7 @@ class ModalIdentification(Result):
         settings: the settings of the study.
         decay_laws: the law that the free decays of a mode give together, by the number of the mode; the model has it
             where no forced test moves the mode.
+        systems: modes that were fitted by simulation, for they drive each other or their joints slip.
     """
 
     title: str
@@ -60,6 +62,7 @@ class ModalIdentification(Result):
     not_determined: str
     settings: Mapping[str, Any]
     decay_laws: Mapping[int, DecayLaw] = field(default_factory=dict)
+    systems: tuple[SystemFit, ...] = ()
 
     @property
     def modes_by_decays_alone(self) -> list[int]:
@@ -76,7 +79,9 @@ class ModalIdentification(Result):
         """Return the coefficients of each nonlinear mode; k1 and c1 of free decays are k0 and c0 themselves."""
         laws = [(f"mode_{fit.mode}.", fit.stiffness, fit.damping) for fit in self.fits]
         laws += [(f"mode_{n}.decays.", law.stiffness, law.damping) for n, law in sorted(self.decay_laws.items())]
-        return tuple(row for name, k, c in laws for row in coefficient_rows(k, c, name))
+        rows = [row for name, k, c in laws for row in coefficient_rows(k, c, name)]
+        rows += [row for fit in self.fits for row in fit.joint_rows()]
+        return (*rows, *(each.row() for system in self.systems for each in system.couplings))
 
     @property
     def files(self) -> tuple[ReadFile, ...]:
@@ -102,6 +107,7 @@ class ModalIdentification(Result):
                 "truth_tests": [test.as_json() for test in self.truth_tests],
                 "level_shifts": [asdict(shift) for shift in self.shifts],
                 "decays": [decay.fields_json() for decay in self.decays],
+                "systems": [system.as_json() for system in self.systems],
                 "decay_laws": {str(mode): law.as_json() for mode, law in sorted(self.decay_laws.items())},
                 "warnings": self.all_warnings,
             }

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from opid.errors import refuse
+from opid.modal.couplings import DEGREES, Product
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.result import first_lines
@@ -48,6 +49,9 @@ class ModalStudy:
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
         damping_order: N_d of every nonlinear mode, 1 for linear damping; chosen by cross-validation where None.
         free_linear: whether k0 and c0 are corrected in the fit; the data decide where None.
+        couplings: products of modal coordinates in the potential by which modes drive each other, each as the numbers
+            of its modes, (10, 10, 18) for q10^2 q18 and (10, 10, 10) for a mode that is softer in one direction; where
+            None, the interactions that the tests show are searched, and where empty, none.
         frequency_threshold: relative shift of the natural frequency between level tests from which a mode counts as
             nonlinear, 0.002 for 0.2 %; see `level_shifts`.
         damping_threshold: relative shift of the damping ratio from which a mode counts as nonlinear, 0.15 for 15 %.
@@ -65,6 +69,7 @@ class ModalStudy:
     stiffness_order: int | None = None
     damping_order: int | None = None
     free_linear: bool | None = None
+    couplings: tuple[tuple[int, ...], ...] | None = None
     frequency_threshold: float = 0.002
     damping_threshold: float = 0.15
     source: Path | None = None
@@ -73,6 +78,11 @@ class ModalStudy:
         object.__setattr__(self, "tests", tuple(self.tests))
         object.__setattr__(self, "nonlinear", tuple(self.nonlinear))
         refuse(list(_find_faults(self)), self.source)
+
+    def find_couplings(self, mode: int) -> tuple[Product, ...]:
+        """Return the products that are named in the study and whose first nonlinear mode is this one."""
+        products = [Product(each) for each in self.couplings or ()]
+        return tuple(each for each in products if mode == next((n for n in each.modes if n in self.nonlinear), None))
 
     def __repr__(self) -> str:
         modes = [f"mode {number}: {value:.4g} Hz" for number, value in enumerate(self.modes.frequency_hz, start=1)]
@@ -100,6 +110,14 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
         threshold = getattr(study, word)
         if not 0 < threshold <= 1:
             yield f"{word} is {threshold}, give a fraction above 0 and up to 1, 0.01 for 1 %"
+    for coupling in study.couplings or ():
+        wrong = [mode for mode in coupling if not 1 <= mode <= study.modes.n_modes or not study.modes.elastic[mode - 1]]
+        if wrong:
+            yield f"couplings has {list(coupling)}, and {wrong[0]} is no elastic mode: give numbers of modes, from 1"
+        elif len(coupling) not in DEGREES:
+            yield f"couplings has {list(coupling)}: give three or four modes, [10, 10, 18] for q10^2 q18"
+        elif not set(coupling) & set(study.nonlinear) and study.nonlinear:
+            yield f"couplings has {list(coupling)}, none of which is among nonlinear = {list(study.nonlinear)}"
     names = [each.test.name for each in study.tests]
     for name in dict.fromkeys(names):
         if names.count(name) > 1:

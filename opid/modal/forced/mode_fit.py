@@ -29,10 +29,12 @@ from opid.modal.forced.restoring_fit import (
     linearised,
     search_orders,
 )
+from opid.modal.joint_terms import JointTerms, ModalJoint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL
+from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 N_CURVE = 101  # points of a force curve
@@ -96,6 +98,9 @@ class ModeFit:
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
+        friction: dry friction F, N/kg^1/2, found by simulation; empty where there is none.
+        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi), likewise; see `JointTerms`.
+        slip_exponent: chi of that joint; empty without one.
         interactions: modes that this one drives.
         misfit: rms of the misfit over what noise alone would leave; 1 where the powers are the law.
         warnings: one sentence for each warning about the fit.
@@ -124,6 +129,25 @@ class ModeFit:
     interactions: tuple[Interaction, ...]
     misfit: float
     warnings: tuple[str, ...]
+    friction: Estimate = Estimate()
+    slip: Estimate = Estimate()
+    slip_exponent: Estimate = Estimate()
+
+    def joint_rows(self) -> Iterator[SummaryRow]:
+        """Yield friction and slip as rows of a summary, where there are any."""
+        for name, estimate, unit in (
+            ("friction", self.friction, "N/kg^1/2"),
+            ("slip", self.slip, "N/kg^1/2 / (m kg^1/2)^(2+chi)"),
+            ("slip_exponent", self.slip_exponent, "1"),
+        ):
+            if estimate.value is not None:
+                yield SummaryRow.of(f"mode_{self.mode}.{name}", estimate, unit)
+
+    @property
+    def joint(self) -> ModalJoint:
+        """Friction and slip, ready to be simulated."""
+        values = (float(each.value or 0.0) for each in (self.friction, self.slip, self.slip_exponent))
+        return ModalJoint(JointTerms(*values), float(self.stiffness_curve.position[-1]))
 
     @property
     def law(self) -> Law:
@@ -134,13 +158,14 @@ class ModeFit:
         """Return the fit as result.json holds it; `k` and `c` by power, as the paper calls them."""
         arranged = (
             *("stiffness", "damping", "stiffness_curve", "damping_curve"),
-            *("residual_fraction", "modal_mass", "orders", "interactions"),
+            *("residual_fraction", "modal_mass", "orders", "interactions", "friction", "slip", "slip_exponent"),
         )
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
             "residual_share": self.residual_fraction,
             "known_by": "forced tests",
             **coefficients_json(self.stiffness, self.damping),
+            **{name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")},
             "modal_mass": asdict(self.modal_mass),
             "force_curves": {
                 "stiffness": self.stiffness_curve.as_json("displacement"),

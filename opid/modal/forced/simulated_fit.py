@@ -258,7 +258,7 @@ class FittedForm:
     Args:
         form: the terms.
         values: their coefficients, in SI.
-        std: standard deviations of `values`, flattened.
+        covariance: covariance of `values`, flattened.
         errors: (n_folds,) misfit of what was left out in turn, over the motion (rms of the modes).
         missed: misfit over the motion, rms over all tests, of each mode.
         minimum: where the search ended.
@@ -266,7 +266,7 @@ class FittedForm:
 
     form: SystemForm
     values: SystemValues
-    std: FloatArray
+    covariance: FloatArray
     errors: FloatArray
     missed: FloatArray
     minimum: Minimum
@@ -275,6 +275,11 @@ class FittedForm:
     def vector(self) -> FloatArray:
         """(p,) the coefficients in the units of the system."""
         return self.minimum.vector
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of `values`, flattened."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def make_system(
@@ -506,7 +511,7 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
     n = len(steps)
     by_part = (n - 1) / n * steps.T @ steps
     values = system.convert(form, found.vector)
-    slopes = _differentiate(lambda vector: system.convert(form, vector).flatten(), found.vector)
+    slopes = differentiate(lambda vector: system.convert(form, vector).flatten(), found.vector)
     spread = [np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, each, slopes), 0.0)) for each in (by_noise, by_part)]
     std = np.maximum(spread[0], spread[1] * float(stats.t.ppf(0.975, n - 1)) / 1.96)
     missed = [
@@ -514,7 +519,9 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
         for index in range(n_modes)
     ]
     folds = _choose_folds(system, np.array(errors))
-    return FittedForm(form, values, std, folds, np.array(missed), found)
+    scale = std / np.maximum(spread[0], np.finfo(float).tiny)
+    covariance = np.einsum("ij,jk,lk->il", slopes, by_noise, slopes) * np.outer(scale, scale)
+    return FittedForm(form, values, covariance, folds, np.array(missed), found)
 
 
 def _make_folds(system: System) -> list[dict[int, FloatArray]]:
@@ -543,7 +550,7 @@ def _choose_folds(system: System, errors: FloatArray) -> FloatArray:
     return np.delete(errors, loudest)
 
 
-def _differentiate(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
+def differentiate(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
     """Return the (m, p) derivatives of a function by central differences."""
     columns = []
     for index, value in enumerate(at):

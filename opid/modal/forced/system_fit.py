@@ -18,68 +18,30 @@ from scipy import fft
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.laws.law import Law
 from opid.modal.couplings import DEGREES, Coupling, Product, list_products
 from opid.modal.forced.equation import Powers, mode_lines
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.restoring_fit import choose_simplest, find_rms
+from opid.modal.forced.restoring_fit import choose_simplest, find_rms, linearised
 from opid.modal.forced.simulated_fit import (
     FittedForm,
     ModeTerms,
     System,
     SystemForm,
+    differentiate,
     find_misfit,
     fit_form,
     make_system,
     refine_form,
 )
-from opid.modal.joint_terms import JointTerms, ModalJoint, slip_softening
+from opid.modal.joint_terms import slip_softening
 from opid.modal.linear.modes import ModalTest
-from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
 logger = logging.getLogger(__name__)
 
 LINEAR_PART = Powers((1,), (1,))
-
-
-@dataclass(frozen=True)
-class ModeLaw:
-    """The law of one mode by simulation.
-
-    Args:
-        stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
-        damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
-        friction: dry friction F, N/kg^1/2; empty where there is none.
-        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi); empty without one.
-        slip_exponent: chi of that joint; empty without one.
-        largest: largest displacement of the tests, m kg^1/2.
-    """
-
-    stiffness: Mapping[int, Estimate]
-    damping: Mapping[int, Estimate]
-    friction: Estimate
-    slip: Estimate
-    slip_exponent: Estimate
-    largest: float
-
-    @property
-    def law(self) -> Law:
-        """The nonlinear restoring force of the powers 2 and up."""
-        return make_fitted_law(self.stiffness, self.damping)
-
-    @property
-    def joint(self) -> ModalJoint:
-        """Friction and slip, ready to be simulated."""
-        values = (float(each.value or 0.0) for each in (self.friction, self.slip, self.slip_exponent))
-        return ModalJoint(JointTerms(*values), self.largest)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the law as result.json holds it."""
-        joint = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
-        return {**coefficients_json(self.stiffness, self.damping), "joint": joint, "largest": self.largest}
 
 
 @dataclass(frozen=True)
@@ -99,8 +61,8 @@ class SystemFit:
 
     Args:
         modes: numbers of the modes, the one under test first.
-        tests: names of the tests.
-        laws: the law of each mode by itself, by its number.
+        fit: the mode under test, with the law that was chosen.
+        driven: corrections of k0, 1/s^2, and c0, 1/s, of each other mode, by its number.
         couplings: the products by which the modes drive each other; empty for one mode.
         ratios: where one joint explains the couplings, how far it is stretched by a unit of each other mode, over that
             of the first mode; empty otherwise.
@@ -110,8 +72,8 @@ class SystemFit:
     """
 
     modes: tuple[int, ...]
-    tests: tuple[str, ...]
-    laws: Mapping[int, ModeLaw]
+    fit: ModeFit
+    driven: Mapping[int, tuple[Estimate, Estimate]]
     couplings: tuple[Coupling, ...]
     ratios: Mapping[int, Estimate]
     missed: Mapping[int, float]
@@ -124,12 +86,11 @@ class SystemFit:
         return max(self.missed.values()) <= SIMULATED.most_missed
 
     def as_json(self) -> dict[str, Any]:
-        """Return the fit as result.json holds it."""
+        """Return the fit as result.json holds it; the law of the mode under test is among the modes."""
         return {
             "modes": self.modes,
-            "tests": self.tests,
-            "laws": {str(mode): law.as_json() for mode, law in self.laws.items()},
             "couplings": [each.as_json() for each in self.couplings],
+            "driven": {str(mode): {"k": asdict(k), "c": asdict(c)} for mode, (k, c) in self.driven.items()},
             "ratios": {str(mode): asdict(each) for mode, each in self.ratios.items()},
             "missed": {str(mode): each for mode, each in self.missed.items()},
             "trials": [asdict(each) for each in self.trials],
@@ -182,8 +143,7 @@ def fit_system(
             f"no law of mode {fit.mode} could be simulated in tests {', '.join(repr(test.name) for test in tests)}: "
             "its start is too far off; give tests at lower levels, too"
         )
-    chosen = _choose(trials)
-    return _make_fit(system, tests, trials, chosen, largest)
+    return _make_fit(system, fit, trials, _choose(trials))
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,32 +270,13 @@ def _name_terms(form: SystemForm) -> str:
     return "; ".join(names)
 
 
-def _make_fit(
-    system: System,
-    tests: Sequence[ModalTest],
-    trials: Sequence[_Trial],
-    chosen: _Trial,
-    largest: Mapping[int, float],
-) -> SystemFit:
+def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial) -> SystemFit:
     found = refine_form(system, chosen.found)
     std = iter(found.std.tolist())
-    laws = {}
+    estimates: dict[int, list[Estimate]] = {}
     for mode, values in found.values.own.items():
-        stiffness = {n: Estimate.normal(value, next(std)) for n, value in values.stiffness.items()}
-        damping = {n: Estimate.normal(value, next(std)) for n, value in values.damping.items()}
-        joint = [
-            Estimate.normal(value, spread) if has_it else Estimate()
-            for value, spread, has_it in zip(
-                (values.joint.friction, values.joint.slip, values.joint.exponent),
-                (next(std), next(std), next(std)),
-                (found.form.own[mode].has_friction, *[found.form.own[mode].has_slip] * 2),
-                strict=True,
-            )
-        ]
-        laws[mode] = ModeLaw(stiffness, damping, *joint, largest[mode])
-    couplings = tuple(
-        Coupling(each, Estimate.normal(value, next(std))) for each, value in found.values.couplings.items()
-    )
+        estimates[mode] = [Estimate.normal(value, next(std)) for value in values.flatten()]
+    couplings = tuple(Coupling(each, Estimate.normal(k, next(std))) for each, k in found.values.couplings.items())
     ratios = {mode: Estimate.normal(value, next(std)) for mode, value in found.values.ratios.items()}
     rungs = tuple(
         LawTrial(
@@ -348,20 +289,80 @@ def _make_fit(
         for each in trials
     )
     missed = dict(zip(system.numbers, found.missed.tolist(), strict=True))
-    fit = SystemFit(system.numbers, tuple(test.name for test in tests), laws, couplings, ratios, missed, rungs, ())
-    return replace(fit, warnings=tuple(_warn_of_fit(fit, found)))
+    driven = {mode: (each[0], each[1]) for mode, each in estimates.items() if mode != fit.mode}
+    updated = _update_mode_fit(fit, found, estimates[fit.mode])
+    made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
+    return replace(made, warnings=tuple(_warn_of_fit(made, found)))
+
+
+def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
+    """Return the fit of the mode under test with the law by simulation."""
+    terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
+    n_k, n = len(values.stiffness), len(values.stiffness) + len(values.damping)
+    covariance, vector = found.covariance[: n + 3, : n + 3], np.array(values.flatten())
+    k, c, joint = terms.powers.k, terms.powers.c, values.joint
+
+    def slip_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        slip, chi = own[n + 1], own[n + 2]
+        return slip * at ** (2 + chi) / ((1 + chi) * (2 + chi))
+
+    def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        return sum((own[i] * at**power for i, power in enumerate(k) if power > 1), -slip_force(at, own))
+
+    def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        powers = (own[n_k + i] * at**power for i, power in enumerate(c) if power > 1)
+        return sum(powers, own[n] * (at > 0))
+
+    curves = []
+    for curve, force, corrected in (
+        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0)),
+        (fit.damping_curve, damping_force, values.damping.get(1, 0.0)),
+    ):
+        at = curve.position
+        slopes = differentiate(lambda own, at=at, force=force: force(at, own), vector)  # type: ignore[misc]
+        half = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+        middle = force(at, vector)
+        before = float(fit.stiffness[1].value or 0.0) if curve is fit.stiffness_curve and 1 in fit.stiffness else 0.0
+        if curve is fit.damping_curve and 1 in fit.damping:
+            before = float(fit.damping[1].value or 0.0)
+        linear = curve.linear + (corrected - before) * at
+        curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
+    amplitude = curves[0].position
+    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(k, values.stiffness.values(), amplitude)
+    omega = np.sqrt(np.maximum(square - joint.find_softening(amplitude), 0.0))
+    viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
+    damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        damping = damping + np.where(amplitude > 0, joint.find_damping(amplitude) / omega, 0.0)
+    return replace(
+        fit,
+        stiffness_order=terms.powers.orders[0],
+        damping_order=terms.powers.orders[1],
+        free_linear=1 in k,
+        stiffness=dict(zip(k, estimates, strict=False)),
+        damping=dict(zip(c, estimates[n_k:], strict=False)),
+        friction=estimates[n] if terms.has_friction else Estimate(),
+        slip=estimates[n + 1] if terms.has_slip else Estimate(),
+        slip_exponent=estimates[n + 2] if terms.has_slip else Estimate(),
+        stiffness_curve=curves[0],
+        damping_curve=curves[1],
+        frequency_at_hz=omega / (2 * np.pi),
+        damping_at=damping / np.maximum(2 * omega, 1e-300),
+        interactions=(),
+        warnings=tuple(text for text in fit.warnings if text not in {each.sentence for each in fit.interactions}),
+    )
 
 
 def _warn_of_fit(fit: SystemFit, found: FittedForm) -> Iterator[str]:
-    names = " and ".join(str(mode) for mode in fit.modes)
+    names = ("modes " if len(fit.modes) > 1 else "mode ") + " and ".join(str(mode) for mode in fit.modes)
     for mode, missed in fit.missed.items():
         if missed > SIMULATED.warned_missed:
             yield (
-                f"the law of mode(s) {names} by simulation misses {100 * missed:.0f} % of the motion of mode {mode}: "
+                f"the law of {names} by simulation misses {100 * missed:.0f} % of the motion of mode {mode}: "
                 "a term is not among those that were tried, or the linear modes are of another state"
             )
     if not found.minimum.is_converged:
-        yield f"the search for the law of mode(s) {names} did not come to an end: use its values with care"
+        yield f"the search for the law of {names} did not come to an end: use its values with care"
     for coupling in fit.couplings:
         value, std = float(coupling.coefficient.value or 0.0), float(coupling.coefficient.std or 0.0)
         if abs(value) < 2 * std:
