@@ -10,7 +10,7 @@ products are not independent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from itertools import combinations_with_replacement, groupby, product
@@ -141,11 +141,6 @@ def make_joints(couplings: Mapping[Product, float], n_modes: int) -> tuple[Joint
     )
 
 
-def coupling_rows(couplings: Iterable[Coupling]) -> Iterator[SummaryRow]:
-    """Yield the couplings as rows of a summary."""
-    return (each.row() for each in couplings)
-
-
 def _find_kind(each: Product) -> tuple[bool, int]:
     return each.of_velocity, len(each.modes)
 
@@ -187,4 +182,4 @@ def _find_powers(n_modes: int, degree: int) -> tuple[FloatArray, FloatArray]:
             rows.append(row)
         if len(rows) == len(indices):
             break
-    return np.array(chosen), np.linalg.inv(np.array(rows).T)
+    return np.array(chosen), np.asarray(np.linalg.inv(np.array(rows).T), dtype=np.float64)

@@ -65,6 +65,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     decays, decay_laws, of_decays = _fit_decays(study, say)
     fits, of_fits = _fit_modes(study, decay_laws, of_decays, say)
     fits, systems, of_systems = _fit_systems(study, fits, say)
+    modelled = {*nonlinear, *(mode for each in systems for mode in each.modes)}
     say("the records")
     of_records = list(warn_of_records(study))
     truth_tests, unstable = _run_truth_tests(study, fits, decay_laws, systems, say)
@@ -87,7 +88,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
                 f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or use "
                 "the model only where this mode hardly moves"
                 for shift in shifts
-                if shift.nonlinear and shift.mode not in nonlinear
+                if shift.nonlinear and shift.mode not in modelled
             ),
             *(sentence for _, sentence in of_decays),
             *of_fits,
@@ -228,43 +229,60 @@ def _fit_systems(
     """Return the fits, those by simulation where powers or a single mode are not enough, these, and warnings."""
     done, systems, warnings = [], [], []
     taken: set[int] = set()
-    search_own = study.stiffness_order is None and study.damping_order is None
     for fit in fits:
-        products = study.find_couplings(fit.mode)
-        interactions = () if study.couplings is not None else fit.interactions
-        involved = {
-            fit.mode,
-            *(each.other for each in interactions),
-            *(mode for each in products for mode in each.modes),
-        }
-        tests = [each.test for each in study.tests if each.test.name in fit.tests]
-        is_needed = len(involved) > 1 or products or (search_own and fit.misfit > SIMULATED.excess)
-        if not is_needed or involved & taken or not all(_is_fitted_to(fit, test.modes) for test in tests):
-            done.append(fit)
-            continue
-        say(
-            f"modes {' and '.join(str(mode) for mode in sorted(involved))} together"
-            if len(involved) > 1
-            else f"mode {fit.mode} by simulation"
-        )
-        try:
-            found = fit_system(tests, fit, interactions, products=products or None, search_own=search_own)
-        except InputError as error:
-            warnings.append(f"mode {fit.mode}: {error}")
-            done.append(fit)
-            continue
-        if not found.is_good:
-            left = ", ".join(f"{100 * each:.0f} % of mode {mode}" for mode, each in found.missed.items())
-            warnings.append(
-                f"no law of modes {sorted(involved)} together explains their motion ({left} is left): the model has none"
-            )
-            done.append(fit)
-            continue
-        taken |= involved
-        done.append(found.fit)
-        systems.append(found)
-        warnings += found.warnings
+        found = None if taken & _list_involved(study, fit) else _try_system(study, fit, say, warnings)
+        done.append(found.fit if found else fit)
+        if found:
+            taken |= set(found.modes)
+            systems.append(found)
+            warnings += found.warnings
     return tuple(done), tuple(systems), warnings
+
+
+def _list_involved(study: ModalStudy, fit: ModeFit) -> set[int]:
+    """Return a mode and those that it drives, by the study or else by its tests."""
+    named = {mode for each in study.find_couplings(fit.mode) for mode in each.modes}
+    seen = {each.other for each in fit.interactions} if study.couplings is None else set()
+    return {fit.mode} | named | seen
+
+
+def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) -> SystemFit | None:
+    """Return the law of a mode by simulation, where powers of one mode are not enough; None where they are."""
+    search_own = study.stiffness_order is None and study.damping_order is None
+    products, involved = study.find_couplings(fit.mode), _list_involved(study, fit)
+    if len(involved) == 1 and not products and not (search_own and fit.misfit > SIMULATED.excess):
+        return None
+    tests = [each.test for each in study.tests if each.test.name in fit.tests]
+    names = " and ".join(str(mode) for mode in sorted(involved))
+    if not all(_is_fitted_to(fit, test.modes) for test in tests):
+        warnings.append(
+            f"mode(s) {names} are not fitted by simulation, for their tests have different linear modes: give the tests "
+            "of a mode one set of modes"
+        )
+        return None
+    say(f"mode{'s' * (len(involved) > 1)} {names} by simulation")
+    try:
+        found = fit_system(
+            tests,
+            fit,
+            () if study.couplings is not None else fit.interactions,
+            products=products or None,
+            search_own=search_own,
+            free_linear=study.free_linear is not False,
+        )
+    except InputError as error:
+        warnings.append(f"mode {fit.mode}: {error}")
+        return None
+    if not found.is_good:
+        left = ", ".join(f"{100 * each:.0f} % of mode {mode}" for mode, each in found.missed.items())
+        warnings.append(
+            f"no law that was tried explains the motion of mode(s) {names} together ({left} is left): the model has no "
+            "coupling"
+        )
+        return None
+    # Powers alone are known better from the equation, which is linear in them.
+    has_joint = found.fit.friction.value is not None or found.fit.slip.value is not None
+    return found if found.couplings or has_joint else None
 
 
 def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:

@@ -107,7 +107,15 @@ def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
 
     def compile_at_first_call(function: Callable[..., Any]) -> Any:
         function.__qualname__ = f"{function.__qualname__}_{_compute_digest()}"
-        return njit(function, error_model="numpy", fastmath=_FLAGS[freedom], cache=True, pipeline_class=_KernelCompiler)
+        # Without Python's lock, several tests are simulated at once in threads.
+        return njit(
+            function,
+            error_model="numpy",
+            fastmath=_FLAGS[freedom],
+            cache=True,
+            nogil=True,
+            pipeline_class=_KernelCompiler,
+        )
 
     return compile_at_first_call
 

@@ -37,6 +37,7 @@ from opid.modal.settings import MODAL
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
+ABSENT = Estimate()
 N_CURVE = 101  # points of a force curve
 
 UNITS = {
@@ -129,9 +130,9 @@ class ModeFit:
     interactions: tuple[Interaction, ...]
     misfit: float
     warnings: tuple[str, ...]
-    friction: Estimate = Estimate()
-    slip: Estimate = Estimate()
-    slip_exponent: Estimate = Estimate()
+    friction: Estimate = ABSENT
+    slip: Estimate = ABSENT
+    slip_exponent: Estimate = ABSENT
 
     def joint_rows(self) -> Iterator[SummaryRow]:
         """Yield friction and slip as rows of a summary, where there are any."""

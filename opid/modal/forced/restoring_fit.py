@@ -179,16 +179,20 @@ def choose_simplest(errors: Mapping[K, FloatArray], sizes: Mapping[K, int]) -> K
         errors: (n_folds,) errors of each form on what was left out in turn.
         sizes: the number of coefficients of each form.
     """
+    return min(list_near(errors, sizes), key=lambda form: (sizes[form], find_rms(errors[form])))
+
+
+def list_near(errors: Mapping[K, FloatArray], sizes: Mapping[K, int]) -> list[K]:
+    """Return the forms of a law whose error is within one standard error and 1 % of the least one; see above."""
     mean = {form: find_rms(each) for form, each in errors.items()}
     best = min(mean, key=lambda form: (mean[form], sizes[form]))
     # Differences from the best are taken fold by fold, so that errors common to all forms do not count.
-    near = [
+    return [
         form
         for form, each in errors.items()
         if mean[form]
         <= (1 + MODAL.parsimony) * mean[best] + float(np.std(each - errors[best], ddof=1)) / each.size**0.5
     ]
-    return min(near, key=lambda form: (sizes[form], mean[form]))
 
 
 def find_rms(errors: FloatArray) -> float:

@@ -14,9 +14,11 @@ shows there.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, stats
 
 from opid.errors import InputError
@@ -32,6 +34,8 @@ from opid.modal.power_laws import power_law
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray, recording_from_arrays
 from opid.signals.resampling import resampled
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -212,7 +216,7 @@ class SystemTest:
     n_samples: int
     steps_per_sample: int
     forces: FloatArray
-    lines: tuple[FloatArray, ...]
+    lines: tuple[Indices, ...]
     measured: tuple[ComplexArray, ...]
     noise: tuple[float, ...]
     reach: int
@@ -283,7 +287,11 @@ class FittedForm:
 
 
 def make_system(
-    tests: Sequence[ModalTest], bands_hz: Mapping[int, tuple[float, float]], largest: Mapping[int, float]
+    tests: Sequence[ModalTest],
+    bands_hz: Mapping[int, tuple[float, float]],
+    largest: Mapping[int, float],
+    *,
+    step_rad: float,
 ) -> System:
     """Return the modes with these bands, in tests that have one set of linear modes.
 
@@ -291,6 +299,7 @@ def make_system(
         tests: tests with forces that begin at rest.
         bands_hz: the band of each mode of the system, Hz, by its number.
         largest: the largest displacement of each mode in the tests, m kg^1/2.
+        step_rad: largest step of the simulation, in rad of the fastest mode.
     """
     numbers = tuple(bands_hz)
     indices = [tests[0].modes.index(number) for number in numbers]
@@ -298,7 +307,7 @@ def make_system(
     highest = 2 * np.pi * float(modes.frequency_hz.max())
     ready = []
     for test in tests:
-        steps = max(1, int(np.ceil(highest / test.fs / SIMULATED.step_rad)))
+        steps = max(1, int(np.ceil(highest / test.fs / step_rad)))
         n = len(test.acceleration)
         forces = [test.modal_force(number) for number in numbers]
         series = recording_from_arrays(forces, [f"mode {number}" for number in numbers], fs=test.fs, unit="N")
@@ -306,7 +315,9 @@ def make_system(
         frequency = fft.rfftfreq(n, 1 / test.fs)
         spectrum = fft.rfft(test.acceleration[:, indices], axis=0)
         noise = np.sqrt(find_noise_power(spectrum[find_quiet_lines(test.modes, frequency)]))
-        lines = [np.flatnonzero((frequency >= low) & (frequency <= high)) for low, high in bands_hz.values()]
+        lines = [
+            np.flatnonzero((frequency >= low) & (frequency <= high)).astype(np.int64) for low, high in bands_hz.values()
+        ]
         size = np.sum(test.acceleration[:, indices[0]] ** 2)
         lasting = size**2 / max(float(np.sum(test.acceleration[:, indices[0]] ** 4)), 1e-300)
         ready.append(
@@ -341,17 +352,18 @@ def correct_modes(modes: LinearModes, corrections: Mapping[int, tuple[float, flo
     return replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio)
 
 
-def fit_form(system: System, form: SystemForm, start: FloatArray) -> FittedForm:
+def fit_form(system: System, form: SystemForm, start: FloatArray, *, is_near: bool = False) -> FittedForm:
     """Fit the coefficients of a form to all tests, from a start, well enough to compare it with other forms.
 
-    The form is first fitted to the quieter half of the tests, where nonlinear terms are small.
+    A form whose start is not near the end is first fitted to the quieter half of the tests, where nonlinear terms are
+    small.
 
     Raises:
         InputError: the start cannot be simulated.
     """
     loudness = [float(np.sum(np.abs(test.measured[0]) ** 2)) for test in system.tests]
     quiet = sorted(range(len(loudness)), key=lambda index: loudness[index])[: max(2, len(loudness) // 2)]
-    if len(loudness) > 2:
+    if len(loudness) > 2 and not is_near:
         few = replace(system, tests=tuple(system.tests[index] for index in quiet))
         start = _minimise(few, form, start, _first_weights(few)).vector
     found = _minimise(system, form, start, _first_weights(system))
@@ -444,8 +456,11 @@ def find_bounds(form: SystemForm) -> tuple[FloatArray, FloatArray]:
 
 def _subtract(system: System, form: SystemForm, vector: FloatArray) -> list[list[ComplexArray]]:
     model = system.make_model(system.convert(form, vector))
+    with ThreadPoolExecutor() as pool:
+        simulated = list(pool.map(lambda test: test.simulate(model), system.tests))
     return [
-        [own - each for own, each in zip(test.measured, test.simulate(model), strict=True)] for test in system.tests
+        [own - each for own, each in zip(test.measured, lines, strict=True)]
+        for test, lines in zip(system.tests, simulated, strict=True)
     ]
 
 
@@ -460,15 +475,16 @@ def _split_jacobian(system: System, jacobian: FloatArray, weights: Weights) -> l
     for test, row in zip(system.tests, weights, strict=True):
         sizes = [lines.size for lines in test.lines]
         n = sum(sizes)
-        both = jacobian[first : first + n] + 1j * jacobian[first + n : first + 2 * n]
+        both: ComplexArray = jacobian[first : first + n] + 1j * jacobian[first + n : first + 2 * n]
         first += 2 * n
         ends = np.cumsum(sizes)
-        found.append([both[end - size : end] * w for end, size, w in zip(ends, sizes, row, strict=True)])
+        parts = [both[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+        found.append([np.asarray(w * part, dtype=np.complex128) for part, w in zip(parts, row, strict=True)])
     return found
 
 
 def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights) -> FittedForm:
-    """Return the fit with the standard deviations of its values, and its errors where parts of the tests are left out."""
+    """Return the fit with the covariance of its values, and its errors where parts of the tests are left out."""
     parts = [
         (each / w, of_each / w)
         for left, jacobian, row in zip(found.left, found.jacobian, weights, strict=True)
@@ -524,7 +540,7 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
     return FittedForm(form, values, covariance, folds, np.array(missed), found)
 
 
-def _make_folds(system: System) -> list[dict[int, FloatArray]]:
+def _make_folds(system: System) -> list[dict[int, NDArray[np.bool_]]]:
     """Return what is left out in turn, as masks of lines by the index of test and mode.
 
     That is each test, or interleaved blocks of lines where there are fewer than three tests.

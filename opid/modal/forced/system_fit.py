@@ -22,7 +22,7 @@ from opid.modal.couplings import DEGREES, Coupling, Product, list_products
 from opid.modal.forced.equation import Powers, mode_lines
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.restoring_fit import choose_simplest, find_rms, linearised
+from opid.modal.forced.restoring_fit import choose_simplest, find_rms, linearised, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
     ModeTerms,
@@ -40,8 +40,6 @@ from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
 logger = logging.getLogger(__name__)
-
-LINEAR_PART = Powers((1,), (1,))
 
 
 @dataclass(frozen=True)
@@ -105,6 +103,7 @@ def fit_system(
     *,
     products: Sequence[Product] | None = None,
     search_own: bool = True,
+    free_linear: bool = True,
 ) -> SystemFit:
     """Fit the law of a mode, and of the modes that it drives, by simulation.
 
@@ -114,6 +113,7 @@ def fit_system(
         interactions: the modes that it drives.
         products: the products by which they do, if they are known; searched where None.
         search_own: whether friction and slip are tried beside the powers.
+        free_linear: whether k0 and c0 of the driven modes, and beside slip, are corrected.
 
     Raises:
         InputError: no form of the law could be fitted.
@@ -123,19 +123,21 @@ def fit_system(
         mode: _choose_band(tests[0], mode) for product in products or () for mode in product.modes if mode not in bands
     }
     largest = {mode: max(mode_lines(test, mode, band).largest_q for test in tests) for mode, band in bands.items()}
-    system = make_system(tests, bands, largest)
+    system = make_system(tests, bands, largest, step_rad=SIMULATED.first_step_rad)
     trials: list[_Trial] = []
-    others = {mode: ModeTerms(LINEAR_PART) for mode in bands if mode != fit.mode}
+    others = {
+        mode: ModeTerms(Powers((1,), (1,)) if free_linear else Powers((), ())) for mode in bands if mode != fit.mode
+    }
     first = tuple(products) if products is not None else tuple(each.product for each in interactions)
     guesses = np.array([_guess_product(tests, bands, each) / system.measure_product(each) for each in first])
-    rest = np.zeros(2 * len(others))
-    for terms, start in _list_own(system, fit, search_own):
+    rest = np.zeros(2 * free_linear * len(others))
+    for terms, start in _list_own(system, fit, search_own, free_linear):
         form = SystemForm({fit.mode: terms} | others, first)
         _try_form(system, form, np.concatenate([start, rest, guesses]), trials)
     if first and trials:
         own = _choose(trials).found
         alone = own.vector[: own.form.size - len(first)]
-        _try_form(system, SystemForm(own.form.own), alone, trials)
+        _try_form(system, SystemForm(own.form.own), alone, trials, is_near=True)
         if products is None:
             _search_joint(system, own, alone, trials)
     if not trials:
@@ -143,7 +145,8 @@ def fit_system(
             f"no law of mode {fit.mode} could be simulated in tests {', '.join(repr(test.name) for test in tests)}: "
             "its start is too far off; give tests at lower levels, too"
         )
-    return _make_fit(system, fit, trials, _choose(trials))
+    finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
+    return _make_fit(finer, fit, trials, _choose(trials))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +160,19 @@ def _choose(trials: Sequence[_Trial]) -> _Trial:
     return trials[choose_simplest(errors, {index: each.found.form.size for index, each in enumerate(trials)})]
 
 
-def _try_form(system: System, form: SystemForm, start: FloatArray, trials: list[_Trial]) -> None:
+def _list_rivals(trials: Sequence[_Trial], chosen: _Trial) -> list[_Trial]:
+    """Return other ends of the search of the same form that explain the tests as well."""
+    same = {index: each.found.errors for index, each in enumerate(trials) if each.terms == chosen.terms}
+    near = list_near(same, {index: trials[index].found.form.size for index in same})
+    return [trials[index] for index in near if trials[index] is not chosen]
+
+
+def _try_form(
+    system: System, form: SystemForm, start: FloatArray, trials: list[_Trial], *, is_near: bool = False
+) -> None:
     """Fit a form and add it to the trials, unless it cannot be simulated or its joint is not determined."""
     try:
-        found = fit_form(system, form, start)
+        found = fit_form(system, form, start, is_near=is_near)
     except InputError as error:
         logger.info("%s: %s", _name_terms(form), error)
         return
@@ -193,7 +205,7 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
     for further in ((False, next(each for each in DEGREES if each != degree)), (True, 4)):
         wider = replace(form, joint=(*form.joint, further))
         n = alone.size + len(form.joint)
-        _try_form(system, wider, np.insert(joint.vector, n, 0.0), trials)
+        _try_form(system, wider, np.insert(joint.vector, n, 0.0), trials, is_near=True)
     every = tuple(list_products(own.form.modes, degree))
     start = [joint.values.couplings[each] / system.measure_product(each) for each in every]
     _try_form(
@@ -201,7 +213,7 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
     )
 
 
-def _list_own(system: System, fit: ModeFit, search: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
+def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
     """Yield the terms that the mode under test may have by itself, and their start."""
     force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
     powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
@@ -214,8 +226,9 @@ def _list_own(system: System, fit: ModeFit, search: bool) -> Iterator[tuple[Mode
     k0 = float(system.modes.stiffness()[0])
     softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
     slip = max(softer * a / force / slip_softening(-0.5), 0.1)
-    yield ModeTerms(LINEAR_PART, has_slip=True), np.array([0.0, 0.0, slip, -0.5])
-    yield ModeTerms(Powers((1, 3), (1,)), has_slip=True), np.array([0.0, 0.0, 0.0, slip, -0.5])
+    first = (1,) if free_linear else ()
+    for k in (first, (*first, 3)):
+        yield ModeTerms(Powers(k, first), has_slip=True), np.array([*np.zeros(len(k) + len(first)), slip, -0.5])
 
 
 def _choose_band(test: ModalTest, mode: int) -> tuple[float, float]:
@@ -272,6 +285,10 @@ def _name_terms(form: SystemForm) -> str:
 
 def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial) -> SystemFit:
     found = refine_form(system, chosen.found)
+    rivals = _list_rivals(trials, chosen)
+    for rival in rivals:
+        apart = rival.found.values.flatten() - chosen.found.values.flatten()
+        found = replace(found, covariance=found.covariance + np.outer(apart, apart))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
     for mode, values in found.values.own.items():
@@ -292,7 +309,7 @@ def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _T
     driven = {mode: (each[0], each[1]) for mode, each in estimates.items() if mode != fit.mode}
     updated = _update_mode_fit(fit, found, estimates[fit.mode])
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
-    return replace(made, warnings=tuple(_warn_of_fit(made, found)))
+    return replace(made, warnings=tuple(_warn_of_fit(made, found, len(rivals) > 0)))
 
 
 def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
@@ -353,7 +370,7 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
     )
 
 
-def _warn_of_fit(fit: SystemFit, found: FittedForm) -> Iterator[str]:
+def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterator[str]:
     names = ("modes " if len(fit.modes) > 1 else "mode ") + " and ".join(str(mode) for mode in fit.modes)
     for mode, missed in fit.missed.items():
         if missed > SIMULATED.warned_missed:
@@ -361,6 +378,11 @@ def _warn_of_fit(fit: SystemFit, found: FittedForm) -> Iterator[str]:
                 f"the law of {names} by simulation misses {100 * missed:.0f} % of the motion of mode {mode}: "
                 "a term is not among those that were tried, or the linear modes are of another state"
             )
+    if has_rivals:
+        yield (
+            f"{names}: joints that are stretched in opposite directions explain the tests as well, and the intervals "
+            "hold both; give tests at higher levels"
+        )
     if not found.minimum.is_converged:
         yield f"the search for the law of {names} did not come to an end: use its values with care"
     for coupling in fit.couplings:
