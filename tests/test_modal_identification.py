@@ -11,9 +11,9 @@ from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.mode_tests import (
     check_shapes,
     find_band,
+    find_interactions,
     find_largest_mode,
     measure_outside_shapes,
-    warn_of_other_modes,
 )
 from opid.modal.identification import identify_modes
 from opid.modal.linear.modes import LinearModes, modal_test
@@ -231,7 +231,8 @@ def test_a_mode_that_answers_at_twice_the_frequency_is_named():
         case = case_study_2(coupling_n_per_m2=coupling, shaker=None)
         run = rig_run(case.rig, force, fs=4096.0, rng=np.random.default_rng(0))
         test = modal_test(run.recording, case.modes, name="beat", force="force", drive_point=case.drive_point)
-        told[coupling] = list(warn_of_other_modes(test, 10, (370.0, 430.0)))
+        told[coupling] = list(find_interactions(test, 10, (370.0, 430.0)))
     assert told[0.0] == []
     assert len(told[None]) == 1
-    assert told[None][0].startswith("mode 18 moves at 2 times the frequency of mode 10 in test 'beat'")
+    assert told[None][0].product.name == "k q10^2 q18"
+    assert told[None][0].sentence.startswith("mode 18 moves at 2 times the frequency of mode 10 in test 'beat'")

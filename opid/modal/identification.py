@@ -227,7 +227,9 @@ def _fit_systems(
     study: ModalStudy, fits: tuple[ModeFit, ...], say: Say
 ) -> tuple[tuple[ModeFit, ...], tuple[SystemFit, ...], list[str]]:
     """Return the fits, those by simulation where powers or a single mode are not enough, these, and warnings."""
-    done, systems, warnings = [], [], []
+    done: list[ModeFit] = []
+    systems: list[SystemFit] = []
+    warnings: list[str] = []
     taken: set[int] = set()
     for fit in fits:
         found = None if taken & _list_involved(study, fit) else _try_system(study, fit, say, warnings)
@@ -256,8 +258,8 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
     names = " and ".join(str(mode) for mode in sorted(involved))
     if not all(_is_fitted_to(fit, test.modes) for test in tests):
         warnings.append(
-            f"mode(s) {names} are not fitted by simulation, for their tests have different linear modes: give the tests "
-            "of a mode one set of modes"
+            f"mode(s) {names} are not fitted by simulation, for their tests have different linear modes: give the "
+            "tests of a mode one set of modes"
         )
         return None
     say(f"mode{'s' * (len(involved) > 1)} {names} by simulation")

@@ -1,0 +1,233 @@
+"""Modes that drive each other: the products of their coordinates, their simulation, and their fit to sine beats."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from opid.errors import InputError
+from opid.mechanics.structure import force_of
+from opid.modal.couplings import Product, expand_joint, list_products, make_joints
+from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
+from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.identification import identify_modes
+from opid.modal.joint_terms import JointTerms, ModalJoint, slip_damping, slip_softening
+from opid.modal.linear.modes import LinearModes, modal_test
+from opid.modal.model import NonlinearModalModel, modal_response, simulate
+from opid.modal.power_laws import power_law
+from opid.modal.study import ModalStudy, StudyTest
+from opid.signals.recording import recording_from_arrays
+
+FS = 1024.0
+MODES = LinearModes([60.0, 121.0], [0.004, 0.006], [[0.5, 0.1], [0.3, -0.4], [-0.2, 0.5]], ("a", "b", "c"))
+JOINT = expand_joint({1: 1.0, 2: 1.6}, 2.5e6, 3)
+"""The products of a joint that is 2.5e6 z^3, z = q1 + 1.6 q2."""
+
+
+def potential(couplings, q):
+    return sum(value * np.prod([q[mode - 1] for mode in product.modes]) for product, value in couplings.items())
+
+
+@pytest.mark.parametrize(
+    ("n_modes", "degree", "of_velocity"), [(2, 3, False), (2, 4, False), (3, 3, False), (2, 4, True)]
+)
+def test_the_force_of_joints_is_the_derivative_of_the_products(n_modes, degree, of_velocity):
+    rng = np.random.default_rng(degree + n_modes)
+    products = list_products(range(1, n_modes + 1), degree, of_velocity=of_velocity)
+    couplings = dict(zip(products, rng.normal(size=len(products)), strict=True))
+    at, zero = rng.normal(size=n_modes), np.zeros(1)
+    force = np.zeros(n_modes)
+    for joint in make_joints(couplings, n_modes):
+        z = np.array([joint.direction @ at])
+        force += joint.direction * joint.law.force(*((zero, z) if of_velocity else (z, zero)))
+    steps = 1e-6 * np.eye(n_modes)
+    slope = [(potential(couplings, at + h) - potential(couplings, at - h)) / 2e-6 for h in steps]
+    np.testing.assert_allclose(force, slope, rtol=1e-6)
+
+
+def test_a_joint_expands_by_the_binomial_theorem():
+    found = expand_joint({4: 1.0, 9: 2.0}, 5.0, 3)
+    assert found == {
+        Product((4, 4, 4)): 5.0, Product((4, 4, 9)): 30.0, Product((4, 9, 9)): 60.0, Product((9, 9, 9)): 40.0
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("modes", "of_velocity"), [((1, 2), False), ((1, 1, 1, 1, 2), False), ((1, 1, 2), True)])
+def test_products_that_are_no_potential_are_refused(modes, of_velocity):
+    with pytest.raises(InputError, match="three or four modes"):
+        Product(modes, of_velocity)
+
+
+def test_coupled_modes_move_as_an_independent_integration_says():
+    model = NonlinearModalModel(MODES, {1: power_law({3: -4e9}, {})}, {}, JOINT)
+    time = np.arange(1024) / FS
+    force = 4 * np.sin(2 * np.pi * 60 * time) * np.hanning(1024)
+    push = MODES.row("a")
+    k0, c0 = MODES.stiffness(), MODES.damping()
+
+    def slope(t, y):
+        q, v = y[:2], y[2:]
+        z = q[0] + 1.6 * q[1]
+        pull = 3 * 2.5e6 * z**2 * np.array([1.0, 1.6]) + np.array([-4e9 * q[0] ** 3, 0.0])
+        f = 4 * np.sin(2 * np.pi * 60 * t) * np.interp(t, time, np.hanning(1024)) * push
+        return np.concatenate([v, f - c0 * v - k0 * q - pull])
+
+    found = modal_response(model, force, fs=FS, drive_point="a")
+    known = solve_ivp(slope, (0, time[-1]), np.zeros(4), t_eval=time, rtol=1e-9, atol=1e-12)
+    assert np.abs(found.displacement - known.y[:2].T).max() < 2e-3 * np.abs(known.y[:2]).max()
+    # The coupling matters here, more than the tolerance.
+    alone = modal_response(NonlinearModalModel(MODES, model.laws), force, fs=FS, drive_point="a")
+    assert (
+        np.abs(found.displacement[:, 1] - alone.displacement[:, 1]).max() > 0.2 * np.abs(found.displacement[:, 1]).max()
+    )
+
+
+@pytest.mark.parametrize("exponent", [-0.5, 0.0])
+def test_sliders_have_the_stiffness_and_the_loss_of_the_joint(exponent):
+    """One cycle at a displacement has the first harmonic that the closed forms of slip give."""
+    joint = ModalJoint(JointTerms(slip=3.0, exponent=exponent), 1.0)
+    model = NonlinearModalModel(MODES, {}, {1: joint})
+    assert model.structure().stiffness[0, 0] == pytest.approx(MODES.stiffness()[0] - joint.stuck_stiffness)
+    phase = 2 * np.pi * np.arange(2000) / 2000
+    q = 0.8 * np.cos(phase)
+    _, start = force_of(joint.sliders, np.concatenate([q, q]))
+    force = force_of(joint.sliders, q, start)[0] - joint.stuck_stiffness * q
+    first = 2 * np.mean(force * np.exp(-1j * phase)) / 0.8
+    assert first.real == pytest.approx(-3.0 * slip_softening(exponent) * 0.8 ** (1 + exponent), rel=0.02)
+    assert -first.imag == pytest.approx(-3.0 * slip_damping(exponent) * 0.8 ** (1 + exponent), rel=0.03) or (
+        first.imag == pytest.approx(3.0 * slip_damping(exponent) * 0.8 ** (1 + exponent), rel=0.03)
+    )
+
+
+def make_beats(model, levels, *, noise=0.01, seed=0):
+    """Sine beats of mode 1 at some peak forces, with noise of a fraction of the rms of each channel."""
+    rng = np.random.default_rng(seed)
+    beat = SineBeat(60.0, 0.9, lead_s=0.05, tail_s=quiet_s(model.modes, 1))
+    tests = []
+    for level in levels:
+        force = sine_beat_voltage(replace(beat, amplitude=level), FS)
+        response = simulate(model, force, fs=FS, drive_point="a").samples
+        channels = np.column_stack([response, force])
+        channels = channels + noise * channels.std(axis=0) * rng.standard_normal(channels.shape)
+        units = ["m/s^2"] * 3 + ["N"]
+        recording = recording_from_arrays(list(channels.T), [*MODES.sensors, "force"], fs=FS, unit=units)
+        tests.append(modal_test(recording, MODES, name=f"beat {level:g}", force="force", drive_point="a"))
+    return tests
+
+
+def make_study(fits, truths=(), **settings):
+    tests = [StudyTest(each, "fit", 1) for each in fits]
+    tests += [StudyTest(replace(each, name=f"truth {each.name}"), "truth") for each in truths]
+    return ModalStudy("two modes", MODES, (1,), tuple(tests), "a", **settings)
+
+
+SLIPPING = ModalJoint(JointTerms(slip=8e4, exponent=-0.5), 1e-3)
+LEVELS = (1.0, 2.5, 5.0, 7.5, 10.0)
+
+
+@pytest.fixture(scope="module")
+def beats():
+    return make_beats(NonlinearModalModel(MODES, {}, {1: SLIPPING}, JOINT), (*LEVELS, 12.0))
+
+
+@pytest.fixture(scope="module")
+def identified(beats):
+    return identify_modes(make_study(beats[:-1], beats[-1:]))
+
+
+def test_the_joint_between_modes_is_found(identified):
+    (system,) = identified.systems
+    assert system.modes == (1, 2)
+    found = {each.product: each.coefficient for each in system.couplings}
+    assert set(found) == set(JOINT)
+    for product, truth in JOINT.items():
+        assert abs(found[product].value - truth) < 3 * found[product].std, product.name
+    assert found[Product((1, 1, 2))].value == pytest.approx(JOINT[Product((1, 1, 2))], rel=0.02)
+    assert abs(system.ratios[2].value - 1.6) < 3 * system.ratios[2].std
+    fit = identified.fits[0]
+    assert abs(fit.slip_exponent.value + 0.5) < 3 * fit.slip_exponent.std
+    assert not any("interact" in text for text in identified.all_warnings)
+
+
+def test_the_model_with_the_joint_predicts_a_higher_level(identified):
+    (truth,) = identified.truth_tests
+    assert max(each.nrmse_nonlinear for each in truth.sensors.values()) < 0.05
+    assert min(each.nrmse_linear for each in truth.sensors.values()) > 0.5
+
+
+def test_the_simplest_form_that_explains_the_tests_is_chosen(identified):
+    chosen = [each for each in identified.systems[0].trials if each.chosen]
+    assert len(chosen) == 1
+    assert chosen[0].error == min(
+        each.error for each in identified.systems[0].trials if each.coefficients <= chosen[0].coefficients
+    )
+    assert "joint k z^3" in chosen[0].terms
+
+
+def test_named_products_are_fitted_as_they_are(beats):
+    found = identify_modes(make_study(beats[:2], couplings=((1, 1, 2),)))
+    (system,) = found.systems
+    assert [each.product for each in system.couplings] == [Product((1, 1, 2))]
+    # At these levels it is the product that counts.
+    assert system.couplings[0].coefficient.value == pytest.approx(JOINT[Product((1, 1, 2))], rel=0.05)
+
+
+def test_no_coupling_is_asked_for(beats):
+    found = identify_modes(make_study(beats[:3], couplings=(), stiffness_order=3, damping_order=3))
+    assert found.systems == ()
+    assert any("the modes interact" in text for text in found.all_warnings)
+
+
+def test_modes_that_do_not_interact_have_no_coupling():
+    beats = make_beats(NonlinearModalModel(MODES, {}, {1: SLIPPING}), LEVELS)
+    found = identify_modes(make_study(beats))
+    assert all(not system.couplings for system in found.systems)
+    assert found.fits[0].slip.value is not None
+
+
+def test_a_shape_that_is_too_large_is_told(beats):
+    """No potential explains both modes when the shape of the driven one is 20 % too large: its mass is then not 1."""
+    modes = replace(MODES, shapes=MODES.shapes * np.array([1.0, 1.2]))
+    wrong = [modal_test(each.recording, modes, name=each.name, force="force", drive_point="a") for each in beats[:-1]]
+    found = identify_modes(replace(make_study(beats[:-1]), modes=modes, tests=make_study(wrong).tests))
+    first = Product((1, 1, 2))
+    for system in found.systems:
+        for each in system.couplings:
+            if each.product == first and not system.warnings:
+                # The equation of mode 2 gives k / 1.2, that of mode 1 gives 1.2 k.
+                assert each.coefficient.holds(JOINT[first] / 1.2) or each.coefficient.holds(JOINT[first] * 1.2)
+
+
+@pytest.mark.parametrize(
+    ("couplings", "message"),
+    [
+        (((1, 7),), "7 is no elastic mode"),
+        (((1, 2),), "three or four modes"),
+        (((2, 2, 2),), "none of which is among nonlinear"),
+    ],
+)
+def test_couplings_that_cannot_be_are_refused(beats, couplings, message):
+    with pytest.raises(InputError, match=message):
+        make_study(beats[:1], couplings=couplings)
+
+
+def test_friction_beside_powers_is_found():
+    slides = ModalJoint(JointTerms(friction=0.5), 1e-3)
+    beats = make_beats(NonlinearModalModel(MODES, {}, {1: slides}), LEVELS)
+    found = identify_modes(make_study(beats))
+    friction = found.fits[0].friction
+    assert friction.value == pytest.approx(0.5, rel=0.05)
+    assert abs(friction.value - 0.5) < 3 * friction.std
+
+
+def test_the_powers_stay_where_they_are_the_law():
+    """No simulation is made where the equation leaves no more than noise."""
+    beats = make_beats(NonlinearModalModel(MODES, {1: power_law({3: -2e9}, {2: 3.0})}), LEVELS)
+    found = identify_modes(make_study(beats))
+    assert found.systems == ()
+    fit = fit_mode(beats, 1)
+    assert 0.7 < fit.misfit < 1.5
+    assert found.fits[0].stiffness[3] == fit.stiffness[3]
