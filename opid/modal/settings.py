@@ -161,6 +161,11 @@ class SimulationSettings:
     unbounded: float = 3.0  # errors of a model that grows without bound, over those of no motion at all
     # rms misfit of the powers over the noise, from which on friction and slip are tried: with the right law it is 1
     excess: float = 1.5
+    # dry friction from which its search begins, over the force of the linear damping at the largest motion
+    first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
+    # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels of
+    # zero and of a thousandth of the largest displacement it differs by this
+    friction_std: float = 0.003
     # directions of a joint with which the search begins, as ratio of the stretches by the largest displacements: its
     # sign decides which half of the cycle is softer, and a search does not cross zero
     first_ratios: tuple[float, ...] = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)

@@ -66,11 +66,13 @@ class SystemForm:
         own: the terms of each mode, by its number.
         products: products by which the modes drive each other, each with its own coefficient.
         joint: terms of a joint that all modes stretch, as (of_velocity, degree); its direction is 1 for the first mode.
+        has_scales: whether the measured motion of every mode but the first has an unknown scale.
     """
 
     own: Mapping[int, ModeTerms]
     products: tuple[Product, ...] = ()
     joint: tuple[tuple[bool, int], ...] = ()
+    has_scales: bool = False
 
     @property
     def modes(self) -> tuple[int, ...]:
@@ -81,7 +83,8 @@ class SystemForm:
     def size(self) -> int:
         """The number of coefficients."""
         of_joint = len(self.joint) + len(self.own) - 1 if self.joint else 0
-        return sum(each.size for each in self.own.values()) + len(self.products) + of_joint
+        of_scales = (len(self.own) - 1) * self.has_scales
+        return sum(each.size for each in self.own.values()) + len(self.products) + of_joint + of_scales
 
 
 @dataclass(frozen=True)
@@ -100,16 +103,21 @@ class OwnValues:
 
 @dataclass(frozen=True)
 class SystemValues:
-    """The coefficients of some modes together, in SI; `ratios` is the direction of their joint, where there is one."""
+    """The coefficients of some modes together, in SI.
+
+    `ratios` is the direction of their joint, where there is one, and `scales` the measured over the true motion of all
+    modes but the first, where that is asked.
+    """
 
     own: Mapping[int, OwnValues]
     couplings: Mapping[Product, float]
     ratios: Mapping[int, float]
+    scales: Mapping[int, float]
 
     def flatten(self) -> FloatArray:
         """Return all values in one vector."""
         of_modes = [value for each in self.own.values() for value in each.flatten()]
-        return np.array([*of_modes, *self.couplings.values(), *self.ratios.values()])
+        return np.array([*of_modes, *self.couplings.values(), *self.ratios.values(), *self.scales.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +161,8 @@ class System:
                 scale = self.measure_product(Product((self.numbers[0],) * degree, of_velocity))
                 direction = {self.numbers[0]: 1.0} | ratios
                 couplings |= expand_joint(direction, amount * scale / degree, degree, of_velocity=of_velocity)
-        return SystemValues(own, couplings, ratios)
+        scales = {number: next(given) for number in self.numbers[1:]} if form.has_scales else {}
+        return SystemValues(own, couplings, ratios, scales)
 
     def top_speed(self, index: int) -> float:
         """Return the velocity of a mode at its largest displacement and natural frequency, m/s kg^1/2."""
@@ -455,11 +464,13 @@ def find_bounds(form: SystemForm) -> tuple[FloatArray, FloatArray]:
 
 
 def _subtract(system: System, form: SystemForm, vector: FloatArray) -> list[list[ComplexArray]]:
-    model = system.make_model(system.convert(form, vector))
+    values = system.convert(form, vector)
+    model = system.make_model(values)
+    scales = [values.scales.get(number, 1.0) for number in system.numbers]
     with ThreadPoolExecutor() as pool:
         simulated = list(pool.map(lambda test: test.simulate(model), system.tests))
     return [
-        [own - each for own, each in zip(test.measured, lines, strict=True)]
+        [own - scale * each for own, scale, each in zip(test.measured, scales, lines, strict=True)]
         for test, lines in zip(system.tests, simulated, strict=True)
     ]
 

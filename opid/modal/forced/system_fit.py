@@ -131,9 +131,11 @@ def fit_system(
     first = tuple(products) if products is not None else tuple(each.product for each in interactions)
     guesses = np.array([_guess_product(tests, bands, each) / system.measure_product(each) for each in first])
     rest = np.zeros(2 * free_linear * len(others))
-    for terms, start in _list_own(system, fit, search_own, free_linear):
+    for terms, starts in _list_own(system, fit, search_own, free_linear):
         form = SystemForm({fit.mode: terms} | others, first)
-        _try_form(system, form, np.concatenate([start, rest, guesses]), trials)
+        whole = [np.concatenate([start, rest, guesses]) for start in starts]
+        start = min(whole, key=lambda each: find_misfit(system, form, each))
+        _try_form(system, form, start, trials, is_near=terms.has_friction)
     if first and trials:
         own = _choose(trials).found
         alone = own.vector[: own.form.size - len(first)]
@@ -214,21 +216,22 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
 
 
 def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
-    """Yield the terms that the mode under test may have by itself, and their start."""
+    """Yield the terms that the mode under test may have by itself, and their starts, (n_starts, n) each."""
     force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
     powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
     start = [float(each.value or 0.0) * a**n / force for n, each in fit.stiffness.items()]
     start += [float(each.value or 0.0) * v**n / force for n, each in fit.damping.items()]
-    yield ModeTerms(powers), np.array(start)
+    yield ModeTerms(powers), np.array([start])
     if not search:
         return
-    yield ModeTerms(powers, has_friction=True), np.array([*start, 0.02])
     k0 = float(system.modes.stiffness()[0])
     softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
     slip = max(softer * a / force / slip_softening(-0.5), 0.1)
-    first = (1,) if free_linear else ()
-    for k in (first, (*first, 3)):
-        yield ModeTerms(Powers(k, first), has_slip=True), np.array([*np.zeros(len(k) + len(first)), slip, -0.5])
+    linear = (1,) if free_linear else ()
+    for k in (linear, (*linear, 3)):
+        zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
+        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in SIMULATED.first_frictions])
+        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in MODAL.first_exponents[::2]])
 
 
 def _choose_band(test: ModalTest, mode: int) -> tuple[float, float]:
@@ -289,6 +292,7 @@ def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _T
     for rival in rivals:
         apart = rival.found.values.flatten() - chosen.found.values.flatten()
         found = replace(found, covariance=found.covariance + np.outer(apart, apart))
+    found = replace(found, covariance=found.covariance + np.diag(_find_model_errors(found) ** 2))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
     for mode, values in found.values.own.items():
@@ -309,7 +313,18 @@ def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _T
     driven = {mode: (each[0], each[1]) for mode, each in estimates.items() if mode != fit.mode}
     updated = _update_mode_fit(fit, found, estimates[fit.mode])
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
-    return replace(made, warnings=tuple(_warn_of_fit(made, found, len(rivals) > 0)))
+    warnings = [*_warn_of_fit(made, found, len(rivals) > 0), *_warn_of_scales(system, found)]
+    return replace(made, warnings=tuple(warnings))
+
+
+def _find_model_errors(found: FittedForm) -> FloatArray:
+    """Return standard deviations of the values, flattened, by what the model of friction cannot know."""
+    errors = np.zeros(len(found.covariance))
+    first = 0
+    for values in found.values.own.values():
+        first += len(values.flatten())
+        errors[first - 3] = SIMULATED.friction_std * values.joint.friction
+    return errors
 
 
 def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
@@ -389,3 +404,25 @@ def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterato
         value, std = float(coupling.coefficient.value or 0.0), float(coupling.coefficient.std or 0.0)
         if abs(value) < 2 * std:
             yield f"the coupling {coupling.product.name} cannot be told from zero by these tests"
+
+
+def _warn_of_scales(system: System, found: FittedForm) -> Iterator[str]:
+    """Warn of driven modes whose motion is measured too large or small, so that no potential fits both equations.
+
+    No force shows their modal mass, but what they pull back does: the motion of each gets a scale of its own.
+    """
+    if not found.values.couplings:
+        return
+    form = replace(found.form, has_scales=True)
+    ones = np.ones(len(system.numbers) - 1)
+    try:
+        freed = fit_form(system, form, np.concatenate([found.vector, ones]), is_near=True)
+    except InputError:
+        return
+    for (mode, scale), std in zip(freed.values.scales.items(), freed.std[-ones.size :], strict=True):
+        if abs(scale - 1) > max(MODAL.warned_mass, MODAL.joint_sigma * float(std)):
+            yield (
+                f"the motion of mode {mode} is {scale:.3g} times what its pull on the other mode asks for (standard "
+                f"deviation {std:.1g}): its shape may be {1 / scale:.3g} times too large, and the couplings are wrong by "
+                "powers of this; check the scale of the shape"
+            )
