@@ -146,7 +146,7 @@ def modal(request, folder):
 
 
 def resonance(request, folder):
-    return identify_resonance(held_study())
+    return identify_resonance(held_study(n_curves=3))
 
 
 def updating(request, folder):

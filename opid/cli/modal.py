@@ -179,8 +179,8 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
     """Read tests at phase resonance: backbone, damping and harmonics over amplitude, and the law of the mode.
 
     From logs of force appropriation or control-based continuation, of one level each or of several, whose tests have
-    use = "resonance" in a study like that of `opid modal`. Steady levels are found, and what is off quadrature is
-    corrected.
+    use = "resonance" in a study like that of `opid modal`, or from stepped-sine response curves in its [[curves]], or
+    both. Steady levels are found, and what is off quadrature is corrected.
 
     The report goes to the folder STUDY_result here: bracket_result for bracket.toml, and for bracket/study.toml.
 

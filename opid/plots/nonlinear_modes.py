@@ -17,6 +17,7 @@ from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
+from opid.modal.resonance.curve_fit import CurveFit
 from opid.modal.resonance.result import Resonance
 from opid.modal.result import ModalIdentification
 from opid.plots.modes import number_modes
@@ -238,6 +239,33 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
                 ax.fill_between(1e6 * law.amplitude, *ends, color=GREY, alpha=0.35, linewidth=0)
         grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
         thicken(grid[0, 0].legend(loc="best"))
+    return grid
+
+
+def response_curves(curves: Sequence[CurveFit], axes: Any = None) -> np.ndarray:
+    """Draw amplitude and phase of response curves over frequency, beside those that a law makes of the same forces.
+
+    Args:
+        curves: the curves, each in a colour of its own.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.6)
+        for color, each in zip(_choose_colors(len(curves)), curves, strict=True):
+            curve = each.curve
+            label = f"{curve.name}: {np.median(curve.force_n):.3g} N"
+            dots: dict[str, Any] = {"color": color, "linestyle": "none", "marker": "o", "markersize": 3.5}
+            line: dict[str, Any] = {"color": color, "linewidth": 1.1}
+            grid[0, 0].plot(curve.frequency_hz, curve.amplitude, **dots, label=label)
+            grid[0, 0].plot(curve.frequency_hz, np.abs(each.response), **line)
+            grid[0, 1].plot(curve.frequency_hz, curve.phase_deg, **dots)
+            grid[0, 1].plot(curve.frequency_hz, np.degrees(np.angle(each.response)), **line)
+        grid[0, 0].set(xlabel="frequency [Hz]", ylabel="acceleration [m/s²]", yscale="log")
+        grid[0, 1].set(xlabel="frequency [Hz]", ylabel="phase over the force [°]")
+        thicken(grid[0, 0].legend(loc="best", fontsize=7.5))
     return grid
 
 
