@@ -242,6 +242,12 @@ def spoiled(value, free):
             yield from (f"{key!r} > {each}" for each in spoiled(before, free))
 
 
+def test_the_example_of_a_resonance_test_in_the_docs_fits_its_schema():
+    page = (SCHEMAS.parent / "nonlinear_modal_models.md").read_text(encoding="utf-8")
+    document = json.loads(page.split("```json")[1].split("```")[0])
+    Draft202012Validator(schema_of(document)).validate(document)
+
+
 def test_schemas_in_the_docs_are_those_of_the_records():
     stored = {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.iterdir()}
     assert stored == script("docs/schemas.py").schemas(), "run python docs/schemas.py"

@@ -217,7 +217,7 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
     amplitude = 1e6 * appropriation.amplitude
     index = appropriation.modes.index(appropriation.mode)
     linear = (appropriation.modes.frequency_hz[index], 100 * appropriation.modes.damping_ratio[index])
-    values_of, locked = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
+    values_of, held = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
     if found is not None:
         amplitude, values_of = 1e6 * found.amplitude, (found.resonance_hz, 100 * found.damping_ratio)
     law = None if found is None else found.records_law
@@ -227,8 +227,8 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
         labels = ("frequency at phase resonance [Hz]", "damping ratio [%]")
         for ax, values, low, label in zip(grid[0], values_of, linear, labels, strict=True):
             ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="linear")
-            for word, shown, face in (("locked", locked, VERMILION), ("not locked", ~locked, "white")):
-                if shown.any() or shown is locked:
+            for word, shown, face in ((appropriation.held_word, held, VERMILION), ("not locked", ~held, "white")):
+                if shown.any() or shown is held:
                     ax.plot(amplitude[shown], values[shown], **dots, markerfacecolor=face, label=word)
             ax.set(xlabel="amplitude of q [µm √kg]", ylabel=label)
         if law is not None:
@@ -237,7 +237,8 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
                 ax.plot(1e6 * law.amplitude, curve, color=INK, linewidth=1.1, label="law")
                 ends = curve - 1.96 * std, curve + 1.96 * std
                 ax.fill_between(1e6 * law.amplitude, *ends, color=GREY, alpha=0.35, linewidth=0)
-        grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
+        count = str(held.size) if held.all() else f"{int(held.sum())} of {held.size}"
+        grid[0, 0].set_title(f"Mode {appropriation.mode}: {count} {appropriation.held_word} levels")
         thicken(grid[0, 0].legend(loc="best"))
     return grid
 
@@ -344,7 +345,7 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
 
 
 def _label_levels(ax: Axes) -> None:
-    ax.set_xlabel("excitation index")
+    ax.set_xlabel("level, in the order in which they were driven")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
