@@ -418,8 +418,8 @@ def _describe_interaction(found: Interaction, locked: NDArray[np.bool_], least_l
     return (
         f"No interaction is seen: of all harmonics 2 to {N_HARMONICS} of the other modes at {int(locked.sum())} "
         f"{held_word} levels, {name} comes to {found.fraction[at]:.0%} of the fundamental of mode {found.target} at "
-        f"level {at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have driven "
-        f"{found.driven_fraction[at]:.0%} of it; needed are more than {found.least_fraction:.0%}, a MAC of "
+        f"level {at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have "
+        f"driven {found.driven_fraction[at]:.0%} of it; needed are more than {found.least_fraction:.0%}, a MAC of "
         f"{found.least_assurance:g} and at most {found.most_driven:.0%}, at {least_levels} levels."
     )
 
