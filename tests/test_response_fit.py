@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("sdypy")
 
-from cli_runs import opid
+from cli_runs import opid, refused
 
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.linear.frequency_response import FrequencyResponse, forced_record, measured_response, resynthesised
@@ -185,6 +185,27 @@ def test_the_command_writes_modes_that_a_study_reads(tmp_path, monkeypatch):
     ).read_text(encoding="utf-8")
     twice = opid("modes", *logs, "--drive-point", "tip", "--drive-point", "root", "--band", "25", "115")
     assert "--drive-point is given 2 times for 3 logs" in twice.stderr
+
+
+def test_units_that_a_log_does_not_state_are_given_by_channel(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    record = ring(0)
+    write_log(record, tmp_path / "si.csv")
+    header, *rows = (tmp_path / "si.csv").read_text(encoding="utf-8").splitlines()
+    # The force in lbf, in a column without a unit.
+    header = header.replace("hammer [N]", "hammer")
+    rows = [",".join([*row.split(",")[:-1], repr(float(row.split(",")[-1]) / 4.4482216152605)]) for row in rows]
+    (tmp_path / "plain.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    words = ("--drive-point", "tip", "--force-channel", "hammer", "--band", "25", "115", "--out")
+    refused(opid("modes", "plain.csv", *words, "none"), "states no unit: give it, like --unit hammer=N")
+    refused(opid("modes", "plain.csv", "--unit", "hamer=lbf", *words, "none"), "did you mean 'hammer'")
+    masses = []
+    for log, unit in (("si.csv", ()), ("plain.csv", ("--unit", "hammer=lbf"))):
+        done = opid("modes", log, *unit, *words, f"{log}_found")
+        assert done.exit_code == 0, done.output
+        masses.append(json.loads((tmp_path / f"{log}_found" / "result.json").read_text())["modal_mass_kg"][0]["value"])
+    assert masses[1] == pytest.approx(masses[0], rel=1e-6)
+    assert "--unit hammer=lbf" in (tmp_path / "plain.csv_found" / "report.html").read_text(encoding="utf-8")
 
 
 def test_bad_records_are_refused():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -119,6 +120,14 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     metavar="LOW HIGH",
     help="Band, Hz, that begins and ends between modes.",
 )
+@click.option(
+    "--unit",
+    "units",
+    type=Unit(is_named=True),
+    multiple=True,
+    help="Unit of a channel, like hammer=lbf, whatever the logs say; once for each channel.",
+)
+@time_unit_option
 @out_option("Folder for result.json, report and modes.csv, which a study takes as its modes.")
 @with_output
 def modes(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
@@ -144,7 +153,6 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     """Return the linear modes of logs of forced records."""
     from opid.modal.linear.frequency_response import ForcedRecord, forced_record, measured_response
     from opid.modal.linear.response_fit import fit_modes
-    from opid.signals.logs import read_log
 
     drive_points = settings["drive_points"]
     if len(drive_points) not in (1, len(logs)):
@@ -156,7 +164,8 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     for number, log in enumerate(logs):
         say(f"log {number + 1} of {len(logs)}")
         drive_point = drive_points[number % len(drive_points)]
-        record = forced_record(read_log(log), name=str(log), force=settings["force_channel"], drive_point=drive_point)
+        recording = _read_channels(log, dict(settings["units"]), settings["time_unit"])
+        record = forced_record(recording, name=str(log), force=settings["force_channel"], drive_point=drive_point)
         records.setdefault(drive_point, []).append(record)
     longest = max(record.force.size for several in records.values() for record in several)
     padded = [[record.padded_to(longest) for record in several] for several in records.values()]
@@ -165,6 +174,24 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     given = {"logs": [str(log) for log in logs], **settings}
     files = tuple(file for several in padded for record in several for file in record.files)
     return replace(found, settings=given, files=files)
+
+
+def _read_channels(log: Path, units: Mapping[str, str], time_unit: str | None) -> Recording:
+    """Return all channels of a log in SI units, some of them in a unit whatever the log says."""
+    from opid.signals.conversion import recording_of
+    from opid.signals.log import ChannelSettings, LogSettings
+    from opid.signals.logs import open_log
+
+    how = LogSettings(time_unit=time_unit)
+    opened = open_log(log, how)
+    for name in units:
+        opened.find(name)
+    for name in opened.signals:
+        track, column = opened.find(name)
+        if track.channels[column].unit is None and name not in units:
+            raise InputError(f"channel {name!r} of {log} states no unit: give it, like --unit {shlex.quote(name)}=N")
+    channels = {name: ChannelSettings(name, unit=units.get(name)) for name in opened.signals}
+    return recording_of(opened, how, channels=channels)
 
 
 @main.command(epilog=example("opid resonance bracket/study.toml --truth bracket/truth.json --out bracket_result"))
