@@ -19,7 +19,7 @@ from made_resonance import (
     with_sensor_clipped,
 )
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import FORCE
 from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.resonance.identification import identify_resonance
@@ -102,6 +102,29 @@ def test_motions_off_resonance_show_the_phase_of_the_force():
     law = fit_states(states, SETTINGS)
     assert law.force_phase_deg.value == pytest.approx(4.0, abs=0.1)
     assert law.stiffness[3].value == pytest.approx(K3, rel=2e-3)
+
+
+def active_states(c0, lowest):
+    """Motions of the cubic mode whose damping at small amplitude is another one."""
+    return [
+        replace(state, force=state.force + 1j * state.pole.imag * (c0 - C0) * state.displacement[0])
+        for state in exact_states(n=24)
+        if state.amplitude > lowest
+    ]
+
+
+def test_a_mode_that_something_else_drives_gets_no_law():
+    with pytest.raises(NotDeterminedError, match="the motions show a negative damping"):
+        fit_states(active_states(-0.5 * C0, 0.0), SETTINGS)
+
+
+def test_a_law_that_extrapolates_to_negative_damping_has_no_interval_there():
+    damping = C2 * 8 / (3 * np.pi) * 2 * np.pi * 119.0 * 2e-4
+    law = fit_states(active_states(-0.5 * damping, 2e-4), SETTINGS, stiffness_order=3, damping_order=2)
+    assert law.damping[1].value < 0
+    assert law.damping[1].interval95 is None
+    assert law.is_withheld
+    assert not fit_states(exact_states(), SETTINGS).is_withheld
 
 
 def test_levels_at_quadrature_alone_leave_the_phase_open():

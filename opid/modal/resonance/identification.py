@@ -330,6 +330,12 @@ def _warn_of_law(law: ResonanceLaw, source: str, settings: ResonanceSettings) ->
             f"the {source} show that the force is {phase.value:.1f} degrees ahead of what moves the mode (standard "
             f"deviation {phase.std:.1g}): the law is corrected for it; check delay and filters of the force channel"
         )
+    if law.is_withheld:
+        yield (
+            f"the law by the {source} extrapolates to a negative stiffness or damping at zero amplitude, which no "
+            "structure at rest has, and no interval is given for it: record lower levels, and use the law within these "
+            "amplitudes only"
+        )
     if law.misfit > settings.warned_misfit:
         yield (
             f"the law by the {source} misses them by {law.misfit:.1f} standard deviations of their noise: powers of "

@@ -25,7 +25,7 @@ from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.law import Law
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import Powers
-from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law
+from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law, withhold_negative
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.signals.recording import FloatArray
@@ -60,6 +60,11 @@ class ResonanceLaw:
     force_phase_deg: Estimate
     misfit: float
     n_states: int
+
+    @property
+    def is_withheld(self) -> bool:
+        """Whether the law extrapolates to a negative k0 or c0, for which no interval is given."""
+        return any(each[1].interval95 is None for each in (self.stiffness, self.damping))
 
     @property
     def law(self) -> Law:
@@ -105,7 +110,7 @@ def fit_states(
 
     Raises:
         InputError: an order outside 1 to 5.
-        NotDeterminedError: too few motions, or amplitudes too close to each other.
+        NotDeterminedError: too few motions, amplitudes too close to each other, or a negative damping among them.
     """
     amplitude = np.array([each.amplitude for each in states])
     if amplitude.size < settings.fewest_levels:
@@ -374,9 +379,16 @@ def _make_law(
     of_fit = np.sqrt(np.einsum("xan,nm,xam->xa", gradient, covariance, gradient))
     of_choice = np.sqrt(np.einsum("f,fxa->xa", weights / weights.sum(), (curves - curves[0]) ** 2))
     std = np.hypot(of_fit, of_choice)
+    lost = np.flatnonzero(curves[0, 1] + 2.0 * std[1] < 0.0)
+    if lost.size:
+        raise NotDeterminedError(
+            f"the motions show a negative damping, {100.0 * curves[0, 1, lost].min():.2g} % at the least, which no "
+            "structure without a source of energy has: see what drives the mode beside the force, and whether force "
+            "and accelerations have their signs and no delay"
+        )
     return ResonanceLaw(
-        stiffness=tables[0],
-        damping=tables[1],
+        stiffness=withhold_negative(tables[0]),
+        damping=withhold_negative(tables[1]),
         amplitude=a,
         frequency_hz=curves[0, 0],
         frequency_std_hz=std[0],
