@@ -16,6 +16,7 @@ from opid.cli.group import (
     REPORT,
     Output,
     Unit,
+    channel_units_option,
     example,
     main,
     out_option,
@@ -120,13 +121,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     metavar="LOW HIGH",
     help="Band, Hz, that begins and ends between modes.",
 )
-@click.option(
-    "--unit",
-    "units",
-    type=Unit(is_named=True),
-    multiple=True,
-    help="Unit of a channel, like hammer=lbf, whatever the logs say; once for each channel.",
-)
+@channel_units_option("Unit of a channel, like hammer=lbf, whatever the logs say; once for each channel.")
 @time_unit_option
 @out_option("Folder for result.json, report and modes.csv, which a study takes as its modes.")
 @with_output
