@@ -25,20 +25,22 @@ from tqdm import tqdm
 
 from opid.mechanics.rig import Rig, rig_run
 from opid.mechanics.structure import Joint, Sliders, Structure, iwan
+from opid.modal.couplings import Product, expand_joint
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.restoring_fit import fit_unweighted
 from opid.modal.identification import identify_modes
-from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
+from opid.modal.linear.modes import LinearModes, ModalTest, modal_filter, modal_test, with_sensors
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
 from opid.modal.resonance.appropriation import appropriate_force, levels_for, modal_interaction
+from opid.modal.result import ModalIdentification
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Recording
 from opid.signals.units import STANDARD_GRAVITY
-from opid.virtual.modal_tests.bolted_structures import case_study_2
-from opid.virtual.modal_tests.series import virtual_series, virtual_study
+from opid.virtual.modal_tests.bolted_structures import NOMINAL_COUPLING, case_study_2
+from opid.virtual.modal_tests.series import CUBIC_DAMPING, CUBIC_STIFFNESS, virtual_series, virtual_study
 
 FREQUENCY_HZ, ZETA, TOP, FS = 120.0, 0.004, 1e-3, 4096.0
 OMEGA = 2 * np.pi * FREQUENCY_HZ
@@ -136,6 +138,24 @@ def cubic(seed: int, noise_of: str = "rms") -> Figures:
     return figures | truth_figures(found)
 
 
+def virtual_beats(seed: int) -> Figures:
+    """The series that `opid simulate sine-beats` writes: an integration that is too coarse shows as a mean error."""
+    start = perf_counter()
+    study = virtual_study(virtual_series("cubic"), rng=np.random.default_rng(seed))
+    seconds = perf_counter() - start
+    fits = tuple(each for each in study.tests if each.use == "fit")
+    found = identify_modes(replace(study, tests=fits, stiffness_order=3, damping_order=3, free_linear=False))
+    k, c = found.fits[0].stiffness, found.fits[0].damping
+    return {
+        "k3, %": 100 * (k[3].value / CUBIC_STIFFNESS[3] - 1),
+        "c2, %": 100 * (c[2].value / CUBIC_DAMPING[2] - 1),
+        "k2 (none in truth), of its standard deviation, %": 100 * k[2].value / k[2].std,
+        "interval of k3 holds": float(k[3].holds(CUBIC_STIFFNESS[3])),
+        "interval of k2 holds": float(k[2].holds(0.0)),
+        "time to simulate, s": seconds,
+    }
+
+
 def cubic_loud(seed: int) -> Figures:
     return cubic(seed, "peak")
 
@@ -165,6 +185,18 @@ def segalman(seed: int) -> Figures:
 
 def segalman_free(seed: int) -> Figures:
     return iwan_joint(seed, free=True, kind="segalman")
+
+
+def segalman_searched(seed: int) -> Figures:
+    """The law is searched, with friction and slip; its exponent is -1/2."""
+    fits, truths = beats_of("segalman", seed, "rms", (0.8, 1.0, 1.5))
+    found = identify_modes(study_of(fits, truths))
+    exponent = found.fits[0].slip_exponent
+    told = {
+        "interval of the exponent holds": float(exponent.holds(-0.5)),
+        "exponent of slip": float(exponent.value) if exponent.value is not None else float("nan"),
+    }
+    return truth_figures(found) | told
 
 
 def off(seed: int) -> Figures:
@@ -219,6 +251,8 @@ def case_figures(case: str, seed: int, **settings: object) -> Figures:
     start = perf_counter()
     found = identify_modes(replace(study, **settings))
     figures = {"time to identify, s": perf_counter() - start, "condition number": found.condition_number}
+    if case == "2":
+        figures |= plate_figures(found)
     for test in found.truth_tests:
         # of case 2 where the mode moves that is modelled: at the drive point, which has the largest shape
         sensors = list(test.sensors.values()) if case == "1" else [test.sensors[study.drive_point]]
@@ -231,12 +265,63 @@ def case_figures(case: str, seed: int, **settings: object) -> Figures:
             np.median([each.nrmse_linear for each in sensors])
         )
         figures[f"linear model's peak, most {where}, times"] = max(each.peak_ratio_linear for each in sensors)
-    told = [warning for fit in found.fits for warning in fit.warnings if "the modes interact" in warning]
-    figures["interaction told by the beats"] = float(bool(told))
+    seen = [each for fit in found.fits for each in fit.interactions] + [
+        each for system in found.systems for each in system.couplings
+    ]
+    figures["interaction told by the beats"] = float(bool(seen))
     flagged = tuple(shift.mode for shift in found.shifts if shift.nonlinear)
     figures["level tests find the nonlinear modes"] = float(set(study.nonlinear) <= set(flagged))
     figures["modes flagged beside them"] = float(len(set(flagged) - set(study.nonlinear)))
     return figures
+
+
+def plate_figures(found: ModalIdentification) -> Figures:
+    """All sensors of the truth test of case 2, and the harmonic that mode 10 makes by driving mode 18."""
+    (test,) = found.truth_tests
+    errors = [each.nrmse_nonlinear for each in test.sensors.values()]
+    spectra = [np.abs(np.fft.rfft(each.samples, axis=0)) for each in (test.measured, test.nonlinear)]
+    frequency = np.fft.rfftfreq(test.measured.n_samples, 1 / test.measured.fs)
+    second = [np.linalg.norm(each[(frequency > 760) & (frequency < 860)], axis=0) for each in spectra]
+    largest = int(np.argmax(second[0]))
+    return {
+        "NRMSE, median of all sensors, %": 100 * float(np.median(errors)),
+        "NRMSE, worst of all sensors, %": 100 * max(errors),
+        "second harmonic where it is largest, %": 100 * float(second[1][largest] / second[0][largest] - 1),
+    }
+
+
+def coupled(seed: int) -> Figures:
+    """The plate of case 2, its ratio 1.99 to 2.02 and its coupling 0.5 to 1.2 times the nominal, of either sign."""
+    rng = np.random.default_rng([seed, 20])
+    ratio, coupling = float(rng.uniform(1.99, 2.02)), float(rng.uniform(0.5, 1.2) * rng.choice([-1, 1]))
+    case = case_study_2(ratio=ratio, coupling_n_per_m2=coupling * NOMINAL_COUPLING)
+    study = virtual_study(replace(virtual_series("2"), case=case), rng=np.random.default_rng(seed))
+    start = perf_counter()
+    found = identify_modes(study)
+    figures: Figures = {
+        "time to identify, s": perf_counter() - start,
+        "a coupling is given": float(bool(found.systems)),
+    }
+    if not given:
+        return figures
+    (joint,) = [each for each in case.rig.structure.joints if each.name == "asymmetry of the joint"]
+    truth = expand_joint(
+        {mode: float(joint.direction[mode - 1]) for mode in (10, 18)}, coupling * NOMINAL_COUPLING / 3, 3
+    )
+    known = {each.product: each.coefficient for each in found.systems[0].couplings}
+    first = Product((10, 10, 18))
+    figures["coefficient of q10^2 q18, %"] = 100 * (float(known[first].value) / truth[first] - 1)
+    figures["interval of q10^2 q18 holds"] = float(known[first].holds(truth[first]))
+    figures["intervals of its relatives that hold, %"] = 100 * float(
+        np.mean([known[each].holds(truth[each]) if each in known else False for each in truth if each != first])
+    )
+    (test,) = found.truth_tests
+    back = modal_filter(with_sensors(study.modes, test.measured.names)).T
+    measured, model = test.measured.samples @ back, test.nonlinear.samples @ back
+    for mode in (10, 18):
+        error = np.linalg.norm((model - measured)[:, mode - 1]) / np.linalg.norm(measured[:, mode - 1])
+        figures[f"NRMSE of mode {mode} in the truth test, %"] = 100 * float(error)
+    return figures | {"warnings about it": float(len(found.systems[0].warnings))}
 
 
 def case_1(seed: int) -> Figures:
@@ -248,16 +333,22 @@ def case_1_searched(seed: int) -> Figures:
 
 
 def case_2(seed: int) -> Figures:
-    return case_figures("2", seed, stiffness_order=5, damping_order=5)
+    return case_figures("2", seed)
+
+
+def case_2_powers(seed: int) -> Figures:
+    return case_figures("2", seed, stiffness_order=5, damping_order=5, couplings=())
 
 
 ROWS: dict[str, tuple[str, Callable[[int], Figures]]] = {
     "cubic": ("cubic softening, quadratic damping, N = 3", cubic),
+    "series": ("series of `opid simulate sine-beats`, N = 3", virtual_beats),
     "loud": ("the same, noise 1 % of the peak", cubic_loud),
     "off": ("linear frequency 0.1 %, damping 5 % off", off),
     "iwan": ("Iwan joint, N = 3", iwan_joint),
     "iwan_free": ("Iwan joint, N = 3, free linear", iwan_free),
     "segalman": ("Segalman's joint, N = 3", segalman),
+    "segalman_searched": ("Segalman's joint, law searched", segalman_searched),
     "segalman_free": ("Segalman's joint, N = 3, free linear", segalman_free),
     "below": ("appropriation, ratio 1.99", coupled_below),
     "above": ("appropriation, ratio 2.02", coupled_above),
@@ -265,7 +356,9 @@ ROWS: dict[str, tuple[str, Callable[[int], Figures]]] = {
     "uncoupled": ("appropriation, ratio 2.02, uncoupled", uncoupled),
     "case1": ("case 1, N = 3, swept truth test", case_1),
     "case1_searched": ("case 1, orders searched", case_1_searched),
-    "case2": ("case 2, N = 5, highest beat", case_2),
+    "case2": ("case 2, law and coupling searched, highest beat", case_2),
+    "case2_powers": ("case 2, N = 5, highest beat", case_2_powers),
+    "coupled": ("case 2, ratio 1.99 to 2.02, coupling unknown", coupled),
 }
 
 

@@ -29,7 +29,9 @@ from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.resonance.appropriation import Interaction
-from opid.modal.resonance.law import ResonanceLaw
+from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.curves import ResponseCurve
+from opid.modal.resonance.law import ResonanceLaw, StateCheck
 from opid.modal.resonance.result import OF_INTERACTION, SCHEMA as RESONANCE, Resonance
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
@@ -395,12 +397,16 @@ def _resonance() -> Json:
     level["force_n"] = NUMBERS | {"description": "amplitudes of the harmonics 1 to 5, N"}
     level["sensors"] = array(NUMBERS) | {"description": "those of each sensor, m/s^2"}
     level["modal"] = array(NUMBERS) | {"description": "those of each modal acceleration, m/s^2 kg^1/2"}
+    curve = fields_of(ResponseCurve, "name", "sensor", "frequency_hz", "force_n", "amplitude", "phase_deg")
+    curve |= dict.fromkeys(("amplitude_by_law", "phase_by_law_deg"), NUMBERS) | fields_of(CurveFit, "is_prediction")
+    curve |= dict.fromkeys(("error", "peak_ratio"), NUMBER)
     own = ("title", "mode", "drive_point", "left_out", "warnings", "not_determined", "settings")
     return fields_of(Resonance, *own) | {
         "levels": array(keys(level)),
         "sensors": TEXTS,
-        "records_law": law,
-        "backbone_law": law,
+        **dict.fromkeys(("records_law", "backbone_law", "curves_law", "joint_law"), law),
+        "curves": array(keys(curve)),
+        "curve_check": or_null(keys(fields_of(StateCheck))),
         "interaction": or_null(keys(fields_of(Interaction, *OF_INTERACTION))),
         "linear_modes": keys(fields_of(LinearModes, "frequency_hz", "damping_ratio")),
     }

@@ -7,18 +7,77 @@ import numpy as np
 
 from opid.mechanics.rig import FORCE
 from opid.modal.linear.modes import modal_test
+from opid.modal.resonance.appropriation import appropriate_force
 from opid.modal.study import StudyTest
+from opid.signals.units import STANDARD_GRAVITY
 from opid.virtual.modal_tests.resonance_logs import resonance_study
+from opid.virtual.modal_tests.response_curves import drive_curves
 from opid.virtual.modal_tests.series import CUBIC_DAMPING, CUBIC_MODE, CUBIC_STIFFNESS, virtual_series
 
 K3, C2, MODE = CUBIC_STIFFNESS[3], CUBIC_DAMPING[2], CUBIC_MODE
 
 
 @cache
-def held_study(seed=0, n_levels=12, phase_error_deg=0.0):
+def held_study(seed=0, n_levels=12, phase_error_deg=0.0, n_curves=0):
     """The study of a test that meets every assumption, but for the phase at which the loop holds it."""
-    rng = np.random.default_rng(seed)
-    return resonance_study(virtual_series("cubic"), rng=rng, n_levels=n_levels, phase_error_deg=phase_error_deg)
+    return resonance_study(
+        virtual_series("cubic"),
+        rng=np.random.default_rng(seed),
+        n_levels=n_levels,
+        n_curves=n_curves,
+        phase_error_deg=phase_error_deg,
+    )
+
+
+def true_curves(amplitude):
+    """Return frequency and damping ratio of the mode by harmonic linearisation of its true law."""
+    modes = virtual_series("cubic").case.modes
+    k0, c0 = (float(each[MODE - 1]) for each in (modes.stiffness(), modes.damping()))
+    omega = np.sqrt(k0 + 0.75 * K3 * amplitude**2)
+    return omega / (2 * np.pi), (c0 + C2 * 8 / (3 * np.pi) * omega * amplitude) / (2 * omega)
+
+
+def requires_truth_inside(law):
+    """Require that a law holds the truth: k3 in its interval, frequency and damping within three deviations."""
+    hz, zeta = true_curves(law.amplitude)
+    assert 3 not in law.stiffness or law.stiffness[3].holds(K3)
+    assert (np.abs(law.frequency_hz - hz) < 3 * law.frequency_std_hz).all()
+    assert (np.abs(law.damping_ratio - zeta) < 3 * law.damping_std).all()
+
+
+def curves_study(seed=0, n_curves=4):
+    """Return the study of response curves alone."""
+    return replace(held_study(seed, n_curves=n_curves), tests=())
+
+
+def hurried_study(seed=0, settling=0.3):
+    """Return a study of response curves whose frequency moves on before the mode has settled."""
+    rng, series = np.random.default_rng(seed), virtual_series("cubic")
+    case = series.case
+    volts = np.geomspace(0.35, 17.6, 12)
+    held = appropriate_force(case.rig, case.modes, MODE, levels_v=volts, rng=rng, drive_point=case.drive_point)
+    curves = drive_curves(case.rig, held, n_curves=4, rng=rng, settling=settling)
+    return replace(curves_study(), curves=curves)
+
+
+def with_curves(study, change):
+    """Return the study with `change(curve)` in place of the fields of each curve."""
+    return replace(study, curves=tuple(replace(each, **change(each)) for each in study.curves))
+
+
+def with_amplitudes_in_g(study):
+    """Return the study with amplitudes in g that are stated to be in m/s^2."""
+    return with_curves(study, lambda curve: {"amplitude": curve.amplitude / STANDARD_GRAVITY})
+
+
+def with_phases_turned(study, degrees):
+    """Return the study with a force that is ahead of the motion of its curves, as a filter makes it."""
+    return with_curves(study, lambda curve: {"phase_deg": curve.phase_deg - degrees})
+
+
+def with_softer_curves(study, fraction=0.003):
+    """Return the study with curves of another state of the structure than its levels."""
+    return with_curves(study, lambda curve: {"frequency_hz": curve.frequency_hz * (1.0 - fraction)})
 
 
 def with_samples(study, change, modes=None):

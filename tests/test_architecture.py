@@ -44,6 +44,7 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "modal.model",
     "modal.power_laws",
     "modal.resonance.appropriation",
+    "modal.resonance.curves",
     "modal.study",
     "updating.measured",
     "updating.model_class",
@@ -68,7 +69,7 @@ OUTER = [
 ]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, SENSING, WHEEL, *WHOLE, *OUTER)
 MOST_FILES = 18
-MOST_FILES_OF_ALL = 319  # lower it whenever there are fewer
+MOST_FILES_OF_ALL = 323  # lower it whenever there are fewer
 MOST_LINES_TWICE = 5
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND

@@ -140,6 +140,16 @@ def test_a_level_that_did_not_lock_is_hollow():
     assert hollow.get_markerfacecolor() == "white"
 
 
+def test_levels_of_a_measured_log_are_steady_and_no_loop_is_spoken_of():
+    measured = replace(appropriation(), settings=None)
+    held = replace(measured, levels=tuple(level for level in measured.levels if level.locked))
+    ax = plots.backbone(held)[0, 0]
+    assert ax.get_title(loc="left").endswith(f" {len(held.levels)} steady levels")
+    assert "locked" not in "".join(line.get_label() for line in ax.lines)
+    assert "lock" not in modal_interaction(held).statement
+    assert "excitation" not in plots.harmonic_shape(modal_interaction(held)).get_xlabel()
+
+
 def test_only_harmonics_over_the_share_are_drawn():
     found = modal_interaction(appropriation())
     labels = [line.get_label() for line in plots.modal_harmonics(found).lines]

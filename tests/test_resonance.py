@@ -10,6 +10,8 @@ from made_resonance import (
     K3,
     MODE,
     held_study,
+    requires_truth_inside,
+    true_curves,
     with_force_turned,
     with_mode_unknown,
     with_polarity_reversed,
@@ -17,10 +19,9 @@ from made_resonance import (
     with_sensor_clipped,
 )
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import FORCE
 from opid.modal.linear.modes import LinearModes, modal_test
-from opid.modal.resonance.curves import read_curve_states
 from opid.modal.resonance.identification import identify_resonance
 from opid.modal.resonance.law import fit_states
 from opid.modal.resonance.settings import ResonanceSettings
@@ -31,19 +32,6 @@ from opid.signals.recording import recording_from_arrays
 SETTINGS = ResonanceSettings()
 MODES = held_study().modes
 K0, C0 = (float(each[MODE - 1]) for each in (MODES.stiffness(), MODES.damping()))
-
-
-def true_curves(amplitude):
-    """Frequency and damping ratio of the mode by harmonic linearisation of its true law."""
-    omega = np.sqrt(K0 + 0.75 * K3 * amplitude**2)
-    return omega / (2 * np.pi), (C0 + C2 * 8 / (3 * np.pi) * omega * amplitude) / (2 * omega)
-
-
-def requires_truth_inside(law):
-    hz, zeta = true_curves(law.amplitude)
-    assert law.stiffness[3].holds(K3)
-    assert (np.abs(law.frequency_hz - hz) < 3 * law.frequency_std_hz).all()
-    assert (np.abs(law.damping_ratio - zeta) < 3 * law.damping_std).all()
 
 
 # ---- a motion at one frequency -----------------------------------------------------------------------
@@ -97,7 +85,7 @@ def exact_states(phase_deg=0.0, n=12, offset=0.0):
         omega = 2 * np.pi * hz * (1 + offset * zeta)
         k, c = K0 + 0.75 * K3 * a**2, C0 + C2 * 8 / (3 * np.pi) * omega * a
         force = (k - omega**2 + 1j * omega * c) * a * np.exp(1j * np.radians(phase_deg))
-        states.append(SteadyState("made", 1j * omega, force, np.array([a + 0j]), 1e-4, 1e-4, 1e-4))
+        states.append(SteadyState("made", 1j * omega, force, np.array([a, 0j, 0j]), 1e-4, 1e-4, 1e-4))
     return states
 
 
@@ -116,75 +104,35 @@ def test_motions_off_resonance_show_the_phase_of_the_force():
     assert law.stiffness[3].value == pytest.approx(K3, rel=2e-3)
 
 
+def active_states(c0, lowest):
+    """Motions of the cubic mode whose damping at small amplitude is another one."""
+    return [
+        replace(state, force=state.force + 1j * state.pole.imag * (c0 - C0) * state.displacement[0])
+        for state in exact_states(n=24)
+        if state.amplitude > lowest
+    ]
+
+
+def test_a_mode_that_something_else_drives_gets_no_law():
+    with pytest.raises(NotDeterminedError, match="the motions show a negative damping"):
+        fit_states(active_states(-0.5 * C0, 0.0), SETTINGS)
+
+
+def test_a_law_that_extrapolates_to_negative_damping_has_no_interval_there():
+    damping = C2 * 8 / (3 * np.pi) * 2 * np.pi * 119.0 * 2e-4
+    law = fit_states(active_states(-0.5 * damping, 2e-4), SETTINGS, stiffness_order=3, damping_order=2)
+    assert law.damping[1].value < 0
+    assert law.damping[1].interval95 is None
+    assert law.is_withheld
+    assert not fit_states(exact_states(), SETTINGS).is_withheld
+
+
 def test_levels_at_quadrature_alone_leave_the_phase_open():
     orders = {"stiffness_order": 3, "damping_order": 2}
     law = fit_states(exact_states(), SETTINGS, **orders)
     assert law.force_phase_deg.std == pytest.approx(SETTINGS.phase_tolerance_deg, rel=0.05)
     loose = fit_states(exact_states(), replace(SETTINGS, phase_tolerance_deg=2.0), **orders)
     assert loose.stiffness[1].std > 3 * law.stiffness[1].std
-
-
-def response_curve(force_n, rng, sensor="lid_x", drive_point="case_x", noise=0.01):
-    """Frequency, amplitude and phase at a sensor along a curve of one force, by harmonic balance; all modes move it."""
-    row, push = MODES.row(sensor), MODES.row(drive_point)
-    modal_force = push[MODE - 1] * force_n
-    peak = next(a for a in np.linspace(1e-3, 1e-6, 4000) if modal_force > 2 * np.pi * 117 * _damping(a) * a)
-    points = []
-    for a in np.linspace(0.3, 0.98, 12) * peak:
-        for side in (1.0, -1.0):
-            omega = np.sqrt(K0)
-            for _ in range(60):
-                reach = np.sqrt(max((modal_force / a) ** 2 - (omega * _damping(a)) ** 2, 0.0))
-                omega = np.sqrt(K0 + 0.75 * K3 * a**2 - side * reach)
-            q = push * force_n / (MODES.stiffness() - omega**2 + 1j * omega * MODES.damping())
-            q[MODE - 1] = modal_force / (side * reach + 1j * omega * _damping(a))
-            points.append((omega / (2 * np.pi), -(omega**2) * (row @ q)))
-    hz, motion = (np.array(each) for each in zip(*points, strict=True))
-    motion = motion * (1 + noise / np.sqrt(2) * (rng.standard_normal(hz.size) + 1j * rng.standard_normal(hz.size)))
-    return hz, np.abs(motion), np.degrees(np.angle(motion))
-
-
-def _damping(amplitude):
-    return C0 + C2 * 8 / (3 * np.pi) * 2 * np.pi * 119.0 * amplitude
-
-
-def read_curves(forces, seed=0, turned_deg=0.0, sign=1.0):
-    rng, states = np.random.default_rng(seed), []
-    for force in forces:
-        hz, height, phase = response_curve(force, rng)
-        states += read_curve_states(
-            hz,
-            height,
-            sign * (phase + turned_deg),
-            force_n=force,
-            modes=MODES,
-            mode=MODE,
-            sensor="lid_x",
-            drive_point="case_x",
-        )
-    return states
-
-
-def test_response_curves_at_several_levels_give_the_law():
-    law = fit_states(read_curves([1.0, 4.0, 8.0, 16.0]), SETTINGS, measured_waves=False)
-    assert law.stiffness[3].holds(K3)
-    assert law.stiffness[3].value == pytest.approx(K3, rel=0.02)
-    assert law.damping[2].value == pytest.approx(C2, rel=0.03)
-
-
-def test_response_curves_show_a_phase_that_nobody_knows():
-    law = fit_states(read_curves([1.0, 4.0, 8.0, 16.0], turned_deg=-5.0), SETTINGS, measured_waves=False)
-    assert law.force_phase_deg.value == pytest.approx(5.0, abs=0.7)
-    assert law.stiffness[3].holds(K3)
-
-
-def test_a_response_curve_with_the_phase_the_other_way_round_is_refused():
-    with pytest.raises(InputError, match="90 degrees at resonance"):
-        read_curves([4.0], sign=-1.0)
-    with pytest.raises(InputError, match="one of each for every point"):
-        read_curve_states(
-            [100.0, 101.0], [1.0], [90.0], force_n=1.0, modes=MODES, mode=MODE, sensor="lid_x", drive_point="case_x"
-        )
 
 
 # ---- whole tests -----------------------------------------------------------------------------------------

@@ -5,16 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 pytest.importorskip("sdypy")
 
-from cli_runs import opid
+from cli_runs import opid, refused
 
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.linear.frequency_response import FrequencyResponse, forced_record, measured_response, resynthesised
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.modes_file import read_modes
-from opid.modal.linear.response_fit import fit_modes
+from opid.modal.linear.response_fit import ResponseFitSettings, fit_modes
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording
 
@@ -54,6 +55,40 @@ def test_known_modes_are_found_and_their_intervals_hold():
             misses += sum(not each.holds(true) for each, true in zip(estimates, truths, strict=True))
         np.testing.assert_allclose(np.abs(found.shapes), np.abs(MODES.shapes[:, 1:]), atol=2e-3)
     assert misses <= 0.05 * total
+
+
+def test_the_fit_is_that_of_a_general_solver():
+    """All poles, residues and rests at once, by differences and without the elimination of the residues."""
+    response = respond(noise=1e-2)
+    found = fit_modes([response], band_hz=BAND_HZ, settings=ResponseFitSettings(n_weightings=0))
+    inside = np.abs(LINES_HZ - 70.0) <= 45.0
+    omega, value = 2 * np.pi * LINES_HZ[inside, None], response.value[inside]
+    poles = np.array(
+        [[hz.value, ratio.value] for hz, ratio in zip(found.frequency_hz, found.damping_ratio, strict=True)]
+    )
+    made = found.fitted[0].value
+    # Without an estimate of the noise each sensor is weighted by its rms.
+    weight = 1 / np.sqrt(np.mean(np.abs(value) ** 2, axis=0))
+
+    def columns(theta):
+        own, ratio = 2 * np.pi * np.exp(theta[0:6:2]), np.exp(theta[1:6:2])
+        late = np.exp(-1j * omega * 1e-5 * theta[6])
+        modes = -late * omega**2 / (own**2 - omega**2 + 2j * ratio * own * omega)
+        return np.concatenate([modes, late, -late * (omega / omega[-1]) ** 2], axis=1)
+
+    def errors(theta):
+        left = weight * (columns(theta[:7]) @ theta[7:].reshape(5, 4) - value)
+        return np.concatenate([left.real.ravel(), left.imag.ravel()])
+
+    begun = np.append(np.log(poles).ravel(), found.delay_s.value / 1e-5)
+    residues = np.linalg.lstsq(
+        np.concatenate([columns(begun).real, columns(begun).imag]), np.concatenate([made.real, made.imag]), rcond=None
+    )[0]
+    solved = optimize.least_squares(errors, np.append(begun, residues), x_scale="jac", xtol=1e-12, ftol=1e-12)
+    stds = [hz.std / hz.value for hz in found.frequency_hz], [ratio.std / ratio.value for ratio in found.damping_ratio]
+    assert (np.abs(solved.x[0:6:2] - begun[0:6:2]) < 0.01 * np.array(stds[0])).all()
+    assert (np.abs(solved.x[1:6:2] - begun[1:6:2]) < 0.01 * np.array(stds[1])).all()
+    assert 2 * solved.cost <= np.sum(errors(np.append(begun, residues)) ** 2) < 2 * solved.cost * (1 + 1e-3)
 
 
 def test_two_drive_points_separate_modes_of_nearly_one_frequency():
@@ -185,6 +220,27 @@ def test_the_command_writes_modes_that_a_study_reads(tmp_path, monkeypatch):
     ).read_text(encoding="utf-8")
     twice = opid("modes", *logs, "--drive-point", "tip", "--drive-point", "root", "--band", "25", "115")
     assert "--drive-point is given 2 times for 3 logs" in twice.stderr
+
+
+def test_units_that_a_log_does_not_state_are_given_by_channel(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    record = ring(0)
+    write_log(record, tmp_path / "si.csv")
+    header, *rows = (tmp_path / "si.csv").read_text(encoding="utf-8").splitlines()
+    # The force in lbf, in a column without a unit.
+    header = header.replace("hammer [N]", "hammer")
+    rows = [",".join([*row.split(",")[:-1], repr(float(row.split(",")[-1]) / 4.4482216152605)]) for row in rows]
+    (tmp_path / "plain.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    words = ("--drive-point", "tip", "--force-channel", "hammer", "--band", "25", "115", "--out")
+    refused(opid("modes", "plain.csv", *words, "none"), "states no unit: give it, like --unit hammer=N")
+    refused(opid("modes", "plain.csv", "--unit", "hamer=lbf", *words, "none"), "did you mean 'hammer'")
+    masses = []
+    for log, unit in (("si.csv", ()), ("plain.csv", ("--unit", "hammer=lbf"))):
+        done = opid("modes", log, *unit, *words, f"{log}_found")
+        assert done.exit_code == 0, done.output
+        masses.append(json.loads((tmp_path / f"{log}_found" / "result.json").read_text())["modal_mass_kg"][0]["value"])
+    assert masses[1] == pytest.approx(masses[0], rel=1e-6)
+    assert "--unit hammer=lbf" in (tmp_path / "plain.csv_found" / "report.html").read_text(encoding="utf-8")
 
 
 def test_bad_records_are_refused():

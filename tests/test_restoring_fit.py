@@ -9,7 +9,7 @@ from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.restoring_fit import fit_coefficients, fit_modal_mass, fit_unweighted
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel
 
 BAND = (100.0, 140.0)
@@ -133,6 +133,27 @@ def test_curves_hold_the_truth_and_start_at_zero(noisy):
     assert fit.stiffness_curve.force[0] == 0
     natural = np.sqrt(OMEGA**2 + first_harmonic_factor(3) * K3 * q**2) / (2 * np.pi)
     np.testing.assert_allclose(fit.frequency_at_hz, natural, rtol=2e-3)
+
+
+def test_a_negative_damping_has_no_interval_and_is_told(noisy):
+    """A force cell that misses what else drives the mode, here twice its linear damping force."""
+
+    def partly(test):
+        recording = test.recording
+        samples = recording.samples.copy()
+        hz = np.fft.rfftfreq(len(samples), 1 / FS)
+        motion = np.fft.rfft(samples[:, recording.index("a")] / 0.5) * (hz > 20.0)
+        velocity = np.fft.irfft(motion / (2j * np.pi * np.maximum(hz, 1.0)), len(samples))
+        samples[:, recording.index("force")] -= 2 * (2 * ZETA * OMEGA) * velocity / 0.5
+        return modal_test(replace(recording, samples=samples), ONE, name=test.name, force="force", drive_point="a")
+
+    fit = fit_mode([partly(test) for test in noisy[0]], 1, **CUBIC, free_linear=True)
+    assert 2 * ZETA * OMEGA + fit.damping[1].value < 0
+    assert fit.damping[1].interval95 is None
+    assert any("the fitted damping is negative" in text for text in fit.warnings)
+    sound = fit_mode(noisy[0], 1, **CUBIC, free_linear=True)
+    assert sound.damping[1].interval95 is not None
+    assert not any("negative" in text for text in sound.warnings)
 
 
 def test_a_linear_mode_gets_no_law():

@@ -146,7 +146,7 @@ def modal(request, folder):
 
 
 def resonance(request, folder):
-    return identify_resonance(held_study())
+    return identify_resonance(held_study(n_curves=3))
 
 
 def updating(request, folder):
@@ -240,6 +240,12 @@ def spoiled(value, free):
         value[key] = before
         if isinstance(before, (dict, list)):
             yield from (f"{key!r} > {each}" for each in spoiled(before, free))
+
+
+def test_the_example_of_a_resonance_test_in_the_docs_fits_its_schema():
+    page = (SCHEMAS.parent / "nonlinear_modal_models.md").read_text(encoding="utf-8")
+    document = json.loads(page.split("```json")[1].split("```")[0])
+    Draft202012Validator(schema_of(document)).validate(document)
 
 
 def test_schemas_in_the_docs_are_those_of_the_records():

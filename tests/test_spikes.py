@@ -1,5 +1,7 @@
 """A jump of dry friction is no spike, a lone sample is one, in a whole run and in a log that is read once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured_data import DATA, needs_data
@@ -105,6 +107,46 @@ def test_spikes_beside_the_border_of_chunks_are_counted_once(seed):
     assert remove_spikes(samples, fs=512.0)[1].tolist() == planted.tolist()
     (channel,) = inspect(recording_from_arrays([samples], ["a"], fs=512.0)).channels
     assert channel.spikes == planted.size
+
+
+def struck(width, offset, seed, fs=2048.0):
+    """Return force and acceleration of a structure of four modes, struck three times for `width` samples."""
+    rng, time_s = np.random.default_rng(seed), np.arange(round(8 * fs)) / fs
+    force = np.zeros(time_s.size)
+    for at_s in (1.0, 3.0, 5.0):
+        part = (time_s - at_s - offset / fs) * fs / width
+        force += np.where((part > 0.0) & (part < 1.0), 100.0 * np.sin(np.pi * part), 0.0)
+    answer = np.zeros(time_s.size)
+    for hz in rng.uniform(50.0, 900.0, 4):
+        ring = np.exp(-0.004 * 2 * np.pi * hz * time_s) * np.sin(2 * np.pi * hz * time_s) * hz
+        answer += signal.fftconvolve(force, ring)[: time_s.size]
+    columns = [each + 1e-3 * each.std() * rng.standard_normal(each.size) for each in (force, answer)]
+    return recording_from_arrays(columns, ["force", "a"], fs=fs, unit=["N", "m/s^2"])
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("width", "offset"), [(1.0, 0.5), (1.5, 0.25), (3.0, 0.5), (6.0, 0.1)])
+def test_blows_of_a_hammer_are_no_spikes_of_a_cable(seed, width, offset):
+    health = inspect(struck(width, offset, seed))
+    assert [each.code for each in health.findings if each.code == "spikes"] == []
+    short = [each.severity for each in health.findings if each.code == "short_blows"]
+    assert short == (["note"] if width < 2.0 else [])
+    assert health.channels[1].spikes == 0
+
+
+def test_a_spike_beside_blows_and_one_in_a_shaken_force_are_told():
+    record = struck(6.0, 0.1, 0)
+    samples = record.samples.copy()
+    samples[10_000] += 20.0 * samples.std(axis=0)
+    health = inspect(replace(record, samples=samples))
+    assert [(each.code, each.channel) for each in health.findings if each.code == "spikes"] == [
+        ("spikes", "force"),
+        ("spikes", "a"),
+    ]
+    shaken = np.random.default_rng(0).standard_normal(20_000)
+    shaken[7000] = 40.0
+    (finding,) = inspect(recording_from_arrays([shaken], ["force"], fs=512.0, unit="N")).findings
+    assert finding.code == "spikes"
 
 
 @needs_data("wobble_landcruiser")

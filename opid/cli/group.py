@@ -83,6 +83,11 @@ unit_option = click.option(
 )
 
 
+def channel_units_option(help_text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option for units of single channels."""
+    return click.option("--unit", "units", type=Unit(is_named=True), multiple=True, help=help_text)
+
+
 class OfWords(click.Choice[str]):
     """Choices of one or more words, joined by hyphens so that none needs quotes; with blanks they are taken, too."""
 

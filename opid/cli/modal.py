@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from opid.cli.group import (
     REPORT,
     Output,
     Unit,
+    channel_units_option,
     example,
     main,
     out_option,
@@ -119,6 +121,8 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     metavar="LOW HIGH",
     help="Band, Hz, that begins and ends between modes.",
 )
+@channel_units_option("Unit of a channel, like hammer=lbf, whatever the logs say; once for each channel.")
+@time_unit_option
 @out_option("Folder for result.json, report and modes.csv, which a study takes as its modes.")
 @with_output
 def modes(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
@@ -144,7 +148,6 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     """Return the linear modes of logs of forced records."""
     from opid.modal.linear.frequency_response import ForcedRecord, forced_record, measured_response
     from opid.modal.linear.response_fit import fit_modes
-    from opid.signals.logs import read_log
 
     drive_points = settings["drive_points"]
     if len(drive_points) not in (1, len(logs)):
@@ -156,7 +159,8 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     for number, log in enumerate(logs):
         say(f"log {number + 1} of {len(logs)}")
         drive_point = drive_points[number % len(drive_points)]
-        record = forced_record(read_log(log), name=str(log), force=settings["force_channel"], drive_point=drive_point)
+        recording = _read_channels(log, dict(settings["units"]), settings["time_unit"])
+        record = forced_record(recording, name=str(log), force=settings["force_channel"], drive_point=drive_point)
         records.setdefault(drive_point, []).append(record)
     longest = max(record.force.size for several in records.values() for record in several)
     padded = [[record.padded_to(longest) for record in several] for several in records.values()]
@@ -165,6 +169,24 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     given = {"logs": [str(log) for log in logs], **settings}
     files = tuple(file for several in padded for record in several for file in record.files)
     return replace(found, settings=given, files=files)
+
+
+def _read_channels(log: Path, units: Mapping[str, str], time_unit: str | None) -> Recording:
+    """Return all channels of a log in SI units, some of them in a unit whatever the log says."""
+    from opid.signals.conversion import recording_of
+    from opid.signals.log import ChannelSettings, LogSettings
+    from opid.signals.logs import open_log
+
+    how = LogSettings(time_unit=time_unit)
+    opened = open_log(log, how)
+    for name in units:
+        opened.find(name)
+    for name in opened.signals:
+        track, column = opened.find(name)
+        if track.channels[column].unit is None and name not in units:
+            raise InputError(f"channel {name!r} of {log} states no unit: give it, like --unit {shlex.quote(name)}=N")
+    channels = {name: ChannelSettings(name, unit=units.get(name)) for name in opened.signals}
+    return recording_of(opened, how, channels=channels)
 
 
 @main.command(epilog=example("opid resonance bracket/study.toml --truth bracket/truth.json --out bracket_result"))
@@ -179,8 +201,8 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
     """Read tests at phase resonance: backbone, damping and harmonics over amplitude, and the law of the mode.
 
     From logs of force appropriation or control-based continuation, of one level each or of several, whose tests have
-    use = "resonance" in a study like that of `opid modal`. Steady levels are found, and what is off quadrature is
-    corrected.
+    use = "resonance" in a study like that of `opid modal`, or from stepped-sine response curves in its [[curves]], or
+    both. Steady levels are found, and what is off quadrature is corrected.
 
     The report goes to the folder STUDY_result here: bracket_result for bracket.toml, and for bracket/study.toml.
 

@@ -13,7 +13,7 @@ from opid.cli.group import (
     Number,
     OfWords,
     Output,
-    Unit,
+    channel_units_option,
     example,
     main,
     out_option,
@@ -294,13 +294,7 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> S
     metavar="M2",
     help="Piston area of an oleo strut, m^2; the report then gives gas pressure and volume.",
 )
-@click.option(
-    "--unit",
-    "units",
-    type=Unit(is_named=True),
-    multiple=True,
-    help="Without a study: unit of a channel, like load=kN, whatever the log says; once for each channel.",
-)
+@channel_units_option("Without a study: unit of a channel, like load=kN, whatever the log says; once for each channel.")
 @time_unit_option
 @click.option("--quasi-static", is_flag=True, help="A slow test: time is ignored and may be missing.")
 @out_option("Folder for result.json, report and figures.")

@@ -96,15 +96,25 @@ def sine_beats(
 @click.option(
     "--levels", type=click.IntRange(min=2), default=70, show_default=True, metavar="N", help="Levels of the voltage."
 )
+@click.option(
+    "--curves",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Stepped-sine response curves beside the levels.",
+)
 @noise_option
 @click.option(
     "--phase-error", default=0.0, show_default=True, metavar="DEG", help="Phase by which the loop misses quadrature."
 )
 @with_files
-def resonance_logs(case: str, seed: int, levels: int, noise: float, phase_error: float, output: Output) -> None:
+def resonance_logs(
+    case: str, seed: int, levels: int, curves: int, noise: float, phase_error: float, output: Output
+) -> None:
     """Write a force appropriation of a nonlinear mode, level after level, into the directory OUT.
 
-    Makes modes.npz, the log, study.toml for `opid resonance`, and truth.json.
+    Makes modes.npz, the log, a CSV file for each response curve, study.toml for `opid resonance`, and truth.json.
     """
     import numpy as np
 
@@ -113,20 +123,23 @@ def resonance_logs(case: str, seed: int, levels: int, noise: float, phase_error:
     from opid.virtual.truth_file import write_field_test
 
     output = output.reserve(("modes.npz", *STUDY_FILES))
-    settings = {"case": case, "seed": seed, "levels": levels, "noise": noise, "phase_error_deg": phase_error}
+    settings = {"case": case, "seed": seed, "levels": levels, "curves": curves, "noise": noise}
+    settings |= {"phase_error_deg": phase_error}
     with output.progress() as say:
         series = virtual_series(case)
         study = resonance_study(
             series,
             rng=np.random.default_rng(seed),
             n_levels=levels,
+            n_curves=curves,
             noise_fraction=noise,
             phase_error_deg=phase_error,
             progress=say,
         )
         say("the files")
         path = write_field_test(study, modal_truth(series, settings=settings), output.folder)
-    output.show_made(f"{levels} levels: {series.case.text}", "resonance", path)
+    made = f"{levels} levels" + (f", {curves} response curves" if curves else "")
+    output.show_made(f"{made}: {series.case.text}", "resonance", path)
 
 
 @simulate.command("backbones", epilog=example("opid simulate backbones wing --true-class 2 --points 20"))

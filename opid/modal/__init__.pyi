@@ -60,7 +60,18 @@ from .resonance.appropriation import (
     levels_for as levels_for,
     modal_interaction as modal_interaction,
 )
-from .resonance.curves import read_curve_states as read_curve_states
+from .resonance.curve_file import (
+    read_curve as read_curve,
+    write_curve as write_curve,
+)
+from .resonance.curve_fit import (
+    fit_curves as fit_curves,
+    make_curve as make_curve,
+)
+from .resonance.curves import (
+    ResponseCurve as ResponseCurve,
+    read_curve_states as read_curve_states,
+)
 from .resonance.identification import identify_resonance as identify_resonance
 from .resonance.law import fit_states as fit_states
 from .resonance.result import Resonance as Resonance

@@ -278,8 +278,8 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
     if not found.is_good:
         left = ", ".join(f"{100 * each:.0f} % of that of mode {mode}" for mode, each in found.missed.items())
         warnings.append(
-            f"no law that was tried explains the motion of mode{'s' * (len(involved) > 1)} {names} ({left} is left): do "
-            "not use the model where it moves; look for a mode or a state that the linear modes lack"
+            f"no law that was tried explains the motion of mode{'s' * (len(involved) > 1)} {names} ({left} is left): "
+            "do not use the model where it moves; look for a mode or a state that the linear modes lack"
         )
         return None
     # Powers alone are known better from the equation, which is linear in them.

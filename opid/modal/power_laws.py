@@ -82,6 +82,24 @@ def _raise_to(name: str, exponent: float) -> str:
     return name if exponent == 1 else f"{name}^{exponent:g}"
 
 
+def withhold_negative(estimates: Mapping[int, Estimate], given: float = 0.0) -> dict[int, Estimate]:
+    """Return coefficients, without the interval of the linear one where it is negative beyond chance.
+
+    No structure at rest has a negative stiffness or damping: the data hold something else, whose error nobody knows.
+
+    Args:
+        estimates: coefficients by their power, of which 1 is the linear one.
+        given: what the power 1 is a correction of.
+
+    >>> withhold_negative({1: Estimate.normal(-3.0, 1.0)})[1], withhold_negative({1: Estimate.normal(-3.0, 2.0)})[1].std
+    (Estimate(value=-3.0, std=None, interval95=None), 2.0)
+    """
+    linear = estimates.get(1, Estimate())
+    if linear.value is not None and linear.std is not None and given + linear.value + 2.0 * linear.std < 0.0:
+        return {**estimates, 1: linear.without_interval()}
+    return dict(estimates)
+
+
 def coefficient_rows(
     stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], name: str = "", *, length: str = ""
 ) -> Iterator[SummaryRow]:

@@ -163,8 +163,8 @@ class SimulationSettings:
     excess: float = 1.5
     # dry friction from which its search begins, over the force of the linear damping at the largest motion
     first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
-    # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels of
-    # zero and of a thousandth of the largest displacement it differs by this
+    # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels
+    # of zero and of a thousandth of the largest displacement it differs by this
     friction_std: float = 0.003
     # directions of a joint with which the search begins, as ratio of the stretches by the largest displacements: its
     # sign decides which half of the cycle is softer, and a search does not cross zero

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from opid.errors import refuse
+from opid.errors import nearest, refuse
 from opid.modal.couplings import DEGREES, Product
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
+from opid.modal.resonance.curves import ResponseCurve
 from opid.result import first_lines
 
 Use = Literal["fit", "truth", "level", "decay", "resonance"]
@@ -55,6 +56,7 @@ class ModalStudy:
         frequency_threshold: relative shift of the natural frequency between level tests from which a mode counts as
             nonlinear, 0.002 for 0.2 %; see `level_shifts`.
         damping_threshold: relative shift of the damping ratio from which a mode counts as nonlinear, 0.15 for 15 %.
+        curves: stepped-sine response curves, from which `identify_resonance` takes the law of a mode, too.
         source: the study file, if there is one.
 
     Raises:
@@ -72,11 +74,13 @@ class ModalStudy:
     couplings: tuple[tuple[int, ...], ...] | None = None
     frequency_threshold: float = 0.002
     damping_threshold: float = 0.15
+    curves: tuple[ResponseCurve, ...] = ()
     source: Path | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tests", tuple(self.tests))
         object.__setattr__(self, "nonlinear", tuple(self.nonlinear))
+        object.__setattr__(self, "curves", tuple(self.curves))
         refuse(list(_find_faults(self)), self.source)
 
     def find_couplings(self, mode: int) -> tuple[Product, ...]:
@@ -87,7 +91,8 @@ class ModalStudy:
     def __repr__(self) -> str:
         modes = [f"mode {number}: {value:.4g} Hz" for number, value in enumerate(self.modes.frequency_hz, start=1)]
         tests = [f"test {each.test.name}: {each.use}" for each in self.tests]
-        lines = [*first_lines(modes, "modes"), *first_lines(tests, "tests")]
+        curves = [f"curve {each.name}: {each.sensor}" for each in self.curves]
+        lines = [*first_lines(modes, "modes"), *first_lines(tests, "tests"), *first_lines(curves, "curves")]
         return "\n".join([f"ModalStudy: {self.title}", *lines])
 
     def of_use(self, *uses: Use) -> tuple[StudyTest, ...]:
@@ -118,10 +123,11 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
             yield f"couplings has {list(coupling)}: give three or four modes, [10, 10, 18] for q10^2 q18"
         elif not set(coupling) & set(study.nonlinear) and study.nonlinear:
             yield f"couplings has {list(coupling)}, none of which is among nonlinear = {list(study.nonlinear)}"
-    names = [each.test.name for each in study.tests]
+    names = [each.test.name for each in study.tests] + [each.name for each in study.curves]
     for name in dict.fromkeys(names):
         if names.count(name) > 1:
             yield f"{names.count(name)} tests are called {name!r}, rename them"
+    yield from _find_curve_faults(study)
     for each in study.tests:
         name = each.test.name
         if each.use not in USES:
@@ -142,5 +148,17 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
                 f"test {name!r} has {each.test.modes.n_modes} modes of its own and the study {study.modes.n_modes}: "
                 "give every test the same modes in the same order"
             )
-    if not study.of_use("fit", "decay", "level", "resonance"):
+    if not study.of_use("fit", "decay", "level", "resonance") and not study.curves:
         yield 'there is no test to identify from, give one the use = "fit" (or "decay", "level", "resonance")'
+
+
+def _find_curve_faults(study: ModalStudy) -> Iterator[str]:
+    for each in study.curves:
+        if each.sensor not in study.modes.sensors:
+            yield f"curve {each.name!r} is of {each.sensor!r}, {nearest(each.sensor, study.modes.sensors)}"
+        if each.mode is not None and not 1 <= each.mode <= study.modes.n_modes:
+            yield f"curve {each.name!r} is of mode {each.mode}, give a number from 1 to {study.modes.n_modes}"
+        elif each.mode is not None and not study.modes.elastic[each.mode - 1]:
+            yield f"curve {each.name!r} is of mode {each.mode}, a rigid-body mode (0 Hz): give an elastic one"
+    if study.curves and study.drive_point is None:
+        yield "the curves have a force and the study no drive_point, name the sensor at which it acts"

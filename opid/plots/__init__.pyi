@@ -51,6 +51,7 @@ from .nonlinear_modes import (
     modal_harmonics as modal_harmonics,
     modal_orders as modal_orders,
     mode_restoring_force as mode_restoring_force,
+    response_curves as response_curves,
     sensor_harmonics as sensor_harmonics,
     sine_beats as sine_beats,
     truth_test as truth_test,

@@ -17,6 +17,7 @@ from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
+from opid.modal.resonance.curve_fit import CurveFit
 from opid.modal.resonance.result import Resonance
 from opid.modal.result import ModalIdentification
 from opid.plots.modes import number_modes
@@ -216,7 +217,7 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
     amplitude = 1e6 * appropriation.amplitude
     index = appropriation.modes.index(appropriation.mode)
     linear = (appropriation.modes.frequency_hz[index], 100 * appropriation.modes.damping_ratio[index])
-    values_of, locked = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
+    values_of, held = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
     if found is not None:
         amplitude, values_of = 1e6 * found.amplitude, (found.resonance_hz, 100 * found.damping_ratio)
     law = None if found is None else found.records_law
@@ -226,8 +227,8 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
         labels = ("frequency at phase resonance [Hz]", "damping ratio [%]")
         for ax, values, low, label in zip(grid[0], values_of, linear, labels, strict=True):
             ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="linear")
-            for word, shown, face in (("locked", locked, VERMILION), ("not locked", ~locked, "white")):
-                if shown.any() or shown is locked:
+            for word, shown, face in ((appropriation.held_word, held, VERMILION), ("not locked", ~held, "white")):
+                if shown.any() or shown is held:
                     ax.plot(amplitude[shown], values[shown], **dots, markerfacecolor=face, label=word)
             ax.set(xlabel="amplitude of q [µm √kg]", ylabel=label)
         if law is not None:
@@ -236,8 +237,36 @@ def backbone(appropriation: Appropriation, axes: Any = None, *, found: Resonance
                 ax.plot(1e6 * law.amplitude, curve, color=INK, linewidth=1.1, label="law")
                 ends = curve - 1.96 * std, curve + 1.96 * std
                 ax.fill_between(1e6 * law.amplitude, *ends, color=GREY, alpha=0.35, linewidth=0)
-        grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
+        count = str(held.size) if held.all() else f"{int(held.sum())} of {held.size}"
+        grid[0, 0].set_title(f"Mode {appropriation.mode}: {count} {appropriation.held_word} levels")
         thicken(grid[0, 0].legend(loc="best"))
+    return grid
+
+
+def response_curves(curves: Sequence[CurveFit], axes: Any = None) -> np.ndarray:
+    """Draw amplitude and phase of response curves over frequency, beside those that a law makes of the same forces.
+
+    Args:
+        curves: the curves, each in a colour of its own.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.6)
+        for color, each in zip(_choose_colors(len(curves)), curves, strict=True):
+            curve = each.curve
+            label = f"{curve.name}: {np.median(curve.force_n):.3g} N"
+            dots: dict[str, Any] = {"color": color, "linestyle": "none", "marker": "o", "markersize": 3.5}
+            line: dict[str, Any] = {"color": color, "linewidth": 1.1}
+            grid[0, 0].plot(curve.frequency_hz, curve.amplitude, **dots, label=label)
+            grid[0, 0].plot(curve.frequency_hz, np.abs(each.response), **line)
+            grid[0, 1].plot(curve.frequency_hz, curve.phase_deg, **dots)
+            grid[0, 1].plot(curve.frequency_hz, np.degrees(np.angle(each.response)), **line)
+        grid[0, 0].set(xlabel="frequency [Hz]", ylabel="acceleration [m/s²]", yscale="log")
+        grid[0, 1].set(xlabel="frequency [Hz]", ylabel="phase over the force [°]")
+        thicken(grid[0, 0].legend(loc="best", fontsize=7.5))
     return grid
 
 
@@ -316,7 +345,7 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
 
 
 def _label_levels(ax: Axes) -> None:
-    ax.set_xlabel("excitation index")
+    ax.set_xlabel("level, in the order in which they were driven")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 

@@ -108,4 +108,7 @@ def _write_command(settings: Mapping[str, Any]) -> list[str]:
         words += ["--drive-point", str(drive_point)]
     if "band" in settings:
         words += ["--band", *(f"{each:g}" for each in settings["band"])]
+    words += [word for channel, unit in settings.get("units", ()) for word in ("--unit", f"{channel}={unit}")]
+    if settings.get("time_unit") is not None:
+        words += ["--time-unit", str(settings["time_unit"])]
     return words + (["--force-channel", str(settings["force_channel"])] if settings else [])

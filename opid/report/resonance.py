@@ -33,12 +33,13 @@ MOST_LEVELS = 8  # the text shows so many levels, from the lowest to the highest
 def build_document(result: Resonance, truth: ModalTruth | None = None) -> Document:
     """Return the report of measured tests at phase resonance."""
     order = np.argsort(result.amplitude)
-    hz, zeta, q = result.resonance_hz[order], result.damping_ratio[order], result.amplitude[order]
     interaction = [] if result.interaction is None else [Paragraph(result.interaction.statement, "Interaction")]
     blocks: list[Block] = [
         Paragraph(_say_basis(result)),
-        _tabulate_levels(result, _choose_levels(order)),
+        *([_tabulate_levels(result, _choose_levels(order))] if result.states else []),
         *_tabulate_laws(result, truth),
+        *([_tabulate_law(result.law)] if result.law and not result.states else []),
+        *([_tabulate_curves(result)] if result.curve_fits else []),
         *interaction,
         build_warnings(result.warnings),
     ]
@@ -46,10 +47,8 @@ def build_document(result: Resonance, truth: ModalTruth | None = None) -> Docume
     mode = result.settings.get("mode")
     return Document(
         result.title,
-        f"mode {result.mode} at phase resonance",
-        f"While the amplitude of mode {result.mode} grows from {format_number(q[0], 3)} to {format_number(q[-1], 3)} "
-        f"m kg^1/2, its resonance moves from {hz[0]:.2f} to {hz[-1]:.2f} Hz and its damping ratio from "
-        f"{format_percent(zeta[0], 3)} to {format_percent(zeta[-1], 3)}.",
+        f"mode {result.mode} at phase resonance" if result.states else f"response curves of mode {result.mode}",
+        _say_range(result, order),
         result.not_determined,
         tuple(blocks),
         lambda: [*_list_figures(result), *_list_details(result, order)],
@@ -59,7 +58,31 @@ def build_document(result: Resonance, truth: ModalTruth | None = None) -> Docume
     )
 
 
+def _say_range(result: Resonance, order: np.ndarray) -> str:
+    """Return how frequency and damping move with the amplitude, by the levels or, without any, by the law."""
+    if result.states:
+        q, hz, zeta = result.amplitude[order], result.resonance_hz[order], result.damping_ratio[order]
+    elif result.law is not None:
+        q, hz, zeta = result.law.amplitude, result.law.frequency_hz, result.law.damping_ratio
+    else:
+        return f"{format_count(len(result.curve_fits), 'response curve')} of mode {result.mode}."
+    return (
+        f"While the amplitude of mode {result.mode} grows from {format_number(q[0], 3)} to {format_number(q[-1], 3)} "
+        f"m kg^1/2, its resonance moves from {hz[0]:.2f} to {hz[-1]:.2f} Hz and its damping ratio from "
+        f"{format_percent(zeta[0], 3)} to {format_percent(zeta[-1], 3)}."
+    )
+
+
 def _say_basis(result: Resonance) -> str:
+    curves = (
+        f"{format_count(len(result.curve_fits), 'response curve')} with "
+        f"{format_count(len(result.curve_states), 'point')} near the peaks, force at {result.drive_point!r}."
+    )
+    levels = _say_levels(result) if result.states else ""
+    return " ".join(filter(None, (levels, curves if result.curve_fits else "")))
+
+
+def _say_levels(result: Resonance) -> str:
     n = len(result.states)
     errors = np.abs(result.phase_error_deg)
     return (
@@ -74,6 +97,7 @@ def _choose_levels(order: np.ndarray) -> np.ndarray:
 
 
 def _tabulate_levels(result: Resonance, chosen: np.ndarray, title: str = "Backbone") -> Table:
+    assert result.appropriation is not None  # There are levels.
     levels, errors = result.appropriation.levels, result.phase_error_deg
     rows = tuple(
         (
@@ -103,7 +127,12 @@ def _tabulate_levels(result: Resonance, chosen: np.ndarray, title: str = "Backbo
 
 
 def _tabulate_laws(result: Resonance, truth: ModalTruth | None) -> Iterator[Table]:
-    named = (("records and transients", result.records_law), ("the backbone alone", result.backbone_law))
+    named = (
+        ("records, transients and curves together", result.joint_law),
+        ("records and transients", result.records_law),
+        ("the backbone alone", result.backbone_law),
+        ("the response curves alone", result.curves_law),
+    )
     laws = [(name, law) for name, law in named if law is not None]
     if laws:
         known = truth if truth and truth.nonlinear.get(result.mode) else None
@@ -120,7 +149,70 @@ def _list_law_rows(result: Resonance, name: str, law: ResonanceLaw, truth: Modal
     yield from list_power_rows(result.mode, law.stiffness, law.damping, truth, lowest=2)
 
 
+def _tabulate_law(law: ResonanceLaw) -> Table:
+    """Return frequency and damping by the law at some amplitudes, where no level shows them."""
+    chosen = np.linspace(0, law.amplitude.size - 1, MOST_LEVELS).round().astype(int)
+    rows = tuple(
+        (
+            format_number(law.amplitude[at], 4),
+            f"{law.frequency_hz[at]:.3f}",
+            f"{1.96 * law.frequency_std_hz[at]:.3f}",
+            format_number(100 * law.damping_ratio[at], 3),
+            format_number(196 * law.damping_std[at], 2),
+        )
+        for at in chosen
+    )
+    return Table(
+        (
+            Column("q", "m kg^1/2"),
+            Column("resonance", "Hz"),
+            Column("+-", "Hz"),
+            Column("damping", "%"),
+            Column("+-", "%"),
+        ),
+        rows,
+        "Frequency and damping by the law",
+        "With half of their 95 % intervals.",
+    )
+
+
+def _tabulate_curves(result: Resonance) -> Table:
+    rows = tuple(
+        (
+            each.curve.name,
+            each.curve.sensor,
+            format_number(float(np.median(each.curve.force_n)), 3),
+            format_number(float(each.curve.amplitude.max()), 4),
+            f"{each.curve.frequency_hz[np.argmax(each.curve.amplitude)]:.2f}",
+            format_number(each.peak_ratio, 4) if np.isfinite(each.peak_ratio) else "-",
+            format_number(100 * each.error, 2) if np.isfinite(each.error) else "-",
+        )
+        for each in result.curve_fits
+    )
+    by = (
+        "the records and transients, which have not seen the curves"
+        if any(each.is_prediction for each in result.curve_fits)
+        else "the curves themselves"
+    )
+    return Table(
+        (
+            Column("curve", align="left"),
+            Column("sensor", align="left"),
+            Column("force", "N"),
+            Column("peak", "m/s^2"),
+            Column("at", "Hz"),
+            Column("law's peak over it"),
+            Column("law's error", "%"),
+        ),
+        rows,
+        "Response curves",
+        f"Beside what the law by {by} makes of the same forces; the error is rms over rms of the curve.",
+    )
+
+
 def _list_details(result: Resonance, order: np.ndarray) -> Iterator[Block]:
+    if result.appropriation is None:
+        return
     yield _tabulate_levels(result, order, "All levels")
     heights = np.abs(result.appropriation.modal[order]).max(axis=0)
     yield Table(
@@ -133,6 +225,16 @@ def _list_details(result: Resonance, order: np.ndarray) -> Iterator[Block]:
 
 def _list_figures(result: Resonance) -> Iterator[Figure]:
     done, found = result.appropriation, result.interaction
+    if result.curve_fits:
+        yield Figure(
+            "response_curves",
+            "Response curves",
+            "Amplitude and phase of the sensor at each step of the frequency; the line is what the law makes of the "
+            "same forces.",
+            lambda: plots.response_curves(result.curve_fits),
+        )
+    if done is None:
+        return
     yield Figure(
         "backbone",
         "Backbone",

@@ -11,8 +11,11 @@ from typing import Annotated, Any
 from opid.errors import InputError, nearest, refuse
 from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.linear.modes_file import read_modes, write_modes
+from opid.modal.resonance.curve_file import CurveColumns, read_curve, write_curve
+from opid.modal.resonance.curves import ResponseCurve
 from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.progress import Say
+from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
 from opid.signals.logs import open_log, write_log
@@ -24,6 +27,7 @@ from opid.studies.schema import (
     Document,
     collect_faults,
     derive_record,
+    find_misspelt,
     format_toml,
     read_tables,
     recast,
@@ -35,7 +39,7 @@ from opid.studies.study_file import MODAL_TESTS
 LARGEST_CSV = 3_000_000
 """Logs with more values than this, some 60 MB of text, are written as HDF5 if h5py is installed."""
 
-_Settings: Any = derive_record(ModalStudy, "title", "modes", "tests", "source", nonlinear=())
+_Settings: Any = derive_record(ModalStudy, "title", "modes", "tests", "curves", "source", nonlinear=())
 """The settings of the model, which stand in [modes] or beside it."""
 
 
@@ -70,18 +74,42 @@ class _Test:
         return self.name or Path(self.log).stem
 
 
+_Column = Annotated[str | int | _Channel | None, "the name of a column, its number or a table"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Curve:
+    file: str
+    sensor: Annotated[str, "the name of a sensor in quotes"]
+    force_n: float | None = None
+    name: str = ""
+    mode: Annotated[int | None, "the number of a mode, from 1"] = None
+    error_fraction: float = 0.01
+    frequency: _Column = None
+    amplitude: _Column = None
+    phase: _Column = None
+    force: _Column = None
+
+    @property
+    def label(self) -> str:
+        return self.name or Path(self.file).stem
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Study(_Settings):
     title: str | None = None
     modes: Annotated[_Modes, MODAL_TESTS.needs["modes"]]
     log: LogSettings = AS_WRITTEN
     channels: Mapping[str, Annotated[str | int | _Channel, CHANNEL]] = field(default_factory=dict)
-    tests: Annotated[tuple[_Test, ...], MODAL_TESTS.needs["tests"]]
+    tests: Annotated[tuple[_Test, ...], MODAL_TESTS.needs["tests"]] = ()
+    curves: tuple[_Curve, ...] = ()
 
 
 def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     """Read what a study file of modal tests names, and return the study."""
     study, faults = read_tables(_Study, document)
+    if not {"tests", "curves"} & {*document, *find_misspelt(document, ("tests", "curves"))}:
+        faults.append(f"the study lacks 'tests', give {MODAL_TESTS.needs['tests']}")
     refuse(faults, source)
     names = {each.name for each in fields(_Settings)}
     inside, beside = (
@@ -116,15 +144,24 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
             test = _read_test(each, source.parent, modes[file], settings["drive_point"], study.log, channels)
             test = replace(test, recording=add_files(test.recording, source, source.parent / file))
             tests.append(StudyTest(test, each.use or ("decay" if each.force is None else "fit"), each.mode))
+    curves = []
+    for entry in study.curves:
+        say(entry.file)
+        with collect_faults(faults, f"curve {entry.label!r}: "):
+            curve = _read_curve(entry, source.parent)
+            own = tuple(map(read_file, (source, source.parent / study.modes.file)))
+            curves.append(replace(curve, files=(*own, *curve.files)))
     refuse(faults, source)
     title = source.stem if study.title is None else study.title
-    return ModalStudy(title, linear, tests=tuple(tests), source=source, **settings)
+    return ModalStudy(title, linear, tests=tuple(tests), curves=tuple(curves), source=source, **settings)
 
 
 def write_files(study: ModalStudy, directory: Path) -> str:
     """Write the modes and the log of each test, and return the text of the study file."""
     for each in study.tests:
         require_plain("test", each.test.name)
+    for curve in study.curves:
+        require_plain("curve", curve.name)
     values = sum(each.test.recording.samples.size for each in study.tests)
     ending = ".h5" if values > LARGEST_CSV and find_spec("h5py") is not None else ".csv"
     write_modes(study.modes, directory / "modes.npz")
@@ -139,14 +176,22 @@ def write_files(study: ModalStudy, directory: Path) -> str:
         write_log(test.recording, directory / log)
         own = None if test.modes is study.modes else files[id(test.modes)]
         entries.append(_Test(log=log, use=each.use, force=_find_force_channel(test), mode=each.mode, modes=own))
-    return format_toml(_Study(title=study.title, modes=recast(_Modes, study, file="modes.npz"), tests=tuple(entries)))
+    curves = []
+    for curve in study.curves:
+        write_curve(curve, directory / f"{curve.name}.csv")
+        entry = _Curve(
+            file=f"{curve.name}.csv", sensor=curve.sensor, mode=curve.mode, error_fraction=curve.error_fraction
+        )
+        curves.append(entry)
+    named = recast(_Modes, study, file="modes.npz")
+    return format_toml(_Study(title=study.title, modes=named, tests=tuple(entries), curves=tuple(curves)))
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------
 
 
 def _check_drive_point(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
-    forced = [each.label for each in study.tests if each.force is not None]
+    forced = [each.label for each in study.tests if each.force is not None] + [each.label for each in study.curves]
     if drive_point is None and not forced:
         return []
     if drive_point is None:
@@ -178,6 +223,23 @@ def _read_test(
     recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
     _require_alive(recording, modes)
     return modal_test(recording, modes, name=entry.label, force=force, drive_point=drive_point)
+
+
+def _read_curve(entry: _Curve, directory: Path) -> ResponseCurve:
+    named = {
+        each.name: recast(ChannelSettings, tabulate_channel(_Channel, each.name, column))
+        for each in fields(CurveColumns)
+        if (column := getattr(entry, each.name)) is not None
+    }
+    return read_curve(
+        directory / entry.file,
+        sensor=entry.sensor,
+        mode=entry.mode,
+        force_n=entry.force_n,
+        columns=CurveColumns(**named),
+        error_fraction=entry.error_fraction,
+        name=entry.label,
+    )
 
 
 def _choose_channels(

@@ -77,7 +77,7 @@ MODAL_TESTS = StudyKind(
     "modal tests",
     "modal",
     {"modes": "a table [modes]", "tests": "one table [[tests]] for each log"},
-    ("channels", "log"),
+    ("curves", "channels", "log"),
 )
 BACKBONES = StudyKind(
     "updating.study.UpdatingStudy",
@@ -147,7 +147,11 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     channel; left out of a free decay), `use` ("fit", "truth", "level", "decay" or "resonance"; "fit" where left out,
     "decay" without a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the linear modes
     that hold during this test), `start_s` and `stop_s`. `[log]` says how logs are to be read, `[channels.NAME]` what
-    their channels mean (the fields of `ChannelSettings`), where a channel is not called as its sensor.
+    their channels mean (the fields of `ChannelSettings`), where a channel is not called as its sensor. A table
+    `[[curves]]` for each stepped-sine response curve gives `file` (CSV, see `read_curve`), `sensor`, `force_n` (its
+    amplitude; left out where the file has a column of it), and optionally `mode`, `name`, `error_fraction`, and
+    `frequency`, `amplitude`, `phase` and `force`: the name of a column, or a table with `channel`, `unit` and `sign`. A
+    study with curves needs no tests.
 
     **Backbones** (`UpdatingStudy`): `title`, `form` (of the likelihood), a table `[structure]`, one table
     `[[backbones]]` for each curve and one `[[classes]]` for each candidate law. `[structure]` gives `matrices` (a file,
@@ -182,9 +186,9 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
 def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
     """Write a study file, and beside it the files that it names, so that `read_study` gives the study back.
 
-    Of suspensions that is `NAME.csv` for each run, of a test bench bench.csv; of modal tests modes.npz and the log of
-    each test, CSV, or HDF5 where the logs are large and h5py is installed; of backbones structure.npz and a CSV file
-    for each.
+    Of suspensions that is `NAME.csv` for each run, of a test bench bench.csv; of modal tests modes.npz, the log of each
+    test, CSV, or HDF5 where the logs are large and h5py is installed, and a CSV file for each curve; of backbones
+    structure.npz and a CSV file for each.
 
     Args:
         study: what to write.

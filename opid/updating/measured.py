@@ -15,15 +15,12 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
-from opid.signals.files import read_table_text, write_whole
-from opid.signals.logs.text.table import cells_of, number_of
+from opid.signals.files import write_whole
+from opid.signals.frequency_tables import FREQUENCY_NAMES, find_frequency, read_table
 from opid.signals.recording import FloatArray
 from opid.signals.units import split_unit, to_si
 
 LEAST_POINTS = 3  # points of a backbone: fewer do not make a curve
-
-FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
-"""Names that the column of frequencies may have, without regard to case; a unit in brackets may follow."""
 
 DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}  # units of motion, and the number of the derivative of the displacement
 NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")  # units of columns that are left out: force, voltage, current, phase
@@ -183,8 +180,8 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
 def _read_curve(
     source: Path, mode: int, controlled: str, sensors: Sequence[str] | None, unit: str | None, name: str
 ) -> MeasuredBackbone:
-    header, values = _read_table(source)
-    frequency_hz, column = _find_frequency(header, values)
+    header, values = read_table(source, "frequency_hz,1 [mm],2 [mm]")
+    frequency_hz, column = find_frequency(header, values)
     own: dict[str, FloatArray] = {}
     units: dict[str, str | None] = {}
     for index, cell in enumerate(header):
@@ -205,45 +202,6 @@ def _read_curve(
     order = [sensor for sensor in sensors if sensor in own] if sensors is not None else list(own)
     amplitude = np.column_stack([own[sensor] for sensor in order])
     return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order))
-
-
-def _read_table(source: Path) -> tuple[list[str], FloatArray]:
-    text, delimiter = read_table_text(source, "frequency_hz,1 [mm],2 [mm]")
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
-    decimal = "." if delimiter == "," else "," if any("," in line for _, line in lines[1:]) else "."
-    header = [cell.strip() for cell in cells_of(lines[0][1], delimiter)]
-    while header and not header[-1]:
-        header.pop()
-    rows = []
-    for number, line in lines[1:]:
-        cells = cells_of(line, delimiter)
-        if any(cell.strip() for cell in cells[len(header) :]) or len(cells) < len(header):
-            raise InputError(
-                f"line {number} has {len(cells)} cells and the header {len(header)}: give one cell for each column"
-            )
-        found = [number_of(cell, decimal) for cell in cells[: len(header)]]
-        if None in found:
-            raise InputError(f"line {number} has {cells[found.index(None)]!r} where a number is needed: correct it")
-        rows.append(found)
-    return header, np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
-
-
-def _find_frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
-    names = [split_unit(cell) for cell in header]
-    columns = [index for index, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
-    if len(columns) != 1:
-        what = "no column" if not columns else f"{len(columns)} columns"
-        raise InputError(f"it has {what} of frequencies: call one 'frequency_hz' (its header is {', '.join(header)})")
-    name, unit = names[columns[0]]
-    factor, quantity = to_si(unit or ("rad/s" if name.casefold() == "omega" else "Hz"))
-    if quantity not in ("Hz", "rad/s"):
-        raise InputError(f"the frequencies are in {unit!r}: give them in Hz")
-    factor /= 2 * np.pi if quantity == "rad/s" else 1.0
-    frequency_hz = factor * values[:, columns[0]]
-    if not (frequency_hz > 0).all():
-        raise InputError(f"the frequency of row {int(np.argmin(frequency_hz > 0)) + 1} is not positive: leave it out")
-    return frequency_hz, columns[0]
 
 
 def _to_displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:

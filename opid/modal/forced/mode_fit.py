@@ -32,7 +32,7 @@ from opid.modal.forced.restoring_fit import (
 from opid.modal.joint_terms import JointTerms, ModalJoint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
-from opid.modal.power_laws import coefficients_json, make_fitted_law
+from opid.modal.power_laws import coefficients_json, make_fitted_law, withhold_negative
 from opid.modal.settings import MODAL
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
@@ -267,8 +267,8 @@ def _make_mode_fit(
         stiffness_order=powers.orders[0],
         damping_order=powers.orders[1],
         free_linear=1 in powers.k,
-        stiffness=found.stiffness(),
-        damping=found.damping(),
+        stiffness=withhold_negative(found.stiffness(), k0),
+        damping=withhold_negative(found.damping(), c0),
         band_hz=band,
         n_lines=sum(each.frequency_hz.size for each in lines),
         tests=tuple(test.name for test in tests),
@@ -350,6 +350,12 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
         yield (
             f"mode {fit.mode}: the fitted stiffness falls to zero or below at the largest amplitude: do not use the "
             "model beyond it"
+        )
+    damper = fit.damping_curve
+    if (damper.linear + damper.high < 0)[1:].any():
+        yield (
+            f"mode {fit.mode}: the fitted damping is negative, which no structure without a source of energy has: do "
+            "not use the model, and see whether force and accelerations have their signs and no delay"
         )
     if fit.residual_fraction > MODAL.most_unexplained:
         yield (

@@ -423,6 +423,6 @@ def _warn_of_scales(system: System, found: FittedForm) -> Iterator[str]:
         if abs(scale - 1) > max(MODAL.warned_mass, MODAL.joint_sigma * float(std)):
             yield (
                 f"the motion of mode {mode} is {scale:.3g} times what its pull on the other mode asks for (standard "
-                f"deviation {std:.1g}): its shape may be {1 / scale:.3g} times too large, and the couplings are wrong by "
-                "powers of this; check the scale of the shape"
+                f"deviation {std:.1g}): its shape may be {1 / scale:.3g} times too large, and the couplings are wrong "
+                "by powers of this; check the scale of the shape"
             )

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +43,10 @@ class ResponseFitSettings:
         same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
         fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
         most_damping: poles with a larger damping ratio describe no mode of a structure.
+        most_steps: steps of a fit at the most; it takes three to ten.
+        least_step: a fit ends where its next step is shorter than this many standard deviations of the unknowns.
+        least_damped: damping of a step after one that did not help, over the diagonal of the normal equations ...
+        most_damped: ... and the damping from which no step helps any more.
         n_weightings: how often the noise of the lines is estimated and the fit repeated.
         lines_per_cell: number of neighbouring lines whose noise may be correlated: a mode is some lines wide.
         least_std: a mode whose largest residue is below so many standard deviations is left out.
@@ -64,6 +67,10 @@ class ResponseFitSettings:
     same_mode: float = 0.5
     fewest_orders: int = 8
     most_damping: float = 0.2
+    most_steps: int = 60
+    least_step: float = 1e-4
+    least_damped: float = 1e-4
+    most_damped: float = 1e6
     n_weightings: int = 3
     lines_per_cell: int = 8
     least_std: float = 6.0
@@ -219,31 +226,46 @@ def _fit_poles(data: _Data, poles: FloatArray, settings: ResponseFitSettings) ->
     delay_s = 0.0
     weight = np.broadcast_to(1 / np.sqrt(np.mean(np.abs(data.value) ** 2, axis=1)), data.value.shape[::-1]).T
     for _ in range(settings.n_weightings):
-        fit = _minimize(data, poles, delay_s, weight)
+        fit = _minimize(data, poles, delay_s, weight, settings)
         poles, delay_s, weight = fit.poles, fit.delay_s, fit.weigh()
-    return _minimize(data, poles, delay_s, weight)
+    return _minimize(data, poles, delay_s, weight, settings)
 
 
-def _minimize(data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray) -> _Fit:
-    @lru_cache(maxsize=1)  # errors and derivatives are asked for at the same vector
-    def unpack(theta: bytes) -> _Fit:
-        vector = np.frombuffer(theta)
-        return _Fit.at(data, np.exp(vector[:-1].reshape(-1, 2)), DELAY_S * float(vector[-1]), weight)
+def _minimize(
+    data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray, settings: ResponseFitSettings
+) -> _Fit:
+    """Return the fit of least squares, by Gauss-Newton steps that are damped where they do not help.
 
+    A step needs the products of the derivatives with each other and with the errors only, which are summed pair by
+    pair: the derivatives of all responses together have a hundred thousand rows.
+    """
     begun = np.append(np.log(poles).ravel(), delay_s / DELAY_S)
     # Poles that move by more than this have left their mode.
     reach = np.append(np.tile([0.02, 2.0], len(poles)), 1e3)
-    found = optimize.least_squares(
-        lambda theta: unpack(theta.tobytes()).error.ravel(),
-        begun,
-        lambda theta: unpack(theta.tobytes()).by_poles(),
-        bounds=(begun - reach, begun + reach),
-        x_scale="jac",
-        xtol=1e-10,
-        ftol=1e-10,
-        tr_solver="lsmr",  # the exact solver decomposes the long Jacobian, which has few columns
-    )
-    return unpack(found.x.tobytes())
+
+    def evaluate(theta: FloatArray) -> _Fit:
+        return _Fit.at(data, np.exp(theta[:-1].reshape(-1, 2)), DELAY_S * float(theta[-1]), weight)
+
+    theta, fit, damping = begun, evaluate(begun), 0.0
+    for _ in range(settings.most_steps):
+        curvature, slope = fit.find_normal_equations()
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), np.finfo(float).tiny))
+        scaled = curvature * np.outer(scale, scale)
+        improved = False
+        while not improved and damping < settings.most_damped:
+            whole = np.linalg.lstsq(scaled + damping * np.eye(theta.size), -slope * scale, rcond=1e-14)[0] * scale
+            step = np.clip(theta + whole, begun - reach, begun + reach) - theta
+            # What a step is worth beside the noise: its square over the covariance of the unknowns.
+            size = float(step @ curvature @ step) / (fit.cost / fit.error.size)
+            if size < settings.least_step**2:
+                return fit
+            tried = evaluate(theta + step)
+            improved = tried.cost < fit.cost
+            damping = 0.1 * damping if improved else max(10.0 * damping, settings.least_damped)
+        if not improved:
+            return fit
+        theta, fit = theta + step, tried
+    return fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,12 +277,12 @@ class _Fit:
         delay_s: delay of the accelerations behind the force, s.
         weight: (n_pairs, n_lines) one over the standard deviation of the noise.
         shape: (2 n_lines, n_columns) real and imaginary part of each mode for a unit residue, then of a and b.
-        slopes: (2, 2 n_lines, n_modes) its derivatives by the logarithms of frequency and damping ratio.
+        slopes: (2 n_lines, 2 n_modes) its derivatives by the logarithms of frequency and damping ratio of each mode.
         by_delay: (2 n_lines, n_columns) that by the delay, 1/s.
         residues: (n_pairs, n_columns).
         error: (n_pairs, 2 n_lines) weighted errors.
-        bases: (n_pairs, 2 n_lines, n_columns) orthonormal basis of the weighted columns of each pair.
-        inverses: (n_pairs, n_columns, n_columns) inverse of the triangular factor of these columns.
+        inverses: (n_pairs, n_columns, n_columns) inverse of the triangular factor of the weighted columns of a pair,
+            which makes them orthonormal.
     """
 
     data: _Data
@@ -272,7 +294,6 @@ class _Fit:
     by_delay: FloatArray
     residues: FloatArray
     error: FloatArray
-    bases: FloatArray
     inverses: FloatArray
 
     @classmethod
@@ -286,35 +307,49 @@ class _Fit:
         rest = late * np.stack([np.ones(omega.size), -((data.omega / data.omega[-1]) ** 2)], axis=1)
         columns = np.concatenate([mode, rest], axis=1)
         shape, by_delay = _split(columns), _split(-1j * omega * columns)
-        slopes = np.stack([_split(by_frequency), _split(by_damping)])
+        slopes = _split(np.stack([by_frequency, by_damping], axis=2).reshape(omega.size, -1))
         read, both = _split(data.value.T).T, np.concatenate([weight, weight], axis=1)
-        bases, triangles = np.linalg.qr(both[:, :, np.newaxis] * shape)
-        inverses = np.linalg.inv(triangles)
-        along = np.einsum("plk,pl->pk", bases, both * read)
-        residues = np.einsum("pkj,pj->pk", inverses, along)
-        error = both * read - np.einsum("plk,pk->pl", bases, along)
-        return cls(data, poles, delay_s, weight, shape, slopes, by_delay, residues, error, bases, inverses)
+        n_columns, weighted = shape.shape[1], both * read
+        inverses, residues = np.empty((len(read), n_columns, n_columns)), np.empty((len(read), n_columns))
+        for pair, (own, row) in enumerate(zip(both, weighted, strict=True)):
+            # The triangle of the columns and the response together holds all that the residues need.
+            stacked = np.column_stack([own[:, np.newaxis] * shape, row])
+            triangle: FloatArray = np.asarray(np.linalg.qr(stacked, mode="r"))
+            inverses[pair] = np.linalg.inv(triangle[:n_columns, :n_columns])
+            residues[pair] = inverses[pair] @ triangle[:n_columns, n_columns]
+        error = weighted - both * (residues @ shape.T)
+        return cls(data, poles, delay_s, weight, shape, slopes, by_delay, residues, error, inverses)
 
     @property
-    def _both(self) -> FloatArray:
-        return np.concatenate([self.weight, self.weight], axis=1)
+    def cost(self) -> float:
+        """Sum of the squared errors."""
+        return float(np.sum(self.error**2))
 
-    def _by_poles_of(self, pair: int) -> FloatArray:
-        """Return the derivatives of the weighted response of a pair by poles and delay, (2 n_lines, 2 n_modes + 1)."""
-        n_modes, weight = len(self.poles), self._both[pair][:, np.newaxis]
-        own = weight * self.residues[pair, :n_modes]
-        by_poles = np.stack([self.slopes[0] * own, self.slopes[1] * own], axis=2).reshape(len(own), -1)
-        return np.concatenate(
-            [by_poles, weight * (self.by_delay @ self.residues[pair])[:, np.newaxis] * DELAY_S], axis=1
-        )
+    def _list_columns(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield the orthonormal basis of the weighted columns of each pair, and the derivatives of its response.
 
-    def by_poles(self) -> FloatArray:
-        """Return the derivatives of the errors by the logarithms of the poles (Kaufman 1975)."""
-        found = []
-        for pair, basis in enumerate(self.bases):
-            slopes = self._by_poles_of(pair)
-            found.append(basis @ (basis.T @ slopes) - slopes)
-        return np.concatenate(found)
+        The derivatives (2 n_lines, 2 n_modes + 1) are those of the weighted response by poles and delay at fixed
+        residues.
+        """
+        n_modes = len(self.poles)
+        for weight, residues, inverse in zip(
+            np.concatenate([self.weight, self.weight], axis=1), self.residues, self.inverses, strict=True
+        ):
+            own = weight[:, np.newaxis]
+            late = self.by_delay @ residues * DELAY_S
+            slopes = np.column_stack([self.slopes * np.repeat(residues[:n_modes], 2), late])
+            yield (own * self.shape) @ inverse, own * slopes
+
+    def find_normal_equations(self) -> tuple[FloatArray, FloatArray]:
+        """Return the products of the derivatives of the errors with each other and with the errors (Kaufman 1975)."""
+        n = 2 * len(self.poles) + 1
+        curvature, slope = np.zeros((n, n)), np.zeros(n)
+        for (basis, by_poles), error in zip(self._list_columns(), self.error, strict=True):
+            along = basis.T @ by_poles
+            curvature += by_poles.T @ by_poles - along.T @ along
+            # The errors have no part along the basis.
+            slope -= by_poles.T @ error
+        return curvature, slope
 
     def weigh(self) -> FloatArray:
         """Return one over the noise of each line: a constant part of each pair, and one that grows as it responds."""
@@ -345,17 +380,19 @@ class _Fit:
         n_lines = self.data.omega.size
         cells = np.tile(np.arange(n_lines) // settings.lines_per_cell, 2)
         n_cells = int(cells.max()) + 1
-        projected = self.by_poles().reshape(len(self.bases), 2 * n_lines, -1)
-        inverse = np.linalg.inv(np.einsum("plk,plj->kj", projected, projected))
+        inverse = np.linalg.inv(self.find_normal_equations()[0])
         scores = np.zeros((n_cells, inverse.shape[0]))
-        np.add.at(scores, cells, np.einsum("plk,pl->lk", projected, self.error))
+        own_scores, influences = np.zeros((len(self.error), n_cells, self.shape.shape[1])), []
+        for pair, (basis, by_poles) in enumerate(self._list_columns()):
+            error = self.error[pair][:, np.newaxis]
+            along = basis.T @ by_poles
+            np.add.at(scores, cells, (basis @ along - by_poles) * error)
+            np.add.at(own_scores[pair], cells, basis * error)
+            influences.append(self.inverses[pair] @ along)
         covariance = inverse @ (scores.T @ scores) @ inverse
         stds = np.empty_like(self.residues)
-        for pair, basis in enumerate(self.bases):
-            own = np.zeros((n_cells, basis.shape[1]))
-            np.add.at(own, cells, basis * self.error[pair][:, np.newaxis])
-            by_pole = self.inverses[pair] @ (basis.T @ self._by_poles_of(pair))
-            influence = own @ self.inverses[pair].T + scores @ inverse @ by_pole.T
+        for pair, by_pole in enumerate(influences):
+            influence = own_scores[pair] @ self.inverses[pair].T + scores @ inverse @ by_pole.T
             stds[pair] = np.sqrt(np.sum(influence**2, axis=0))
         return covariance, stds
 

@@ -95,6 +95,11 @@ class Appropriation:
         return np.array([level.frequency_hz for level in self.levels])
 
     @property
+    def held_word(self) -> str:
+        """What a level is called that counts: the loop of a virtual rig locks, a level of a measured log is steady."""
+        return "steady" if self.settings is None else "locked"
+
+    @property
     def locked(self) -> NDArray[np.bool_]:
         """(n,) whether the level locked."""
         return np.array([level.locked for level in self.levels])
@@ -384,7 +389,7 @@ def modal_interaction(
         most_driven=most_driven,
         statement="",
     )
-    return replace(found, statement=_describe_interaction(found, locked, least_levels))
+    return replace(found, statement=_describe_interaction(found, locked, least_levels, appropriation.held_word))
 
 
 def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray:
@@ -395,7 +400,7 @@ def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray
     return by_force.swapaxes(1, 2)
 
 
-def _describe_interaction(found: Interaction, locked: NDArray[np.bool_], least_levels: int) -> str:
+def _describe_interaction(found: Interaction, locked: NDArray[np.bool_], least_levels: int, held_word: str) -> str:
     held, n, name = found.holds, locked.size, f"harmonic {found.harmonic} of mode {found.mode}"
     if not locked.any():
         return f"No level of mode {found.target} locked: nothing can be said of interactions."
@@ -411,10 +416,10 @@ def _describe_interaction(found: Interaction, locked: NDArray[np.bool_], least_l
         )
     at = int(np.argmax(np.where(locked, found.fraction, -1.0)))
     return (
-        f"No interaction is seen: of all harmonics 2 to {N_HARMONICS} of the other modes at {int(locked.sum())} locked "
-        f"levels, {name} comes to {found.fraction[at]:.0%} of the fundamental of mode {found.target} at level "
-        f"{at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have driven "
-        f"{found.driven_fraction[at]:.0%} of it; needed are more than {found.least_fraction:.0%}, a MAC of "
+        f"No interaction is seen: of all harmonics 2 to {N_HARMONICS} of the other modes at {int(locked.sum())} "
+        f"{held_word} levels, {name} comes to {found.fraction[at]:.0%} of the fundamental of mode {found.target} at "
+        f"level {at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have "
+        f"driven {found.driven_fraction[at]:.0%} of it; needed are more than {found.least_fraction:.0%}, a MAC of "
         f"{found.least_assurance:g} and at most {found.most_driven:.0%}, at {least_levels} levels."
     )
 

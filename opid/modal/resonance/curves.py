@@ -1,28 +1,89 @@
-"""Points of stepped-sine response curves as motions of a mode at one frequency, from which its law follows."""
+"""Stepped-sine response curves: their points as motions of a mode at one frequency, from which its law follows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import ArrayLike
 
 from opid.errors import InputError
+from opid.mechanics.structure import ComplexArray, read_only
 from opid.modal.linear.modes import LinearModes
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
+from opid.provenance import ReadFile
+from opid.signals.recording import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurve:
+    """The fundamental of one sensor over the frequency of a stepped sine, at one level of the force.
+
+    Args:
+        name: the name of the curve.
+        sensor: the sensor that was measured.
+        frequency_hz: (n,) frequencies of the steps in the order in which they were driven, Hz.
+        amplitude: (n,) amplitude of the acceleration at the sensor, m/s^2.
+        phase_deg: (n,) phase of the acceleration over the force, degrees: 90 at resonance of the drive point.
+        force_n: (n,) amplitude of the force, N; one number where it was the same at all points.
+        mode: number of the mode that the curve shows, from 1; where None, the nearest one to its peak.
+        error_fraction: standard deviation of force and acceleration, as a fraction.
+        files: the file of the curve, and those of its study.
+
+    Raises:
+        InputError: arrays that do not match, or values that are not positive and finite.
+    """
+
+    name: str
+    sensor: str
+    frequency_hz: FloatArray
+    amplitude: FloatArray
+    phase_deg: FloatArray
+    force_n: FloatArray
+    mode: int | None = None
+    error_fraction: float = 0.01
+    files: tuple[ReadFile, ...] = ()
+
+    def __post_init__(self) -> None:
+        hz, height, phase = (
+            np.atleast_1d(read_only(each)) for each in (self.frequency_hz, self.amplitude, self.phase_deg)
+        )
+        force = read_only(np.broadcast_to(self.force_n, hz.shape) if np.ndim(self.force_n) == 0 else self.force_n)
+        if not hz.shape == height.shape == phase.shape == force.shape or hz.ndim != 1:
+            raise InputError(
+                f"{self.name!r} has {hz.size} frequencies, {height.size} amplitudes, {phase.size} phases and "
+                f"{force.size} forces: give one of each for every point"
+            )
+        sizes = np.concatenate([hz, height, force])
+        if not (np.isfinite(phase).all() and np.isfinite(sizes).all() and (sizes > 0.0).all()):
+            raise InputError(
+                f"{self.name!r} has values that are not finite and positive: leave such points out, and give the sign "
+                "of an amplitude as a phase"
+            )
+        if not 0.0 < self.error_fraction < 1.0:
+            raise InputError(f"error_fraction of {self.name!r} is {self.error_fraction}: give a fraction, 0.01 for 1 %")
+        for key, array in (("frequency_hz", hz), ("amplitude", height), ("phase_deg", phase), ("force_n", force)):
+            object.__setattr__(self, key, array)
+
+    @property
+    def acceleration(self) -> ComplexArray:
+        """(n,) complex acceleration at the sensor for a force without phase, m/s^2."""
+        return np.asarray(self.amplitude * np.exp(1j * np.radians(self.phase_deg)), dtype=np.complex128)
+
+
+def find_curve_mode(curve: ResponseCurve, modes: LinearModes, candidates: Sequence[int]) -> int:
+    """Return the mode of a curve: the one that it names, or the candidate nearest to the peak of its displacement."""
+    peak = float(curve.frequency_hz[np.argmax(curve.amplitude / curve.frequency_hz**2)])
+    return curve.mode or min(candidates, key=lambda mode: abs(modes.frequency_hz[modes.index(mode)] - peak))
 
 
 def read_curve_states(
-    frequency_hz: ArrayLike,
-    amplitude: ArrayLike,
-    phase_deg: ArrayLike,
+    curve: ResponseCurve,
     *,
-    force_n: ArrayLike,
     modes: LinearModes,
     mode: int,
-    sensor: str,
     drive_point: str,
-    error_fraction: float = 0.01,
-    name: str = "response curve",
     settings: ResonanceSettings | None = None,
 ) -> tuple[SteadyState, ...]:
     """Return the motions of a mode along one response curve; those of several curves together go to `fit_states`.
@@ -31,62 +92,43 @@ def read_curve_states(
     below the peak, which say little of the law, are left out.
 
     Args:
-        frequency_hz: (n,) frequencies of the steps, Hz.
-        amplitude: (n,) amplitude of the acceleration at the sensor, m/s^2.
-        phase_deg: (n,) phase of the acceleration over the force, degrees: 90 at resonance of the drive point.
-        force_n: amplitude of the force, one for all points or (n,), N.
+        curve: the curve.
         modes: linear modes of the structure.
         mode: number of the mode, from 1.
-        sensor: the sensor that was measured.
         drive_point: the sensor where the force acts.
-        error_fraction: standard deviation of force and acceleration, as a fraction.
-        name: the name of the curve.
         settings: which points count; the usual ones where left out.
 
     Raises:
-        InputError: arrays that do not match, values that are not positive and finite, no such mode or sensor, a mode
-            that does not move sensor or drive point, or a force that takes power out of the mode at most points.
+        InputError: no such mode or sensor, a mode that does not move sensor or drive point, or a force that takes power
+            out of the mode at most points.
     """
     chosen = settings or ResonanceSettings()
-    hz, height, phase = (
-        np.atleast_1d(np.asarray(each, dtype=np.float64)) for each in (frequency_hz, amplitude, phase_deg)
-    )
-    force = (
-        np.broadcast_to(np.asarray(force_n, dtype=np.float64), hz.shape)
-        if np.ndim(force_n) == 0
-        else np.asarray(force_n)
-    )
-    if not hz.shape == height.shape == phase.shape == force.shape or hz.ndim != 1:
-        raise InputError(
-            f"{name!r} has {hz.size} frequencies, {height.size} amplitudes, {phase.size} phases and {force.size} "
-            "forces: give one of each for every point"
-        )
-    sizes = np.concatenate([hz, height, force])
-    if not (
-        np.isfinite(phase).all() and np.isfinite(sizes).all() and (sizes > 0.0).all() and 0.0 < error_fraction < 1.0
-    ):
-        raise InputError(
-            f"{name!r} has values that are not finite and positive, or an error of {error_fraction}: leave such points "
-            "out, and give the error as a fraction, 0.01 for 1 %"
-        )
     index = modes.index(mode)
-    at_sensor, at_force = modes.row(sensor), modes.row(drive_point)
-    if at_sensor[index] == 0.0 or at_force[index] == 0.0:
-        raise InputError(f"mode {mode} does not move {sensor!r} or {drive_point!r}: give a sensor that it moves")
-    pole = 2j * np.pi * hz
-    displacement = height * np.exp(1j * np.radians(phase)) / pole**2
-    dynamic = modes.stiffness() + pole[:, None] ** 2 + pole[:, None] * modes.damping()
-    others = at_sensor * at_force * force[:, None] / dynamic
-    others[:, index] = 0.0
-    q = (displacement - others.sum(axis=1)) / at_sensor[index]
+    push = modes.row(drive_point)[index]
+    if modes.row(curve.sensor)[index] == 0.0 or push == 0.0:
+        raise InputError(f"mode {mode} does not move {curve.sensor!r} or {drive_point!r}: give a sensor that it moves")
+    pole = 2j * np.pi * curve.frequency_hz
+    others = add_other_modes(curve, modes, mode, drive_point)
+    q = (curve.acceleration - others) / pole**2 / modes.row(curve.sensor)[index]
     kept = np.abs(q) > chosen.least_of_peak * np.abs(q).max()
+    error = curve.error_fraction
     states = tuple(
-        SteadyState(name, p, complex(at_force[index] * f), np.array([each]), error_fraction, error_fraction, 0.0)
-        for p, f, each in zip(pole[kept], force[kept], q[kept], strict=True)
+        SteadyState(curve.name, p, complex(push * f), np.array([each]), error, error, 0.0)
+        for p, f, each in zip(pole[kept], curve.force_n[kept], q[kept], strict=True)
     )
     if np.median([each.damping for each in states]) < 0.0:
         raise InputError(
-            f"{name!r} takes power out of mode {mode} at most points: its phase is counted the other way round, or "
-            "that of a displacement; give the phase of the acceleration over the force, 90 degrees at resonance"
+            f"{curve.name!r} takes power out of mode {mode} at most points: its phase is counted the other way round, "
+            "or that of another quantity; give the phase of the motion over the force, of an acceleration 90 degrees "
+            "at resonance, with sign = -1 where a lag counts positive"
         )
     return states
+
+
+def add_other_modes(curve: ResponseCurve, modes: LinearModes, mode: int, drive_point: str) -> ComplexArray:
+    """Return what all modes but one add to the sensor at each point, by their linear properties, (n,) m/s^2."""
+    pole = 2j * np.pi * curve.frequency_hz
+    dynamic = modes.stiffness() + pole[:, None] ** 2 + pole[:, None] * modes.damping()
+    each = modes.row(curve.sensor) * modes.row(drive_point) * curve.force_n[:, None] / dynamic
+    each[:, modes.index(mode)] = 0.0
+    return np.asarray(pole**2 * each.sum(axis=1), dtype=np.complex128)

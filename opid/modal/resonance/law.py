@@ -25,7 +25,7 @@ from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.law import Law
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import Powers
-from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law
+from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law, withhold_negative
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.signals.recording import FloatArray
@@ -62,6 +62,11 @@ class ResonanceLaw:
     n_states: int
 
     @property
+    def is_withheld(self) -> bool:
+        """Whether the law extrapolates to a negative k0 or c0, for which no interval is given."""
+        return any(each[1].interval95 is None for each in (self.stiffness, self.damping))
+
+    @property
     def law(self) -> Law:
         """The nonlinear restoring force, powers 2 and up."""
         return make_fitted_law(self.stiffness, self.damping)
@@ -96,8 +101,8 @@ def fit_states(
         settings: how far the phase of the force is trusted, and what a law needs.
         stiffness_order: N_s, 1 to 5; chosen where None.
         damping_order: N_d, 1 to 5; chosen where None.
-        measured_waves: whether the powers are those of the measured harmonics; otherwise of a fundamental with the
-            harmonics that the law itself makes, which needs no harmonic to be measured.
+        measured_waves: whether the powers are those of the measured harmonics; otherwise, and for motions of which the
+            fundamental alone was measured, of a fundamental with the harmonics that the law itself makes.
         systematic: standard deviation of an error of gain and phase that all motions share, as a fraction: motion that
             the shapes miss.
         known_phase_deg: phase of the force against the accelerations that other motions have shown; where None, that
@@ -105,7 +110,7 @@ def fit_states(
 
     Raises:
         InputError: an order outside 1 to 5.
-        NotDeterminedError: too few motions, or amplitudes too close to each other.
+        NotDeterminedError: too few motions, amplitudes too close to each other, or a negative damping among them.
     """
     amplitude = np.array([each.amplitude for each in states])
     if amplitude.size < settings.fewest_levels:
@@ -132,6 +137,49 @@ def fit_states(
     return law
 
 
+@dataclass(frozen=True)
+class StateCheck:
+    """What motions at many frequencies show beside a law, if it is left free.
+
+    Args:
+        inertia: inertia of the mode, 1 where force, motion and shape have their right units.
+        lag: rate of the frequency that would make the motions lag behind it, rad/s^2; 0 where each is steady.
+    """
+
+    inertia: Estimate
+    lag: Estimate
+
+
+def check_states(states: Sequence[SteadyState], slope: ComplexArray, law: ResonanceLaw) -> StateCheck:
+    """Fit the powers of a law once more, with the inertia and the rate of the frequency free.
+
+    In a sweep the motion Re A(omega) exp(j phi) has the velocity (A' rate + j omega A), so the equation of the mode
+    gets the term 2 j omega rate A'/A beside p^2.
+
+    Args:
+        states: the motions.
+        slope: (n,) change of the complex amplitude over itself with the frequency, s/rad, counted positive in the
+            direction in which the frequency was driven; zero where it is not known.
+        law: the law that they gave.
+    """
+    equations = _Equations.of(states, (0.0, 1.0, 0.0))
+    columns = _find_columns(states, [each.displacement[:1] for each in states])
+    chosen = [columns[0][:, n - 1] for n in law.stiffness] + [columns[1][:, n - 1] for n in law.damping]
+    square = -(equations.omega**2)
+    lagging = 2j * equations.omega * slope
+    whole = np.column_stack([*chosen, square, lagging, 1j * equations.force * equations.scale]) / equations.scale
+    rows = np.vstack([whole.real, whole.imag]) / np.tile(equations.std[0], 2)[:, None]
+    left = np.concatenate([equations.left.real, equations.left.imag]) / np.tile(equations.std[0], 2)
+    norms = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
+    value = inverse @ left / norms
+    freedom = max(left.size - value.size, 1)
+    ratio = max(float(np.sqrt(np.sum((left - rows @ value) ** 2) / freedom)), 1.0)
+    std = ratio * np.sqrt(np.sum(inverse**2, axis=1)) / norms
+    at = len(chosen)
+    return StateCheck(Estimate.normal(1.0 + value[at], std[at]), Estimate.normal(value[at + 1], std[at + 1]))
+
+
 def _fit_with_prior(
     states: Sequence[SteadyState],
     settings: ResonanceSettings,
@@ -141,15 +189,14 @@ def _fit_with_prior(
 ) -> ResonanceLaw:
     amplitude = np.array([each.amplitude for each in states])
     equations = _Equations.of(states, prior)
-    waves = [each.displacement for each in states]
-    if not measured_waves:
-        waves = [each[:1] for each in waves]
+    waves = [each.displacement if measured_waves else each.displacement[:1] for each in states]
+    made = [at for at, wave in enumerate(waves) if wave.size == 1]
     # Harmonics by the law need the law: three rounds, for the third harmonic is small.
-    for _ in range(1 if measured_waves else 3):
+    for _ in range(3 if made else 1):
         columns = _find_columns(states, waves)
         fits = _rank([_solve(equations, columns, powers) for powers in _list_powers(*orders)], equations.n_rows)
-        if not measured_waves:
-            waves = [_add_harmonics(each, state.pole.imag, fits[0]) for each, state in zip(waves, states, strict=True)]
+        for at in made:
+            waves[at] = _add_harmonics(waves[at], states[at].pole.imag, fits[0])
     return _make_law(fits, equations, amplitude, settings)
 
 
@@ -332,9 +379,16 @@ def _make_law(
     of_fit = np.sqrt(np.einsum("xan,nm,xam->xa", gradient, covariance, gradient))
     of_choice = np.sqrt(np.einsum("f,fxa->xa", weights / weights.sum(), (curves - curves[0]) ** 2))
     std = np.hypot(of_fit, of_choice)
+    lost = np.flatnonzero(curves[0, 1] + 2.0 * std[1] < 0.0)
+    if lost.size:
+        raise NotDeterminedError(
+            f"the motions show a negative damping, {100.0 * curves[0, 1, lost].min():.2g} % at the least, which no "
+            "structure without a source of energy has: see what drives the mode beside the force, and whether force "
+            "and accelerations have their signs and no delay"
+        )
     return ResonanceLaw(
-        stiffness=tables[0],
-        damping=tables[1],
+        stiffness=withhold_negative(tables[0]),
+        damping=withhold_negative(tables[1]),
         amplitude=a,
         frequency_hz=curves[0, 0],
         frequency_std_hz=std[0],

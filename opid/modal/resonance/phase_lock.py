@@ -13,6 +13,7 @@ from opid.modal.linear.modes import LinearModes
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
+LARGEST_ANGLE = 0.4  # turn of the highest natural frequency in a time step, rad
 N_HARMONICS = 5  # harmonics of the drive frequency that are recorded, the fundamental included
 
 
@@ -199,12 +200,11 @@ def make_controller(
         raise InputError(
             f"the loop may move from {range_hz[0]:g} to {range_hz[1]:g} Hz: give a range with {natural_hz:g} Hz in it"
         )
-    # The time steps are longest at the lowest rate. They may be twice the usual ones, 0.4 rad of the highest natural
-    # frequency, for that is often the stinger's, which nothing excites here.
+    # The time steps are longest at the lowest rate. The highest natural frequency is often the stinger's, which nothing
+    # excites here.
     fs = chosen.samples_per_period * range_hz[0]
-    steps = -(-open_rig(rig, fs).steps_per_sample // 2)
     columns = tuple(rig.sensor_names.index(name) for name in modes.sensors)
-    opened = open_rig(rig, fs, steps_per_sample=steps)
+    opened = open_rig(rig, fs, largest_angle_rad=LARGEST_ANGLE)
     return Controller(opened, modes, mode, point, columns, range_hz, chosen, noise_fraction, rng)
 
 

@@ -1,9 +1,9 @@
-"""The result of a measured resonance test: its backbone, its harmonics, the interaction of modes, and the law."""
+"""The result of measured resonance tests: its backbone, its harmonics, the interaction of modes, and the law."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from opid.json_values import plain
 from opid.modal.linear.modes import LinearModes
 from opid.modal.power_laws import coefficient_rows
 from opid.modal.resonance.appropriation import Appropriation, Interaction
-from opid.modal.resonance.law import ResonanceLaw
+from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.law import ResonanceLaw, StateCheck
 from opid.modal.resonance.steady import SteadyState
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
@@ -26,14 +27,14 @@ OF_INTERACTION = ("target", "mode", "harmonic", "flagged", "first_level", "fract
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Resonance(Result):
-    """One mode in measured tests at phase resonance.
+    """One mode in measured tests at phase resonance, and in response curves.
 
     Args:
         title: the title of the study.
         mode: number of the mode that was held, from 1.
         modes: linear modes of the structure.
         drive_point: the sensor where the force acts.
-        appropriation: the steady levels that count, in the order in which they were driven.
+        appropriation: the steady levels that count, in the order in which they were driven; None without such tests.
         states: the motion of the mode at each of these levels.
         level_tests: the name of the test of each level.
         level_start_s: where each level begins in its log, s.
@@ -41,7 +42,14 @@ class Resonance(Result):
         left_out: one sentence for each steady level that does not count.
         backbone_law: the law by frequency, force and amplitude of the levels, with the harmonics that it makes itself.
         records_law: the law by the steady records with their measured harmonics and by the transients between them.
-        interaction: the harmonic of another mode that stands out most; None where there is no other elastic mode.
+        curves_law: the law by the points of the response curves; None without curves, or where they are withheld.
+        joint_law: the law by records, transients and curves together; None where there are not both, or they disagree.
+        curve_states: the motions of the response curves that count.
+        curve_fits: each response curve beside that of a law: of the records, which have not seen the curves, and of the
+            curves themselves where there are no records.
+        curve_check: inertia of the mode and rate of the frequency that the curves show; None without curves.
+        interaction: the harmonic of another mode that stands out most; None where there is no other elastic mode, or no
+            level.
         warnings: one sentence for each warning.
         not_determined: why there is no law, "" if there is one.
         settings: the settings of the study.
@@ -52,7 +60,7 @@ class Resonance(Result):
     mode: int
     modes: LinearModes
     drive_point: str
-    appropriation: Appropriation
+    appropriation: Appropriation | None
     states: tuple[SteadyState, ...]
     level_tests: tuple[str, ...]
     level_start_s: FloatArray
@@ -60,6 +68,11 @@ class Resonance(Result):
     left_out: tuple[str, ...]
     backbone_law: ResonanceLaw | None
     records_law: ResonanceLaw | None
+    curves_law: ResonanceLaw | None
+    joint_law: ResonanceLaw | None
+    curve_states: tuple[SteadyState, ...]
+    curve_fits: tuple[CurveFit, ...]
+    curve_check: StateCheck | None
     interaction: Interaction | None
     warnings: tuple[str, ...]
     not_determined: str
@@ -68,8 +81,13 @@ class Resonance(Result):
 
     @property
     def files(self) -> tuple[ReadFile, ...]:
-        """The study, the modes and the logs of the tests, as they were when they were read."""
+        """The study, the modes, the logs and the curves, as they were when they were read."""
         return self.read_files
+
+    @property
+    def law(self) -> ResonanceLaw | None:
+        """The law by most of the measurements: by all of them together, by the records, or by the curves."""
+        return self.joint_law or self.records_law or self.curves_law
 
     @property
     def amplitude(self) -> FloatArray:
@@ -92,8 +110,9 @@ class Resonance(Result):
         return np.array([each.phase_error_deg for each in self.states])
 
     def summary(self) -> tuple[SummaryRow, ...]:
-        """Return the coefficients by the records, then those by the backbone."""
-        laws = (("", self.records_law), ("backbone.", self.backbone_law))
+        """Return the coefficients by most of the measurements, then those by a part of them."""
+        parts = (("records.", self.records_law), ("backbone.", self.backbone_law), ("curves.", self.curves_law))
+        laws = (("", self.law), *((name, law) for name, law in parts if law is not self.law))
         return tuple(row for name, law in laws if law for row in coefficient_rows(law.stiffness, law.damping, name))
 
     def to_dict(self) -> dict[str, Any]:
@@ -124,17 +143,26 @@ class Resonance(Result):
                         self.level_tests,
                         self.level_start_s,
                         self.level_stop_s,
-                        done.levels,
+                        done.levels if done else (),
                         self.states,
                         self.resonance_hz,
                         self.damping_ratio,
                         strict=True,
                     )
                 ],
-                "sensors": list(done.modes.sensors),
+                "sensors": list(done.modes.sensors) if done else [],
                 "left_out": self.left_out,
-                "records_law": None if self.records_law is None else self.records_law.as_json(),
-                "backbone_law": None if self.backbone_law is None else self.backbone_law.as_json(),
+                **{
+                    name: None if law is None else law.as_json()
+                    for name, law in (
+                        ("records_law", self.records_law),
+                        ("backbone_law", self.backbone_law),
+                        ("curves_law", self.curves_law),
+                        ("joint_law", self.joint_law),
+                    )
+                },
+                "curves": [each.as_json() for each in self.curve_fits],
+                "curve_check": None if self.curve_check is None else asdict(self.curve_check),
                 "interaction": None if found is None else {name: getattr(found, name) for name in OF_INTERACTION},
                 "linear_modes": {name: getattr(self.modes, name) for name in ("frequency_hz", "damping_ratio")},
                 "warnings": self.warnings,
@@ -142,4 +170,5 @@ class Resonance(Result):
         )
 
     def _write_headline(self) -> str:
-        return f"{self.title}, mode {self.mode} at {len(self.states)} levels of phase resonance"
+        curves = f" and in {len(self.curve_fits)} response curves" if self.curve_fits else ""
+        return f"{self.title}, mode {self.mode} at {len(self.states)} levels of phase resonance{curves}"

@@ -41,6 +41,12 @@ class ResonanceSettings:
         below_clipping: a transient counts up to this fraction of the least amplitude at which a sensor is clipped.
         least_of_peak: amplitude of a point of a response curve over the largest, below which other modes and noise
             dominate.
+        largest_jump: change of the logarithm of a complex amplitude between two points of a curve above which it has
+            jumped, or points between them are missing: a third of the way round resonance.
+        most_lag: rate of the frequency over the square of the half-power half-bandwidth, above which a curve is no
+            longer steady: a rate of 2 % changes the damping by as much.
+        near_unit: difference of a modal mass from that of a mistaken unit, as a fraction, up to which the unit is
+            named: what other modes add to the sensor is subtracted in the wrong unit, too.
         n_curve: amplitudes at which frequency and damping by the law are given.
         flat_fraction: samples of a level that lie at its largest value, beyond those of a sine of that resolution, from
             which it is clipped.
@@ -69,5 +75,8 @@ class ResonanceSettings:
     most_named: int = 5
     below_clipping: float = 0.9
     least_of_peak: float = 0.2
+    largest_jump: float = 1.0
+    most_lag: float = 0.02
+    near_unit: float = 0.25
     n_curve: int = 60
     flat_fraction: float = 0.01

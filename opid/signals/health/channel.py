@@ -329,7 +329,13 @@ def _find_quantisation_step(values: FloatArray) -> float | None:
 
 
 def describe_channel(
-    channel: ChannelHealth, *, clipped_at: Sequence[float], held_s: float, held_from_s: float, drift_part_s: float
+    channel: ChannelHealth,
+    *,
+    n_values: int,
+    clipped_at: Sequence[float],
+    held_s: float,
+    held_from_s: float,
+    drift_part_s: float,
 ) -> Sentences:
     """Yield what is wrong with a channel; its longest dropout lasts `held_s`, the means of parts show its drift."""
     if channel.missing and np.isnan(channel.mean):
@@ -360,7 +366,14 @@ def describe_channel(
             f"one value is held for {held_s:.3g} s from {held_from_s:.3f} s: leave this dropout out "
             "with start_s and stop_s",
         )
-    if channel.spikes:
+    if channel.spikes and channel.unit == "N" and _is_made_of_spikes(channel, n_values):
+        yield (
+            "note",
+            "short_blows",
+            f"{channel.spikes} blow(s) of one sample, the first at {_find_first_s(channel, 'spike'):.4f} s: a hammer, "
+            "whose force needs a rate that gives a blow four samples and more, or a softer tip",
+        )
+    elif channel.spikes:
         yield (
             "warning",
             "spikes",
@@ -378,6 +391,11 @@ def describe_channel(
     yield from _describe_supply(channel)
     if channel.unit == "m/s^2":
         yield from _describe_offset(channel, drift_part_s)
+
+
+def _is_made_of_spikes(channel: ChannelHealth, n_values: int) -> bool:
+    """Return whether single samples hold most of the energy: the channel of a hammer, which is quiet between blows."""
+    return bool(channel.spikes * channel.peak**2 > HEALTH.blow_energy * channel.rms**2 * n_values)
 
 
 def _describe_mute(channel: ChannelHealth) -> Sentences:

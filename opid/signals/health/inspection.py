@@ -419,6 +419,7 @@ class _TrackCheck:
         longest = flat[np.argmax(flat[:, 1] - flat[:, 0])] if flat.size else None
         sentences = describe_channel(
             health,
+            n_values=run.n_values,
             clipped_at=clipped_at,
             held_s=0.0 if longest is None else (longest[1] - longest[0] - 1) / fs,
             held_from_s=np.nan if longest is None else float(self._clock.seconds(longest[:1])[0]),

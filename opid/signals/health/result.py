@@ -25,8 +25,8 @@ Code = Literal[
     "uneven_steps",
     "rows_equally_spaced", "no_clock", "shared_stamps", "repeated_stamps",
     # of a channel
-    "no_values", "missing_values", "clipped", "held_value", "spikes", "coarse_resolution", "constant", "mute",
-    "few_values", "gravity", "gravity_in_g", "false_offset", "large_offset", "drift", "supply_lines", "no_unit",
+    "no_values", "missing_values", "clipped", "held_value", "spikes", "short_blows", "coarse_resolution", "constant",
+    "mute", "few_values", "gravity", "gravity_in_g", "false_offset", "large_offset", "drift", "supply_lines", "no_unit",
     # of channels beside each other
     "same_signal", "lag", "quiet_channel", "swapped_channels", "too_large", "all_gravity_in_g",
     # of how a log was read, and of what a run was made of

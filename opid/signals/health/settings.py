@@ -22,6 +22,8 @@ class HealthSettings:
             spikes, lie beyond it.
         flat_s: a value that is held for so long is no vibration of a machine in operation, s.
         most_spikes: number of spikes in a second that a fit can replace. More of them make the second unsound.
+        blow_energy: single samples that hold more than this fraction of the energy of a force are blows of a hammer: a
+            spike among the forces of a shaker holds less.
         held_rows: so many samples beside a held value are no spikes.
         drift_parts: number of parts of a record whose means show the drift.
         drift_part_s: least length of such a part, s: slow beside any motion of a vehicle on its springs.
@@ -87,6 +89,7 @@ class HealthSettings:
     least_peaks: int = 3
     flat_s: float = 0.1
     most_spikes: int = 5
+    blow_energy: float = 0.5
     held_rows: int = 2
     drift_parts: int = 16
     drift_part_s: float = 10.0

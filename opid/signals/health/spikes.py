@@ -29,6 +29,8 @@ class SpikeSettings:
             over its height. Below 3 / least_sigma noise hides spikes that just stand out, and at 0.5 a jump between two
             samples passes for a spike. At 0.35 noise hides 1 of 1000 spikes that just stand out, and none of 14 million
             samples of dry friction behind a sharp anti-alias filter is called a spike.
+        reach: a spike is alone among so many samples on either side. A structure that was struck rings on, and with 3
+            of them each of its first periods may look like a spike; spikes nearer to each other are not seen.
         quiet_ratio: a bin counts as at least this fraction as loud as the whole run, because a standstill has hardly
             any departures.
         least_moving: number of nonzero departures that show what is usual in a bin. A value that is held or clipped
@@ -37,6 +39,7 @@ class SpikeSettings:
 
     least_sigma: float = 10.0
     most_left: float = 0.35
+    reach: int = 5
     quiet_ratio: float = 0.1
     least_moving: int = 16
 
@@ -51,7 +54,7 @@ _MOST_CANDIDATES = 50000  # number of candidates that are kept
 def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
     """Replace single samples that stand far out by the cubic through their four neighbours.
 
-    The first and the last three samples stay as they are, for a spike is recognised by three samples on either side.
+    The first and the last six samples stay as they are, for a spike is recognised by six samples on either side.
 
     Args:
         samples: (n,) one channel.
@@ -98,13 +101,14 @@ def _spread_to_neighbours(usual: FloatArray) -> FloatArray:
 
 
 def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np.ndarray:
-    """Return whether the departures around each index are 0, -s/2, s, -s/2, 0, up to a fraction of the height s.
+    """Return whether the departures around each index are 0 .. 0, -s/2, s, -s/2, 0 .. 0, up to a fraction of s.
 
     The cubic through its four neighbours is lower than the sample by s = (2 d_k - d_{k-1} - d_{k+1}) / 3.
     """
     before, after = departure[indices - 1], departure[indices + 1]
     height = (2 * departure[indices] - before - after) / 3
-    left_over = np.stack([before + height / 2, after + height / 2, departure[indices - 2], departure[indices + 2]])
+    further = [departure[indices + side * k] for side in (-1, 1) for k in range(2, SPIKES.reach + 1)]
+    left_over = np.stack([before + height / 2, after + height / 2, *further])
     return np.asarray(np.abs(left_over).max(axis=0) < most_left * np.abs(height))
 
 
@@ -129,9 +133,9 @@ class SpikeSearch:
     def add(self, chunk: Chunk) -> None:
         """Take the next chunk."""
         lead, n = chunk.lead, chunk.n
-        begin = max(lead - 6, 0)
+        begin = max(lead - 2 * (SPIKES.reach + 1), 0)
         x = chunk.values[self._column, begin : lead + n]
-        if x.size < 7:
+        if x.size < 2 * (SPIKES.reach + 1) + 1:
             return
         departure = x[:-2] + x[2:]
         departure *= -0.5
@@ -140,8 +144,8 @@ class SpikeSearch:
         offset = begin - lead + 1  # departure k belongs to row `offset + k` of the chunk
         usual = self._find_usual_of_bins(size, offset, n)
         floor = 0.5 * SPIKES.quiet_ratio * self._compute_median() if self._has_usual else np.inf
-        # with three neighbours on either side: from three rows before the chunk to three rows before its end
-        first, stop = (-3 if lead else 3), n - 3
+        # with the neighbours on either side: from some rows before the chunk to as many before its end
+        first, stop = (-(SPIKES.reach + 1) if lead else SPIKES.reach + 1), n - (SPIKES.reach + 1)
         limit = np.repeat(SPIKES.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
         centres = size[first - offset : stop - offset]
         far = np.flatnonzero(centres > limit[self._bin + first : self._bin + stop]) + first

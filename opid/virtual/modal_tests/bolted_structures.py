@@ -53,7 +53,7 @@ _SHEAR_MODE, _OPENING_MODE, _N_RIGID = 10, 18, 6
 _RATIO_RANGE = (1.93, 2.3)
 _SHEAR_ZETA, _OPENING_ZETA = 0.003, 0.006
 _SHEAR_SLIDERS_FRACTION, _SHEAR_SLIP_N, _SHEAR_CUBIC_FRACTION = 0.14, 900.0, 0.004
-_NOMINAL_COUPLING_N_PER_M2 = 7e8
+NOMINAL_COUPLING = 7e8
 
 
 CASE_SHAKER = Shaker(second_harmonic=0.01)
@@ -143,7 +143,7 @@ def component_assembly(*, shaker: Shaker | None = None) -> CaseStudy:
 def fixture_and_plate(
     *,
     ratio: float = 2.02,
-    coupling_n_per_m2: float = _NOMINAL_COUPLING_N_PER_M2,
+    coupling_n_per_m2: float = NOMINAL_COUPLING,
     shaker: Shaker | None = None,
 ) -> CaseStudy:
     """Return a plate bolted to a fixture, free in space, in modal coordinates (Pacini, case study 2).
@@ -233,7 +233,7 @@ def case_study_2(
     >>> study.modes.frequency_hz[[9, 17]].round(1).tolist()
     [400.0, 880.0]
     """
-    coupling = _NOMINAL_COUPLING_N_PER_M2 if coupling_n_per_m2 is None else coupling_n_per_m2
+    coupling = NOMINAL_COUPLING if coupling_n_per_m2 is None else coupling_n_per_m2
     return fixture_and_plate(ratio=ratio, coupling_n_per_m2=coupling, shaker=shaker)
 
 

@@ -19,6 +19,7 @@ from opid.modal.resonance.appropriation import appropriate_force, levels_for
 from opid.modal.study import ModalStudy, StudyTest
 from opid.progress import Say
 from opid.signals.recording import Channel, FloatArray, Recording
+from opid.virtual.modal_tests.response_curves import drive_curves
 from opid.virtual.modal_tests.series import VirtualSeries
 
 SETTLING = 4.0
@@ -34,6 +35,7 @@ def resonance_study(
     rng: np.random.Generator,
     mode: int | None = None,
     n_levels: int = 70,
+    n_curves: int = 0,
     noise_fraction: float = 0.01,
     phase_error_deg: float = 0.0,
     given: LinearModes | None = None,
@@ -46,6 +48,7 @@ def resonance_study(
         rng: source of the noise.
         mode: number of the mode, from 1; the first nonlinear one where left out.
         n_levels: number of levels, two or more.
+        n_curves: number of stepped-sine response curves beside them, see `drive_curves`.
         noise_fraction: standard deviation of the noise over the rms of each channel, in each level.
         phase_error_deg: phase by which the loop holds every level off quadrature, below 45 degrees.
         given: linear modes that the study states; the true ones where left out.
@@ -85,8 +88,11 @@ def resonance_study(
     recording = replace(recording, samples=samples, channels=(*recording.channels, Channel("voltage", "V")))
     modes = case.modes if given is None else given
     test = modal_test(recording, modes, name=f"levels_mode_{number}", force=FORCE, drive_point=case.drive_point)
+    say("the response curves")
+    curves = drive_curves(case.rig, held, n_curves=n_curves, rng=rng, noise_fraction=noise_fraction)
     title = f"{series.title}, mode {number} at phase resonance"
-    return ModalStudy(title, modes, (number,), (StudyTest(test, "resonance", number),), case.drive_point)
+    tests = (StudyTest(test, "resonance", number),)
+    return ModalStudy(title, modes, (number,), tests, case.drive_point, curves=curves)
 
 
 def _follow_steps(hz: FloatArray, counts: NDArray[np.int64], rate: FloatArray) -> FloatArray:

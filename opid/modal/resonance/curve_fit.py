@@ -1,0 +1,241 @@
+"""The law of a mode from its response curves, what speaks against it, and the curves that a law makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from opid.errors import NotDeterminedError
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
+from opid.mechanics.structure import ComplexArray
+from opid.modal.forced.mode_fit import UNITS
+from opid.modal.linear.modes import LinearModes
+from opid.modal.resonance.curves import ResponseCurve, add_other_modes, read_curve_states
+from opid.modal.resonance.law import ResonanceLaw, StateCheck, check_states, fit_states
+from opid.modal.resonance.settings import ResonanceSettings
+from opid.modal.resonance.steady import SteadyState
+from opid.modal.settings import MODAL
+from opid.signals.recording import FloatArray
+
+N_AMPLITUDES = 2000  # at which the equation of the mode is solved; a root between two of them is interpolated
+BEYOND = 1.5  # largest amplitude at which a law makes motions, over the largest that it was fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class CurveFit:
+    """A response curve beside the one that a law makes of the same forces.
+
+    Args:
+        curve: the measured curve.
+        response: (n,) complex acceleration of the sensor by the law, m/s^2; of several motions that the law allows at a
+            frequency the one nearest to the measured one; NaN where it has none up to 1.5 times its largest amplitude.
+        is_prediction: whether the law is that of other measurements, without any of the curves.
+    """
+
+    curve: ResponseCurve
+    response: ComplexArray
+    is_prediction: bool
+
+    @classmethod
+    def without_law(cls, curve: ResponseCurve) -> CurveFit:
+        """Return a curve for which there is no law."""
+        return cls(curve, np.full(curve.frequency_hz.size, np.nan, dtype=np.complex128), False)
+
+    @property
+    def error(self) -> float:
+        """Rms of the difference over the rms of the measured acceleration, where the law has a motion.
+
+        Where a curve turns over, a small difference of frequency makes a large one of amplitude.
+        """
+        has = np.isfinite(self.response)
+        if not has.any():
+            return float("nan")
+        left = np.abs(self.response - self.curve.acceleration)[has]
+        return float(np.sqrt(np.mean(left**2) / np.mean(self.curve.amplitude[has] ** 2)))
+
+    @property
+    def peak_ratio(self) -> float:
+        """Largest amplitude by the law over the largest measured one; NaN where the law has no motion."""
+        has = np.isfinite(self.response)
+        return float(np.abs(self.response[has]).max() / self.curve.amplitude.max()) if has.any() else float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the curve as result.json holds it."""
+        return {
+            "name": self.curve.name,
+            "sensor": self.curve.sensor,
+            "frequency_hz": self.curve.frequency_hz,
+            "force_n": self.curve.force_n,
+            "amplitude": self.curve.amplitude,
+            "phase_deg": self.curve.phase_deg,
+            "amplitude_by_law": np.abs(self.response),
+            "phase_by_law_deg": np.degrees(np.angle(self.response)),
+            "is_prediction": self.is_prediction,
+            "error": self.error,
+            "peak_ratio": self.peak_ratio,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class CurvesLaw:
+    """What several response curves of one mode give together.
+
+    Args:
+        states: the motions that count.
+        law: the law; None where the curves do not determine it.
+        check: inertia and rate of the frequency that the curves show; None where there are too few motions.
+        reason: why there is no law, "" if there is one.
+    """
+
+    states: tuple[SteadyState, ...]
+    law: ResonanceLaw | None
+    check: StateCheck | None
+    reason: str
+
+
+def fit_curves(
+    curves: Sequence[ResponseCurve],
+    *,
+    modes: LinearModes,
+    mode: int,
+    drive_point: str,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    settings: ResonanceSettings | None = None,
+) -> CurvesLaw:
+    """Fit the law of a mode to its response curves at several levels, and look for what speaks against them.
+
+    The inertia of the mode is 1 if force, motion and shape have the units that are stated, and a motion that is steady
+    at each frequency does not lag behind it. Both are fitted once more beside the law; if one of them is off, the law
+    is withheld.
+
+    Args:
+        curves: the curves.
+        modes: linear modes of the structure.
+        mode: number of the mode, from 1.
+        drive_point: the sensor where the force acts.
+        stiffness_order: N_s, 1 to 5; chosen where None.
+        damping_order: N_d, 1 to 5; chosen where None.
+        settings: which points count; the usual ones where left out.
+
+    Raises:
+        InputError: what `read_curve_states` refuses.
+    """
+    chosen = settings or ResonanceSettings()
+    each = [
+        read_curve_states(curve, modes=modes, mode=mode, drive_point=drive_point, settings=chosen) for curve in curves
+    ]
+    states = tuple(state for several in each for state in several)
+    try:
+        law = fit_states(
+            states, chosen, stiffness_order=stiffness_order, damping_order=damping_order, measured_waves=False
+        )
+    except NotDeterminedError as error:
+        return CurvesLaw(states, None, None, str(error))
+    check = check_states(states, np.concatenate([_find_slope(several, chosen) for several in each]), law)
+    reason = _find_contradiction(check, modes, mode, chosen)
+    return CurvesLaw(states, None if reason else law, check, reason)
+
+
+def _find_slope(states: Sequence[SteadyState], settings: ResonanceSettings) -> ComplexArray:
+    """Return the change of the complex amplitude over itself with the frequency, s/rad, along the drive."""
+    omega = np.array([each.pole.imag for each in states])
+    if omega.size < 2:
+        return np.zeros(omega.size, dtype=np.complex128)
+    q = np.array([each.displacement[0] / each.force for each in states])
+    step, change = np.abs(np.diff(omega)), np.log(q[1:] / q[:-1])
+    # A jump is no slope, and neither is the step to a part of the curve that was left out.
+    smooth = (step > 0.0) & (np.abs(change) < settings.largest_jump)
+    slope = np.where(smooth, change / np.where(step > 0.0, step, 1.0), 0.0)
+    before, after = np.concatenate([[0.0], slope]), np.concatenate([slope, [0.0]])
+    n = np.concatenate([[0], smooth.astype(int)]) + np.concatenate([smooth.astype(int), [0]])
+    return np.asarray((before + after) / np.maximum(n, 1), dtype=np.complex128)
+
+
+def _find_contradiction(check: StateCheck, modes: LinearModes, mode: int, settings: ResonanceSettings) -> str:
+    """Return why curves do not give a law although their motions do, "" if nothing speaks against it."""
+    inertia, std = float(check.inertia.value or 0.0), float(check.inertia.std or 0.0)
+    rate, rate_std = float(check.lag.value or 0.0), float(check.lag.std or 0.0)
+    bandwidth = 0.5 * float(modes.damping()[modes.index(mode)])
+    is_off = abs(inertia - 1.0) > max(MODAL.warned_mass, settings.hidden_sigma * std)
+    is_late = abs(rate) > max(settings.hidden_sigma * rate_std, settings.most_lag * bandwidth**2)
+    # A motion that lags shows a wrong inertia, too, but none of another unit.
+    if is_off and not (is_late and MODAL.mass_range[0] < inertia < MODAL.mass_range[1]):
+        unit = next(
+            (
+                f" ({name} would give this)"
+                for name, factor in UNITS.items()
+                if abs(inertia / factor - 1) < settings.near_unit
+            ),
+            "",
+        )
+        return (
+            f"the response curves show a modal mass of {inertia:.3g} where mass-normalised shapes and the stated units "
+            f"give 1{unit}: check the units of amplitude and force, and the shape of mode {mode} at both"
+        )
+    if is_late:
+        return (
+            "the motions of the response curves lag behind the frequency, as in a sweep of "
+            f"{abs(rate) / (2.0 * np.pi):.2g} Hz/s: wait at each frequency until the amplitude stands still, some "
+            f"{4.0 / bandwidth:.2g} s"
+        )
+    return ""
+
+
+def make_curve(
+    law: ResonanceLaw,
+    curve: ResponseCurve,
+    *,
+    modes: LinearModes,
+    mode: int,
+    drive_point: str,
+    is_prediction: bool = True,
+) -> CurveFit:
+    """Return what a law makes of the forces of a response curve, the other modes by their linear properties.
+
+    At each amplitude a of the mode harmonic balance of its fundamental leaves (k(a) - omega^2)^2 + (omega c(a))^2 =
+    (F / a)^2, from which a follows; a may have three values.
+
+    Args:
+        law: the law.
+        curve: frequencies and forces, and the measured motion, which tells which of several motions is meant.
+        modes: linear modes of the structure.
+        mode: number of the mode, from 1.
+        drive_point: the sensor where the force acts.
+        is_prediction: whether the law is that of other measurements.
+
+    Raises:
+        InputError: no such mode or sensor.
+    """
+    index = modes.index(mode)
+    shape, push = modes.row(curve.sensor)[index], modes.row(drive_point)[index]
+    others = add_other_modes(curve, modes, mode, drive_point)
+    omega = 2.0 * np.pi * curve.frequency_hz
+    measured = np.abs((curve.acceleration - others) / (omega**2 * shape))
+    # The measured force is turned against what moves the mode.
+    force = push * curve.force_n * np.exp(-1j * np.radians(law.force_phase_deg.value or 0.0))
+    a = np.linspace(0.0, BEYOND * float(law.amplitude.max()), N_AMPLITUDES + 1)[1:]
+    response = np.full(omega.size, np.nan, dtype=np.complex128)
+    for at in range(omega.size):
+        dynamic = _find_dynamic_stiffness(law, a, float(omega[at]))
+        excess = a * np.abs(dynamic) - abs(force[at])
+        left = np.flatnonzero((excess[:-1] < 0.0) != (excess[1:] < 0.0))
+        if left.size:
+            part = excess[left] / (excess[left] - excess[left + 1])
+            roots = a[left] + part * (a[left + 1] - a[left])
+            root = roots[[np.argmin(np.abs(roots - measured[at]))]]
+            q = force[at] / _find_dynamic_stiffness(law, root, float(omega[at]))[0]
+            response[at] = -(omega[at] ** 2) * shape * q + others[at]
+    return CurveFit(curve, response, is_prediction)
+
+
+def _find_dynamic_stiffness(law: ResonanceLaw, amplitude: FloatArray, omega: float) -> ComplexArray:
+    """Return modal force over modal displacement at some amplitudes, 1/s^2."""
+    k = sum((e.value or 0.0) * first_harmonic_factor(n) * amplitude ** (n - 1) for n, e in law.stiffness.items())
+    c = sum(
+        (e.value or 0.0) * first_harmonic_factor(n) * (omega * amplitude) ** (n - 1) for n, e in law.damping.items()
+    )
+    return np.asarray(k - omega**2 + 1j * omega * c, dtype=np.complex128)
