@@ -300,9 +300,9 @@ def coupled(seed: int) -> Figures:
     found = identify_modes(study)
     figures: Figures = {
         "time to identify, s": perf_counter() - start,
-        "a coupling is given": float(bool(found.systems)),
+        "interaction given as a coupling": float(bool(found.systems and found.systems[0].couplings)),
     }
-    if not given:
+    if not figures["interaction given as a coupling"]:
         return figures
     (joint,) = [each for each in case.rig.structure.joints if each.name == "asymmetry of the joint"]
     truth = expand_joint(
