@@ -37,6 +37,11 @@ class SummaryRow:
     interval95: tuple[float, float] | None
     unit: str
 
+    @property
+    def estimate(self) -> Estimate:
+        """The value with its standard deviation and interval."""
+        return Estimate(self.value, self.std, self.interval95)
+
     @classmethod
     def of(cls, name: str, estimate: Estimate, unit: str) -> SummaryRow:
         """Return the row of an estimate."""

@@ -98,7 +98,7 @@ class Coupling:
 
     def row(self) -> SummaryRow:
         """Return the coupling as a row of a summary."""
-        return SummaryRow.of(self.product.name, self.coefficient, self.product.unit)
+        return SummaryRow.of(f"couplings.{self.product.name}", self.coefficient, self.product.unit)
 
 
 def list_products(modes: Sequence[int], degree: int, *, of_velocity: bool = False) -> list[Product]:

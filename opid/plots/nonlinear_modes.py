@@ -15,6 +15,8 @@ from opid.mechanics.truth import ModeTruth
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
+from opid.modal.forced.restoring_fit import OrderRung
+from opid.modal.forced.system_fit import LawTrial, SystemFit
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
 from opid.modal.resonance.curve_fit import CurveFit
@@ -134,20 +136,43 @@ def modal_orders(fit: ModeFit, ax: Any = None) -> Axes:
         ax: one Axes, or None for a new figure.
     """
     rungs = sorted(fit.orders, key=lambda rung: (rung.stiffness_order, rung.damping_order))
+    ax = _draw_trials(ax, [f"{rung.stiffness_order}, {rung.damping_order}" for rung in rungs], rungs)
     with house_style():
-        ax = panels(ax, 1, height_in=1.2 + 0.19 * len(rungs), width_in=5.6)[0, 0]
-        for row, rung in enumerate(rungs):
-            color = VERMILION if rung.chosen else INK
-            error, std = 100 * rung.error, 100 * rung.error_std
+        ax.set_ylabel("N_s, N_d", labelpad=10)
+        ax.set(xlabel="misfit where left out [% of the modal force]", title=f"Mode {fit.mode}: orders tried")
+    return ax
+
+
+def law_trials(fit: SystemFit, ax: Any = None) -> Axes:
+    """Draw the misfit that each form of the law of one or several modes leaves on tests that were left out.
+
+    Args:
+        fit: of modes that were fitted by simulation.
+        ax: one Axes, or None for a new figure.
+    """
+    ax = _draw_trials(ax, [each.terms.replace("; ", "\n") for each in fit.trials], fit.trials, row_in=0.62)
+    with house_style():
+        modes = " and ".join(str(mode) for mode in fit.modes)
+        ax.set(
+            xlabel="misfit where left out [% of the motion]",
+            title=f"Mode{'s' * (len(fit.modes) > 1)} {modes}: laws tried",
+        )
+    return ax
+
+
+def _draw_trials(ax: Any, labels: Sequence[str], trials: Sequence[OrderRung | LawTrial], row_in: float = 0.19) -> Axes:
+    """Draw the errors of forms of a law with their standard errors, the chosen one in red."""
+    with house_style():
+        ax = panels(ax, 1, height_in=1.2 + row_in * len(trials), width_in=5.6)[0, 0]
+        for row, trial in enumerate(trials):
+            color = VERMILION if trial.chosen else INK
+            error, std = 100 * trial.error, 100 * trial.error_std
             ax.plot([max(error - std, error / 3), error + std], [row, row], color=color, linewidth=1.2)
             ax.plot([error], [row], marker="o", markersize=6, color=color, linestyle="none")
         ax.set_xscale("log")
         plain_numbers(ax.xaxis)
-        labels = [f"{rung.stiffness_order}, {rung.damping_order}" for rung in rungs]
-        chosen = [rung.chosen for rung in rungs]
+        chosen = [trial.chosen for trial in trials]
         name_rows(ax, labels, [VERMILION if each else INK for each in chosen], chosen=chosen)
-        ax.set_ylabel("N_s, N_d", labelpad=10)
-        ax.set(xlabel="misfit where left out [% of the modal force]", title=f"Mode {fit.mode}: orders tried")
     return ax
 
 

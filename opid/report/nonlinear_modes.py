@@ -12,6 +12,7 @@ from opid.estimate import Estimate, format_number, format_percent
 from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.system_fit import SystemFit
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
 from opid.modal.linear.modes import ModalTest
 from opid.modal.model import TruthTest
@@ -167,10 +168,13 @@ def _tabulate_decays(result: ModalIdentification) -> Table:
 
 def _tabulate_coefficients(result: ModalIdentification, truth: ModalTruth | None) -> Iterator[Block]:
     rows = [row for fit in result.fits for row in _list_mode_rows(fit, truth)]
+    rows += [row for system in result.systems for row in _list_system_rows(system)]
     rows += [row for mode in sorted(result.decay_laws) for row in _list_decay_rows(result, mode, truth)]
     decays = " Free decays give k₀ and c₀ themselves: there these are k1 and c1." if result.decay_laws else ""
     if truth:
         decays += " The tests were simulated: truth, error, and whether the interval held the truth, are known."
+    if any(system.couplings for system in result.systems):
+        decays += " A product k q₁₀² q₁₈ of the potential pulls mode 18 with k q₁₀² and mode 10 with 2 k q₁₀ q₁₈."
     if rows:
         yield tabulate_estimates(
             rows,
@@ -192,6 +196,23 @@ def _list_mode_rows(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
     damping = f"{format_percent(fit.damping_ratio, 3)} of critical damping"
     yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {damping}: {free}",)
     yield from list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
+    for row in fit.joint_rows():
+        yield build_estimate_row(row.name.split(".")[-1].replace("_", " "), row.unit, row.estimate)
+
+
+def _list_system_rows(system: SystemFit) -> Iterator[Row]:
+    """The products by which modes drive each other, and the corrections of the modes that are driven."""
+    if not system.couplings:
+        return
+    yield (f"Modes {' and '.join(str(mode) for mode in system.modes)} together: products in their potential",)
+    for each in system.couplings:
+        yield build_estimate_row(each.product.name, each.product.unit, each.coefficient)
+    for mode, ratio in system.ratios.items():
+        yield build_estimate_row(f"stretch of the joint by q{mode} over that by q{system.modes[0]}", "1", ratio)
+    for mode, (stiffness, damping) in system.driven.items():
+        if stiffness.std is not None:
+            yield build_estimate_row(f"k1 of mode {mode}", unit_of("k", 1), stiffness)
+            yield build_estimate_row(f"c1 of mode {mode}", unit_of("c", 1), damping)
 
 
 def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:
@@ -307,6 +328,18 @@ def list_figures(result: ModalIdentification, truth: ModalTruth | None) -> Itera
         )
     for fit in result.fits:
         yield from _list_mode_figures(result, fit, truth)
+    for system in result.systems:
+        name = "_".join(str(mode) for mode in system.modes)
+        left = ", ".join(
+            f"{format_percent(each, 2)} of the motion of mode {mode}" for mode, each in system.missed.items()
+        )
+        yield Figure(
+            f"modes_{name}_laws",
+            f"Mode{'s' * (len(system.modes) > 1)} {name.replace('_', ' and ')}: which law",
+            "Misfit on tests that were left out, of laws fitted by simulation. The fewest terms are chosen that "
+            f"predict as well as the best. Of the motion they leave {left}.",
+            lambda system=system: plots.law_trials(system),  # type: ignore[misc]
+        )
     for number, decay in enumerate(result.decays, start=1):
         yield Figure(
             f"decay_{number}",

@@ -90,7 +90,8 @@ class ModeFit:
         band_hz: band of the lines that were fitted, Hz.
         n_lines: number of these lines in all tests.
         tests: names of the tests.
-        residual_fraction: rms of the misfit over that of the modal force, in the band.
+        residual_fraction: rms of the misfit over that of the modal force, in the band; of the motion over the motion
+            where the law was fitted by simulation.
         condition_raw: condition number of the columns as they are.
         condition_scaled: condition number of the columns scaled to unit norm, as they are solved.
         modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
@@ -138,7 +139,7 @@ class ModeFit:
         """Yield friction and slip as rows of a summary, where there are any."""
         for name, estimate, unit in (
             ("friction", self.friction, "N/kg^1/2"),
-            ("slip", self.slip, "N/kg^1/2 / (m kg^1/2)^(2+chi)"),
+            ("slip", self.slip, "SI"),
             ("slip_exponent", self.slip_exponent, "1"),
         ):
             if estimate.value is not None:

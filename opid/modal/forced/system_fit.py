@@ -371,6 +371,7 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
         stiffness_order=terms.powers.orders[0],
         damping_order=terms.powers.orders[1],
         free_linear=1 in k,
+        residual_fraction=float(found.missed[0]),
         stiffness=dict(zip(k, estimates, strict=False)),
         damping=dict(zip(c, estimates[n_k:], strict=False)),
         friction=estimates[n] if terms.has_friction else Estimate(),
