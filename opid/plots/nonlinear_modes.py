@@ -123,7 +123,8 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
             ax.set(xlabel=f"amplitude of q [{prefix}m {_AMPLITUDE}]", ylabel=label)
             thicken(ax.legend(loc="best", fontsize=7.5))
         grid[1, 2].set_ylim(bottom=0)
-        grid[0, 0].set_title(f"Mode {fit.mode}: N_s = {fit.stiffness_order}, N_d = {fit.damping_order}")
+        orders = f"N_s = {fit.stiffness_order}, N_d = {fit.damping_order}"
+        grid[0, 0].set_title(", ".join([f"Mode {fit.mode}: {orders}", *fit.joint_terms]))
         grid[0, 1].set_title("nonlinear part, 95 %", fontweight="normal")
     return grid
 
@@ -150,7 +151,9 @@ def law_trials(fit: SystemFit, ax: Any = None) -> Axes:
         fit: of modes that were fitted by simulation.
         ax: one Axes, or None for a new figure.
     """
-    ax = _draw_trials(ax, [each.terms.replace("; ", "\n") for each in fit.trials], fit.trials, row_in=0.62)
+    labels = [each.terms.replace("; ", "\n") for each in fit.trials]
+    rows = max(label.count("\n") + 1 for label in labels)
+    ax = _draw_trials(ax, labels, fit.trials, row_in=0.1 + 0.16 * rows)
     with house_style():
         modes = " and ".join(str(mode) for mode in fit.modes)
         ax.set(

@@ -92,7 +92,7 @@ def _tabulate_modes(result: ModalIdentification) -> Table:
     rows = []
     for fit in result.fits:
         of_fit = (
-            f"{fit.stiffness_order}, {fit.damping_order}",
+            ", ".join([str(fit.stiffness_order), str(fit.damping_order), *fit.joint_terms]),
             f"{format_number(fit.band_hz[0], 4)} .. {format_number(fit.band_hz[1], 4)}",
             format_percent(fit.residual_fraction, 2),
         )

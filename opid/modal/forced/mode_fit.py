@@ -146,6 +146,12 @@ class ModeFit:
                 yield SummaryRow.of(f"mode_{self.mode}.{name}", estimate, unit)
 
     @property
+    def joint_terms(self) -> list[str]:
+        """The names of what a joint adds to the powers."""
+        named = {"friction": self.friction, "slip": self.slip}
+        return [name for name, estimate in named.items() if estimate.value is not None]
+
+    @property
     def joint(self) -> ModalJoint:
         """Friction and slip, ready to be simulated."""
         values = (float(each.value or 0.0) for each in (self.friction, self.slip, self.slip_exponent))

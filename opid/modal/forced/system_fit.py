@@ -274,16 +274,16 @@ def _is_determined(found: FittedForm) -> bool:
 
 
 def _name_terms(form: SystemForm) -> str:
-    """Return the terms of a form beside the powers, for a table."""
+    """Return the terms of a form beside the linear ones, for a table."""
     names = []
     for mode, terms in form.own.items():
         k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
         powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
         own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
-        names.append(f"mode {mode}: {' + '.join(own) or 'linear'}")
-    names += [each.name for each in form.products]
+        names += [f"mode {mode}: {' + '.join(own)}"] if own else []
+    names += [", ".join(each.name for each in form.products)] if form.products else []
     names += [f"joint {'c' if of_velocity else 'k'} z^{degree}" for of_velocity, degree in form.joint]
-    return "; ".join(names)
+    return "; ".join(names or ["linear"])
 
 
 def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial) -> SystemFit:
