@@ -2,9 +2,10 @@
 
 Run `python benchmarks/measured_resonance.py`; in parts `--worlds sound,turned --seeds 5 --levels 12`. Seeds count from
 0 and none is dropped. Noise is 1 % of the rms of each channel in each level, and of each value of the four response
-curves, which stand alone. In every world but "sound" and "curves" one assumption fails: the loop misses quadrature, the
-force has a phase that nobody knows, a sensor is clipped, a neighbouring mode is not among the shapes, the polarity of
-the force is wrong, the amplitudes of curves are in another unit, or their frequency is stepped too fast.
+curves, which stand alone but in "joint". In every world but "sound", "curves" and "joint" one assumption fails: the
+loop misses quadrature, the force has a phase that nobody knows, a sensor is clipped, a neighbouring mode is not among
+the shapes, the polarity of the force is wrong, the amplitudes of curves are in another unit, or their frequency is
+stepped too fast.
 """
 
 import argparse
@@ -48,6 +49,7 @@ WORLDS: dict[str, tuple[str, Callable[[int, int], ModalStudy]]] = {
     "clipped": ("a sensor clipped at 60 %", lambda seed, n: with_sensor_clipped(held_study(seed, n))),
     "unknown": ("a neighbour not among the shapes", lambda seed, n: with_mode_unknown(held_study(seed, n))),
     "curves": ("response curves alone", lambda seed, n: curves_study(seed)),
+    "joint": ("levels and response curves", lambda seed, n: held_study(seed, n, n_curves=4)),
     "curves_turned": ("curves, force turned", lambda seed, n: with_phases_turned(curves_study(seed), 5.0)),
     "curves_in_g": ("curves in g for m/s^2", lambda seed, n: with_amplitudes_in_g(curves_study(seed))),
     "hurried": ("curves, 0.3 time constants a step", lambda seed, n: hurried_study(seed)),
