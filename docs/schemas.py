@@ -24,6 +24,7 @@ from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
 from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.system_fit import SystemFit
 from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
@@ -369,9 +370,10 @@ def _modal() -> Json:
 
     always = ("mode", "frequency_hz", "damping_ratio", "stiffness_order", "damping_order", "free_linear", "tests")
     forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass")
-    mode = fields_of(ModeFit, *always, "orders", "warnings") | _powers()
+    joint = ("friction", "slip", "slip_exponent")
+    mode = fields_of(ModeFit, *always, *joint, "orders", "interactions", "warnings") | _powers()
     mode |= {"known_by": {"enum": ["forced tests", "free decays"]}}
-    of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at") | _residual_of(ModeFit)
+    of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at", "misfit") | _residual_of(ModeFit)
     of_forced["force_curves"] = keys({"stiffness": force("displacement"), "damping": force("velocity")})
     mode |= {name: or_null(schema) for name, schema in of_forced.items()}
     low = ("frequency_low_hz", "damping_low", "amplitude", "frequency_hz", "damping_ratio", "misfit", "warnings")
@@ -382,11 +384,26 @@ def _modal() -> Json:
         "modes": array(keys(mode)),
         "linear_modes": keys(fields_of(LinearModes, "frequency_hz", "damping_ratio")),
         "truth_tests": array(keys(fields_of(TruthTest, "name", "band_hz") | compared)),
+        "systems": array(_system()),
         "level_shifts": array(keys(fields_of(LevelShift))),
         "decays": array(keys(_free_decay())),
         "decay_laws": table(keys(fields_of(DecayLaw, *low) | _powers() | _joint()))
         | {"description": "by the number of the mode"},
     }
+
+
+def _system() -> Json:
+    coupling = keys(
+        {"modes": array({"type": "integer"}), "of_velocity": {"type": "boolean"}, "unit": TEXT}
+        | {"coefficient": ESTIMATE}
+    )
+    by_mode = {
+        "driven": table(keys({"k": ESTIMATE, "c": ESTIMATE})),
+        "ratios": table(ESTIMATE),
+        "missed": table(NUMBER),
+    }
+    own = fields_of(SystemFit, "modes", "trials", "warnings")
+    return keys(own | {"couplings": array(coupling)} | by_mode)
 
 
 def _resonance() -> Json:

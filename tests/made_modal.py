@@ -6,9 +6,11 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.structure import modal_assurance
+from opid.modal.couplings import Coupling, Product
 from opid.modal.decay.free_decay import decay_of
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
+from opid.modal.forced.system_fit import LawTrial, SystemFit
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, condition_number, modal_test
 from opid.modal.model import NonlinearModalModel, simulate, truth_test
@@ -83,6 +85,22 @@ def small_result(study=None, *, shifts=(), decays=(), warnings=("the shapes do n
         warnings=tuple(warnings),
         not_determined="",
         settings={"stiffness_order": 3, "damping_order": 3, "free_linear": None, "study": "study.toml"},
+        systems=(small_system(),),
+    )
+
+
+def small_system():
+    """The softening mode with mode 4, which it drives, as their fit might come out."""
+    trials = [("mode 3: k3; k q3^2 q4", 0.03), ("mode 3: k3", 0.7), ("mode 3: k3; joint k z^3", 0.003)]
+    return SystemFit(
+        modes=(SOFT, 4),
+        fit=small_fit(),
+        driven={4: (Estimate.normal(12.0, 30.0), Estimate.normal(0.01, 0.02))},
+        couplings=(Coupling(Product((SOFT, SOFT, 4)), Estimate.normal(2e7, 1e5)),),
+        ratios={4: Estimate.normal(1.6, 0.02)},
+        missed={SOFT: 0.004, 4: 0.006},
+        trials=tuple(LawTrial(terms, 7, error, 0.1 * error, error == 0.003) for terms, error in trials),
+        warnings=(),
     )
 
 
@@ -119,6 +137,8 @@ def small_fit():
             for n_s in range(1, 6)
             for n_d in range(1, 6)
         ),
+        interactions=(),
+        misfit=1.1,
         warnings=("test 'beat_2' ends with 1.2 % of its largest motion in mode 3: record it for longer",),
     )
 

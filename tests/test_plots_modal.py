@@ -42,6 +42,7 @@ DRAWN = {
     "sine_beats": lambda result: plots.sine_beats(result, SOFT),
     "mode_restoring_force": lambda result: plots.mode_restoring_force(result.fits[0]),
     "modal_orders": lambda result: plots.modal_orders(result.fits[0]),
+    "law_trials": lambda result: plots.law_trials(result.systems[0]),
     "level_shift_figures": lambda result: plots.level_shift_figures(result.shifts),
     "truth_test": lambda result: plots.truth_test(
         result.truth_tests[0], sensors=("case_x", "lid_y"), nonlinear_hz=[60.0]

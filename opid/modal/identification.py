@@ -124,9 +124,10 @@ def make_model(
     for system in systems:
         if _is_fitted_to(system.fit, modes):
             corrections |= {mode: (k.value or 0.0, c.value or 0.0) for mode, (k, c) in system.driven.items()}
+    joints = {fit.mode: fit.joint for fit in fits}
     for mode, law in (decay_laws or {}).items():
         if mode not in laws:
-            laws[mode] = law.law
+            laws[mode], joints[mode] = law.law, law.joint
             index = modes.index(mode)
             corrections[mode] = (
                 _read_linear(law.stiffness) - float(modes.stiffness()[index]),
@@ -135,7 +136,7 @@ def make_model(
     return NonlinearModalModel(
         correct_modes(modes, corrections),
         laws,
-        {fit.mode: fit.joint for fit in fits if fit.slip.value or fit.friction.value},
+        {mode: joint for mode, joint in joints.items() if joint.sliders},
         {each.product: float(each.coefficient.value or 0.0) for system in systems for each in system.couplings},
     )
 

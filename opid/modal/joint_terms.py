@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import beta
 
+from opid.estimate import Estimate
 from opid.mechanics.structure import Sliders
+from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 N_SLIDERS = 24
@@ -82,6 +85,22 @@ class ModalJoint:
         edges = self.largest * np.concatenate([[0.0], np.geomspace(SMALLEST_TRAVEL, LARGEST_TRAVEL, N_SLIDERS)])
         first, second = self.terms.exponent + 1.0, self.terms.exponent + 2.0
         return self.terms.slip / first * np.diff(edges**first), self.terms.slip / second * np.diff(edges**second)
+
+
+def make_joint(friction: Estimate, slip: Estimate, exponent: Estimate, largest: float) -> ModalJoint:
+    """Return the joint of estimates, of which those without a value are absent."""
+    return ModalJoint(JointTerms(*(float(each.value or 0.0) for each in (friction, slip, exponent))), largest)
+
+
+def joint_rows(friction: Estimate, slip: Estimate, exponent: Estimate, name: str = "") -> Iterator[SummaryRow]:
+    """Yield friction, slip and its exponent as rows of a summary, those that have a value."""
+    for label, estimate, unit in (
+        ("friction", friction, "N/kg^1/2"),
+        ("slip", slip, "SI"),
+        ("slip_exponent", exponent, "1"),
+    ):
+        if estimate.value is not None:
+            yield SummaryRow.of(f"{name}{label}", estimate, unit)
 
 
 def slip_softening(exponent: float) -> float:

@@ -158,6 +158,7 @@ def law_trials(fit: SystemFit, ax: Any = None) -> Axes:
         modes = " and ".join(str(mode) for mode in fit.modes)
         ax.set(
             xlabel="misfit where left out [% of the motion]",
+            ylabel="terms beside the linear ones",
             title=f"Mode{'s' * (len(fit.modes) > 1)} {modes}: laws tried",
         )
     return ax

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ from opid.report.document import (
 )
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.sketch import sketch_modes
+from opid.result import SummaryRow
 
 N_SENSORS_SHOWN = 3  # at most this many sensors of a truth test are drawn
 N_LINES = 4000  # the mode indicator of the linear modes is computed at this many frequencies
@@ -174,7 +175,10 @@ def _tabulate_coefficients(result: ModalIdentification, truth: ModalTruth | None
     if truth:
         decays += " The tests were simulated: truth, error, and whether the interval held the truth, are known."
     if any(system.couplings for system in result.systems):
-        decays += " A product k q₁₀² q₁₈ of the potential pulls mode 18 with k q₁₀² and mode 10 with 2 k q₁₀ q₁₈."
+        decays += (
+            " A product k q₁₀² q₁₈ of the potential pulls mode 18 with k q₁₀² and mode 10 with 2 k q₁₀ q₁₈; q₁₈ / q₁₀ is "
+            "the stretch of their joint by a unit of the one over that of the other."
+        )
     if rows:
         yield tabulate_estimates(
             rows,
@@ -196,7 +200,11 @@ def _list_mode_rows(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
     damping = f"{format_percent(fit.damping_ratio, 3)} of critical damping"
     yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {damping}: {free}",)
     yield from list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
-    for row in fit.joint_rows():
+    yield from _list_joint_rows(fit.joint_rows())
+
+
+def _list_joint_rows(rows: Iterable[SummaryRow]) -> Iterator[Row]:
+    for row in rows:
         yield build_estimate_row(row.name.split(".")[-1].replace("_", " "), row.unit, row.estimate)
 
 
@@ -208,11 +216,11 @@ def _list_system_rows(system: SystemFit) -> Iterator[Row]:
     for each in system.couplings:
         yield build_estimate_row(each.product.name, each.product.unit, each.coefficient)
     for mode, ratio in system.ratios.items():
-        yield build_estimate_row(f"stretch of the joint by q{mode} over that by q{system.modes[0]}", "1", ratio)
+        yield build_estimate_row(f"q{mode} / q{system.modes[0]}", "1", ratio)
     for mode, (stiffness, damping) in system.driven.items():
         if stiffness.std is not None:
-            yield build_estimate_row(f"k1 of mode {mode}", unit_of("k", 1), stiffness)
-            yield build_estimate_row(f"c1 of mode {mode}", unit_of("c", 1), damping)
+            yield build_estimate_row(f"k1, q{mode}", unit_of("k", 1), stiffness)
+            yield build_estimate_row(f"c1, q{mode}", unit_of("c", 1), damping)
 
 
 def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:
@@ -222,6 +230,7 @@ def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth |
     many = f"{len(names)} free decays together" if len(names) > 1 else f"free decay {names[0]!r}" if names else "decays"
     yield (f"Mode {mode} by {many}, {law.frequency_low_hz.value or 0:.2f} Hz: k1 and c1 are k0 and c0",)
     yield from list_power_rows(mode, law.stiffness, law.damping, truth, lowest=2)
+    yield from _list_joint_rows(law.joint_rows())
 
 
 def list_power_rows(

@@ -9,7 +9,7 @@ Several forms of the law are fitted; the values at zero amplitude contain the ch
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -24,8 +24,10 @@ from opid.modal.decay.repeats import pool_repeats
 from opid.modal.decay.slow_flow import Flow, predict_decay, solve_slow_flow
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import sum_lagged_products
+from opid.modal.joint_terms import ModalJoint, joint_rows, make_joint
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL
+from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 IMPOSSIBLE = 1e8  # error of a law that does not vibrate or does not decay over all the record, standard deviations
@@ -78,6 +80,15 @@ class DecayLaw:
     def law(self) -> Law:
         """The nonlinear restoring force of the powers 2 and up, per unit mass, without friction and slip."""
         return make_fitted_law(self.stiffness, self.damping)
+
+    @property
+    def joint(self) -> ModalJoint:
+        """Friction and slip, ready to be simulated."""
+        return make_joint(self.friction, self.slip, self.slip_exponent, float(self.amplitude.max()))
+
+    def joint_rows(self, name: str = "") -> Iterator[SummaryRow]:
+        """Yield friction and slip as rows of a summary, where there are any."""
+        return joint_rows(self.friction, self.slip, self.slip_exponent, name)
 
     def curves_at(self, amplitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return natural frequency, Hz, and damping ratio at displacement amplitudes, (n,) each.

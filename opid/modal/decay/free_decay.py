@@ -181,8 +181,6 @@ def decay_of(
         damping_order=damping_order,
         start_s=start_s,
         stop_s=stop_s,
-        friction=False,
-        memory=False,
         name=test.name,
         mode=mode,
     )
@@ -308,14 +306,11 @@ def law_of_decays(
         raise InputError("there is no free decay to fit a law to: give at least one")
     if len({(decay.mode, decay.derivative) for decay in decays}) > 1:
         raise InputError("the decays are of different modes or quantities: give those of one mode, measured alike")
-    only_powers = None if decays[0].mode is None else False
     return fit_decays(
         [decay.track for decay in decays],
         derivative=decays[0].derivative,
         stiffness_order=stiffness_order,
         damping_order=damping_order,
-        friction=only_powers,
-        memory=only_powers,
     )
 
 

@@ -29,7 +29,7 @@ from opid.modal.forced.restoring_fit import (
     linearised,
     search_orders,
 )
-from opid.modal.joint_terms import JointTerms, ModalJoint
+from opid.modal.joint_terms import ModalJoint, joint_rows, make_joint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.power_laws import coefficients_json, make_fitted_law, withhold_negative
@@ -137,13 +137,7 @@ class ModeFit:
 
     def joint_rows(self) -> Iterator[SummaryRow]:
         """Yield friction and slip as rows of a summary, where there are any."""
-        for name, estimate, unit in (
-            ("friction", self.friction, "N/kg^1/2"),
-            ("slip", self.slip, "SI"),
-            ("slip_exponent", self.slip_exponent, "1"),
-        ):
-            if estimate.value is not None:
-                yield SummaryRow.of(f"mode_{self.mode}.{name}", estimate, unit)
+        return joint_rows(self.friction, self.slip, self.slip_exponent, f"mode_{self.mode}.")
 
     @property
     def joint_terms(self) -> list[str]:
@@ -154,8 +148,7 @@ class ModeFit:
     @property
     def joint(self) -> ModalJoint:
         """Friction and slip, ready to be simulated."""
-        values = (float(each.value or 0.0) for each in (self.friction, self.slip, self.slip_exponent))
-        return ModalJoint(JointTerms(*values), float(self.stiffness_curve.position[-1]))
+        return make_joint(self.friction, self.slip, self.slip_exponent, float(self.stiffness_curve.position[-1]))
 
     @property
     def law(self) -> Law:
