@@ -20,6 +20,7 @@ from opid.modal.model import NonlinearModalModel, modal_response, simulate
 from opid.modal.power_laws import power_law
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import recording_from_arrays
+from opid.studies.study_file import read_study, write_study
 
 FS = 1024.0
 MODES = LinearModes([60.0, 121.0], [0.004, 0.006], [[0.5, 0.1], [0.3, -0.4], [-0.2, 0.5]], ("a", "b", "c"))
@@ -231,3 +232,14 @@ def test_the_powers_stay_where_they_are_the_law():
     fit = fit_mode(beats, 1)
     assert 0.7 < fit.misfit < 1.5
     assert found.fits[0].stiffness[3] == fit.stiffness[3]
+
+
+def test_a_study_file_names_products(beats, tmp_path):
+    given = make_study(beats[:2], couplings=((1, 1, 2), (1, 1, 1)))
+    path = tmp_path / "study.toml"
+    write_study(given, path)
+    assert read_study(path).couplings == ((1, 1, 2), (1, 1, 1))
+    text = path.read_text()
+    path.write_text(text.replace("[1, 1, 2]", "[1, 1, 9]"))
+    with pytest.raises(InputError, match="9 is no elastic mode"):
+        read_study(path)

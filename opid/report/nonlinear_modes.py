@@ -176,8 +176,8 @@ def _tabulate_coefficients(result: ModalIdentification, truth: ModalTruth | None
         decays += " The tests were simulated: truth, error, and whether the interval held the truth, are known."
     if any(system.couplings for system in result.systems):
         decays += (
-            " A product k q₁₀² q₁₈ of the potential pulls mode 18 with k q₁₀² and mode 10 with 2 k q₁₀ q₁₈; q₁₈ / q₁₀ is "
-            "the stretch of their joint by a unit of the one over that of the other."
+            " A product k q₁₀² q₁₈ of the potential pulls mode 18 with k q₁₀² and mode 10 with 2 k q₁₀ q₁₈; q₁₈ / q₁₀ "
+            "is the stretch of their joint by a unit of the one over that of the other."
         )
     if rows:
         yield tabulate_estimates(
