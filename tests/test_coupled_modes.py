@@ -243,3 +243,17 @@ def test_a_study_file_names_products(beats, tmp_path):
     path.write_text(text.replace("[1, 1, 2]", "[1, 1, 9]"))
     with pytest.raises(InputError, match="9 is no elastic mode"):
         read_study(path)
+
+
+def test_the_model_has_the_friction_of_free_decays():
+    """Decays of a mode give friction beside powers, and the model decays as the measured mode does."""
+    slides = ModalJoint(JointTerms(friction=0.4), 1e-3)
+    (beat,) = make_beats(NonlinearModalModel(MODES, {}, {1: slides}), (12.0,), noise=0.001)
+    after = beat.recording.samples[round(1.0 * FS) :, :3]
+    recording = recording_from_arrays(list(after.T), MODES.sensors, fs=FS)
+    decay = modal_test(recording, MODES, name="decay")
+    found = identify_modes(ModalStudy("decay", MODES, (1,), (StudyTest(decay, "decay", 1),)))
+    law = found.decay_laws[1]
+    assert abs(law.friction.value - 0.4) < 3 * law.friction.std
+    assert found.model.joints[1].terms.friction == law.friction.value
+    assert any(row.name == "mode_1.decays.friction" for row in found.summary())

@@ -1,4 +1,10 @@
 # The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
+from .couplings import (
+    Coupling as Coupling,
+    Product as Product,
+    expand_joint as expand_joint,
+    list_products as list_products,
+)
 from .decay.free_decay import (
     Decay as Decay,
     decay_of as decay_of,
@@ -24,7 +30,15 @@ from .forced.restoring_fit import (
     fit_unweighted as fit_unweighted,
     linearised as linearised,
 )
+from .forced.system_fit import (
+    SystemFit as SystemFit,
+    fit_system as fit_system,
+)
 from .identification import identify_modes as identify_modes
+from .joint_terms import (
+    JointTerms as JointTerms,
+    ModalJoint as ModalJoint,
+)
 from .linear.frequency_response import (
     cmif as cmif,
     measured_response as measured_response,
