@@ -311,3 +311,13 @@ def test_a_text_of_no_dimensions_is_refused(path):
     path.write_bytes(content)
     with pytest.raises(InputError, match="the library that reads it broke down"):
         open_log(path)
+
+
+@structs
+def test_one_text_with_the_units_of_time_and_channels(path, save):
+    """Measured logs have it in a struct: units = 's, m/s^2'."""
+    time = np.arange(400) / 200.0
+    save(path, {"HIdata": {"time": time, "acc1": np.sin(time), "acc2": np.cos(time), "units": "s, m/s^2"}})
+    log = read_log(path)
+    assert log.fs == pytest.approx(200.0)
+    assert [(each.name, each.unit) for each in log.channels] == [("acc1", "m/s^2"), ("acc2", "m/s^2")]

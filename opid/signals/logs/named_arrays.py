@@ -26,6 +26,7 @@ from opid.signals.units import (
     split_unit,
     stated_rate,
     time_name,
+    to_si,
 )
 
 CONSTANTS = 16
@@ -198,7 +199,7 @@ def _bundle_arrays(path: Path, group: NamedGroup, settings: LogSettings) -> Iter
         fitting = [(array, axis) for array in arrays if (axis := _find_time_axis(array, group, n)) is not None]
         if fitting:
             name, unit = split_unit(time.name)
-            unit = next(iter(_find_texts(time.texts, UNIT_KEYS)), None) or unit
+            unit = next(iter(_split_units(_find_texts(time.texts, UNIT_KEYS))), None) or unit
             stamps = _Column(time, int(np.argmax(time.shape)), 0, name, unit)
             yield _Bundle(group, n, stamps, None, 0.0, _make_columns(path, group, fitting))
         return
@@ -255,7 +256,7 @@ def _make_columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedAr
         )
     columns = []
     for (array, axis), count in zip(fitting, counts, strict=True):
-        own_names, own_units = _find_texts(array.texts, NAME_KEYS), _find_texts(array.texts, UNIT_KEYS)
+        own_names, own_units = _find_texts(array.texts, NAME_KEYS), _find_units(array.texts)
         for number in range(count):
             name = array.name if count == 1 else f"{split_unit(array.name)[0]}_{number + 1}"
             name = own_names[number] if len(own_names) == count else name
@@ -265,7 +266,7 @@ def _make_columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedAr
                 unit = own_units[number % len(own_units)] or unit
             columns.append(_Column(array, axis, number, name, unit or split_unit(array.name)[1]))
     # the names of the group are those of a matrix or of its one channel; the first may be that of the time
-    names, units = (_find_texts(group.texts, keys) for keys in (NAME_KEYS, UNIT_KEYS))
+    names, units = _find_texts(group.texts, NAME_KEYS), _find_units(group.texts)
     names, units = (texts[1:] if len(texts) == len(columns) + 1 else texts for texts in (names, units))
     if len(names) == len(columns):
         split = [split_unit(name) for name in names]
@@ -283,6 +284,24 @@ def _make_columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedAr
 
 def _find_texts(texts: Mapping[str, tuple[str, ...]], keys: Sequence[str]) -> tuple[str, ...]:
     return find_value(texts, keys) or ()
+
+
+def _find_units(texts: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the units of channels; one text may list several, with that of the time first: "s, m/s^2"."""
+    stated = _find_texts(texts, UNIT_KEYS)
+    units = _split_units(stated)
+    return units[1:] if len(units) > len(stated) and _is_time_unit(units[0]) else units
+
+
+def _split_units(stated: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(each.strip() for each in stated[0].split(",")) if len(stated) == 1 and "," in stated[0] else stated
+
+
+def _is_time_unit(unit: str) -> bool:
+    try:
+        return to_si(unit)[1] == "s"
+    except InputError:
+        return False
 
 
 def _join_sensors(bundles: Sequence[_Bundle]) -> list[_Bundle]:
