@@ -88,7 +88,7 @@ def test_a_record_cut_off_is_refused_and_can_be_tapered(noisy):
         whole,
         recording=whole.recording.section(0.0, 1.1),
         acceleration=whole.acceleration[: round(1.1 * FS)],
-        force=whole.force[: round(1.1 * FS)],
+        forces=(replace(whole.forces[0], samples=whole.force[: round(1.1 * FS)]),),
     )
     with pytest.raises(InputError, match=r"ends with \d+\.\d % of its largest motion in mode 1: record from rest"):
         fit_mode([cut], 1, **CUBIC)
@@ -105,7 +105,7 @@ def test_modal_mass_is_one_and_shows_wrong_shapes_and_units(noisy):
     ]  # q halves as the shape doubles
     with pytest.raises(InputError, match=r"modal mass of 4 where .* multiply the shape of mode 1 by 0.5"):
         fit_mode(tests, 1, **CUBIC)
-    tests = [replace(test, force=test.force * 0.2248) for test in noisy[0]]
+    tests = [replace(test, forces=(replace(test.forces[0], samples=test.force * 0.2248),)) for test in noisy[0]]
     with pytest.raises(InputError, match=r"modal mass of 0\.225 .*lbf taken for N"):
         fit_mode(tests, 1, **CUBIC)
 
@@ -161,7 +161,7 @@ def test_a_time_shift_changes_nothing(clean):
     shifted = replace(
         clean[-1],
         acceleration=np.roll(clean[-1].acceleration, 100, axis=0),
-        force=np.roll(clean[-1].force, 100),
+        forces=(replace(clean[-1].forces[0], samples=np.roll(clean[-1].force, 100)),),
     )
     one, other = (fit_coefficients(lines_of([test]), **CUBIC).value for test in (clean[-1], shifted))
     np.testing.assert_allclose(one, other, rtol=1e-6)

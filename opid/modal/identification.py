@@ -253,7 +253,9 @@ def _run_truth_tests(
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
-            done.append(truth_test(make_model(each.test.modes, fits, decay_laws), each.test))
+            model, numbers = make_model(each.test.modes, fits, decay_laws), range(1, each.test.modes.n_modes + 1)
+            start = [[given.get(mode, 0.0) for mode in numbers] for given in (each.displacement, each.velocity)]
+            done.append(truth_test(model, each.test, displacement=start[0], velocity=start[1]))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable
