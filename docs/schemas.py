@@ -366,7 +366,7 @@ def _modal() -> Json:
         return keys(dict.fromkeys((along, "force", "low", "high", "linear"), NUMBERS))
 
     always = ("mode", "frequency_hz", "damping_ratio", "stiffness_order", "damping_order", "free_linear", "tests")
-    forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass")
+    forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass", "delay_s")
     mode = fields_of(ModeFit, *always, "orders", "warnings") | _powers()
     mode |= {"known_by": {"enum": ["forced tests", "free decays"]}}
     of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at") | _residual_of(ModeFit)

@@ -19,7 +19,7 @@ from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes, condition_number, with_sensors
+from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.result import ModalIdentification
@@ -250,15 +250,24 @@ def _run_truth_tests(
     study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], say: Say
 ) -> tuple[tuple[TruthTest, ...], list[str]]:
     done, unstable = [], []
+    delay_s = _combine_delays(fits)
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
             model, numbers = make_model(each.test.modes, fits, decay_laws), range(1, each.test.modes.n_modes + 1)
             start = [[given.get(mode, 0.0) for mode in numbers] for given in (each.displacement, each.velocity)]
-            done.append(truth_test(model, each.test, displacement=start[0], velocity=start[1]))
+            test = delay_forces(each.test, delay_s) if delay_s else each.test
+            done.append(truth_test(model, test, displacement=start[0], velocity=start[1]))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable
+
+
+def _combine_delays(fits: Sequence[ModeFit]) -> float:
+    """Return the mean delay of the fits that show one, weighted by their variances, s; 0 where none does."""
+    late = [fit.delay_s for fit in fits if fit.is_delayed]
+    weights = np.array([float(each.std or 1.0) ** -2 for each in late])
+    return float(weights @ [float(each.value or 0.0) for each in late] / weights.sum()) if late else 0.0
 
 
 def _warn_of_modes(modes: LinearModes) -> Iterator[str]:

@@ -131,7 +131,7 @@ def _describe_mode_of_decays(result: ModalIdentification, mode: int) -> dict[str
         "free_linear": True,
         **coefficients_json(stiffness, damping),
         **dict.fromkeys(("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass")),
-        **dict.fromkeys(("force_curves", "frequency_at_hz", "damping_at")),
+        **dict.fromkeys(("force_curves", "frequency_at_hz", "damping_at", "delay_s")),
         "tests": [decay.name for decay in result.decays if decay.mode == mode],
         "orders": [],
         "warnings": law.warnings,

@@ -109,8 +109,18 @@ def _tabulate_modes(result: ModalIdentification) -> Table:
         ),
         tuple(rows),
         note="Natural frequency and damping ratio at zero amplitude, and at the top, the largest modal displacement q "
-        "fitted.",
+        "fitted." + _say_delays(result),
     )
+
+
+def _say_delays(result: ModalIdentification) -> str:
+    told = [
+        f"{format_number(1e6 * fit.delay_s.value, 3)} us (mode {fit.mode}, standard deviation "
+        f"{format_number(1e6 * float(fit.delay_s.std or 0.0), 2)} us)"
+        for fit in result.fits
+        if fit.delay_s.value is not None
+    ]
+    return f" The accelerations come after the forces by {list_names(told)}." if told else ""
 
 
 def _tabulate_shifts(result: ModalIdentification) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,10 @@ from opid.modal.forced.mode_tests import check_shapes, check_test, find_band, wa
 from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
+    add_delay_error,
+    correct_delay,
     fit_coefficients,
+    fit_delay,
     fit_modal_mass,
     is_linear_part_off,
     linearised,
@@ -89,6 +92,8 @@ class ModeFit:
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
+        delay_s: time by which the accelerations come after the forces, s, which the fit corrects where the data show it
+            (`correct_delay`); its interval also holds the phase of neighbours that leak through the modal filter.
         warnings: one sentence for each warning about the fit.
     """
 
@@ -113,6 +118,12 @@ class ModeFit:
     damping_at: FloatArray
     orders: tuple[OrderRung, ...]
     warnings: tuple[str, ...]
+    delay_s: Estimate = field(default_factory=Estimate)
+
+    @property
+    def is_delayed(self) -> bool:
+        """Whether the accelerations come before or after the forces beyond doubt."""
+        return abs(self.delay_s.value or 0.0) > MODAL.delay_sigma * (self.delay_s.std or 0.0)
 
     @property
     def law(self) -> Law:
@@ -123,7 +134,7 @@ class ModeFit:
         """Return the fit as result.json holds it; `k` and `c` by power, as the paper calls them."""
         arranged = (
             *("stiffness", "damping", "stiffness_curve", "damping_curve"),
-            *("residual_fraction", "modal_mass", "orders"),
+            *("residual_fraction", "modal_mass", "orders", "delay_s"),
         )
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
@@ -131,6 +142,7 @@ class ModeFit:
             "known_by": "forced tests",
             **coefficients_json(self.stiffness, self.damping),
             "modal_mass": asdict(self.modal_mass),
+            "delay_s": asdict(self.delay_s),
             "force_curves": {
                 "stiffness": self.stiffness_curve.as_json("displacement"),
                 "damping": self.damping_curve.as_json("velocity"),
@@ -174,6 +186,8 @@ def fit_mode(
     refuse([fault for faults, _ in checks for fault in faults], None)
     of_shapes = [check_shapes(test, mode, band) for test in tests]
     refuse([fault for faults, _ in of_shapes for fault in faults], None)
+    delay = fit_delay(lines)
+    lines, delay_left_s = correct_delay(lines, delay)
     mass = fit_modal_mass(lines)
     _require_mass(mass, mode, tests[0])
 
@@ -183,14 +197,22 @@ def fit_mode(
     if free_linear is None and is_linear_part_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
         free = True
         tried, chosen = _choose_orders(lines, given, free)
-    found = fit_coefficients(lines, **chosen, free_linear=free)
-    fit = _make_mode_fit(tests, mode, lines, band, found, mass, tried)
+    found = add_delay_error(fit_coefficients(lines, **chosen, free_linear=free), lines, delay_left_s)
+    fit = replace(_make_mode_fit(tests, mode, lines, band, found, mass, tried), delay_s=_widen_delay(delay, lines))
     loudest = int(np.argmax([each.largest_q for each in lines]))
     warnings = [warning for _, of_test in checks for warning in of_test]
     warnings += warn_of_rates(tests, mode)
     warnings += of_shapes[loudest][1]
     warnings += warn_of_other_modes(tests[loudest], mode, band)
     return replace(fit, warnings=(*warnings, *_warn_of_fit(fit)))
+
+
+def _widen_delay(delay: Estimate, lines: Sequence[ModeLines]) -> Estimate:
+    """Return a delay with the phase that neighbours make as they leak through the modal filter in its interval."""
+    if delay.value is None:
+        return delay
+    leaks_s = MODAL.delay_phase_std / np.sqrt(lines[0].linear[0])
+    return Estimate.normal(delay.value, float(np.hypot(delay.std or 0.0, leaks_s)))
 
 
 def _choose_orders(
@@ -288,6 +310,14 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
         yield (
             f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it must "
             "be 1: the amplitudes are wrong, too; check the scale of its shape and of the force, and the drive point"
+        )
+    if fit.is_delayed:
+        late_s, std_s = float(fit.delay_s.value or 0.0), float(fit.delay_s.std or 0.0)
+        side = "after" if late_s > 0 else "before"
+        yield (
+            f"mode {fit.mode}: the accelerations come {1e6 * abs(late_s):.3g} us {side} the forces (standard deviation "
+            f"{1e6 * std_s:.2g} us), which the fit corrects: look for a filter in one of the channels, or for two "
+            "recorders"
         )
     for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):
         largest = np.abs(curve.force).max()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import fft
 
 from opid.errors import InputError, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
@@ -313,6 +314,19 @@ def modal_test(
         forces=tuple(AppliedForce(each, point, recording.channel(each)) for each, point in points.items()),
         modes=modes,
     )
+
+
+def delay_forces(test: ModalTest, delay_s: float) -> ModalTest:
+    """Return a test whose forces come later by a time, s; both ends of the forces should be quiet.
+
+    Args:
+        test: a test with forces.
+        delay_s: the time by which its accelerations come after its forces.
+    """
+    n = len(test.acceleration)
+    turn = np.exp(-2j * np.pi * fft.rfftfreq(n, 1 / test.fs) * delay_s)
+    late = [replace(each, samples=fft.irfft(turn * fft.rfft(each.samples), n)) for each in test.forces]
+    return replace(test, forces=tuple(late))
 
 
 def _to_real(name: str, given: ArrayLike) -> FloatArray:
