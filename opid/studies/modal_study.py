@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,12 +25,13 @@ from opid.studies.schema import (
     collect_faults,
     derive_record,
     format_toml,
+    load,
     read_tables,
     recast,
     require_plain,
     select_stated,
 )
-from opid.studies.study_file import MODAL_TESTS
+from opid.studies.study_file import MODAL_TESTS, kind_of
 
 LARGEST_CSV = 3_000_000
 """Logs with more values than this, some 60 MB of text, are written as HDF5 if h5py is installed."""
@@ -117,9 +118,7 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
         ]
     refuse(faults, source)
     assert linear is not None  # Otherwise the study has been refused.
-    channels = {
-        name: recast(ChannelSettings, tabulate_channel(_Channel, name, entry)) for name, entry in study.channels.items()
-    }
+    channels = _read_channels(study)
     tests = []
     for each in study.tests:
         say(each.log)
@@ -131,6 +130,36 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     refuse(faults, source)
     title = source.stem if study.title is None else study.title
     return ModalStudy(title, linear, tests=tuple(tests), source=source, **settings)
+
+
+def read_decays(path: Path, logs: Sequence[Path], say: Say) -> list[ModalTest]:
+    """Read logs of free decays with the modes, sensors and channels of a study file of modal tests.
+
+    Args:
+        path: the study file; the logs of its own tests are not read.
+        logs: the logs.
+        say: called with the name of each log as it is read.
+
+    Raises:
+        InputError: what is wrong with the tables or the modes of the study, or with a log; all logs at once.
+    """
+    document = load(path)
+    found = kind_of(document, path)
+    if found is not MODAL_TESTS:
+        raise InputError(f"{path} is a study of {found.subject}: give one of modal tests, which has a table [modes]")
+    study, faults = read_tables(_Study, document)
+    refuse(faults, path)
+    modes, channels = read_modes(path.parent / study.modes.file), _read_channels(study)
+    tests = []
+    for log in logs:
+        say(log.name)
+        with collect_faults(faults, f"{log}: "):
+            entry = _Test(log=str(log.absolute()), name=log.name, use="decay")
+            test = _read_test(entry, path.parent, modes, None, study.log, channels)
+            files = add_files(test.recording, path, path.parent / study.modes.file)
+            tests.append(replace(test, recording=files))
+    refuse(faults, path)
+    return tests
 
 
 def write_files(study: ModalStudy, directory: Path) -> str:
@@ -159,6 +188,12 @@ def write_files(study: ModalStudy, directory: Path) -> str:
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------
+
+
+def _read_channels(study: _Study) -> dict[str, ChannelSettings]:
+    return {
+        name: recast(ChannelSettings, tabulate_channel(_Channel, name, entry)) for name, entry in study.channels.items()
+    }
 
 
 def _check_drive_points(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
