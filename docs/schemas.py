@@ -369,7 +369,7 @@ def _modal() -> Json:
         return keys(dict.fromkeys((along, "force", "low", "high", "linear"), NUMBERS))
 
     always = ("mode", "frequency_hz", "damping_ratio", "stiffness_order", "damping_order", "free_linear", "tests")
-    forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass")
+    forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass", "delay_s")
     joint = ("friction", "slip", "slip_exponent")
     mode = fields_of(ModeFit, *always, *joint, "orders", "interactions", "warnings") | _powers()
     mode |= {"known_by": {"enum": ["forced tests", "free decays"]}}

@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 from cli_runs import opid, refused
+from made_modal import FS as RATE, LAW, SENSORS, SOFT, small_modes
 from scipy.integrate import solve_ivp
 
+from opid.modal.linear.modes_file import write_modes
+from opid.modal.model import NonlinearModalModel, simulate
 from opid.signals.units import STANDARD_GRAVITY
 
 FS, FREQUENCY, ZETA = 2048.0, 60.0, 0.004
@@ -163,3 +166,62 @@ def test_an_angle_is_as_good_as_a_length(log, tmp_path):
     assert one["k"] == other["k"]
     assert (one["units"]["k3"], other["units"]["k3"]) == ("1/(s^2 m^2)", "1/(s^2 rad^2)")
     assert "per unit of inertia" in done.stdout
+
+
+@pytest.fixture(scope="module")
+def rings(tmp_path_factory):
+    """Two logs in g, in which two modes ring together, and the study of modal tests that names their sensors."""
+    folder = tmp_path_factory.mktemp("rings")
+    modes, model = small_modes(), NonlinearModalModel(small_modes(), {SOFT: LAW})
+    write_modes(modes, folder / "modes.csv")
+    for number, displacement in enumerate(([0, 3e-4, 2.5e-4, 1e-4], [0, 2e-4, 2e-4, 3e-5])):
+        rng = np.random.default_rng(number)
+        motion = simulate(model, np.zeros(round(8 * RATE)), fs=RATE, drive_point="case_x", displacement=displacement)
+        noisy = motion.samples + 0.003 * motion.samples.std(axis=0) * rng.standard_normal(motion.samples.shape)
+        columns = dict(zip(("time [s]", *SENSORS), (motion.time_s, *noisy.T / STANDARD_GRAVITY), strict=True))
+        written(folder / f"ring_{number}.csv", columns)
+    channels = "".join(f'[channels.{name}]\nunit = "g"\n' for name in SENSORS)
+    test = '[[tests]]\nlog = "lost.csv"\nforce = "force"\ndrive_point = "case_x"\n'
+    (folder / "study.toml").write_text(f'[modes]\nfile = "modes.csv"\n{channels}{test}', encoding="utf-8")
+    return folder
+
+
+def test_a_study_filters_the_mode_in_several_logs(rings, tmp_path):
+    logs = [rings / f"ring_{number}.csv" for number in range(2)]
+    chosen = ("--study", rings / "study.toml", "--mode", SOFT, "--stiffness-order", 3, "--damping-order", 2)
+    done = opid("decay", *logs, *chosen, "--out", tmp_path / "result")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert f"Free decay: 'mode {SOFT}' in 2 records" in done.stdout
+    found = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert holds(found["k"]["3"], -1.5e11)
+    assert abs(found["frequency_low_hz"]["value"] - 60.0) < 4 * found["frequency_low_hz"]["std"] < 0.05
+    assert (found["settings"]["mode"], found["mode"]) == (SOFT, SOFT)
+    assert f"--study {rings / 'study.toml'} --mode {SOFT}" in " ".join(
+        (tmp_path / "result" / "report.html").read_text(encoding="utf-8").split()
+    )
+
+
+def test_the_mode_of_a_study_is_the_one_that_moves_most(rings):
+    done = opid("decay", rings / "ring_1.csv", "--study", rings / "study.toml")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "Free decay: 'mode 3' in ring_1.csv" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "give --channel NAME (one sensor), or --study"),
+        (("--channel", "case_x", "--study", "study.toml"), "give --channel NAME (one sensor), or --study"),
+        (("--study", "study.toml", "--near", 60), "leave --near out (--mode names a mode)"),
+        (("--channel", "case_x", "--mode", 3), "--mode needs the shapes of a study"),
+        (("--study", "study.toml", "--mode", 9), "there is no mode 9: give a number from 1 to 4"),
+        (("--study", "study.toml", "--mode", 1), "rigid-body mode"),
+        (("--study", "bench.toml"), "give one of modal tests"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(rings, options, words):
+    (rings / "bench.toml").write_text('[bench]\nlog = "a.csv"\nforce = "f"\ntravel = "z"\n', encoding="utf-8")
+    options = [rings / each if str(each).endswith(".toml") else each for each in options]
+    done = opid("decay", rings / "ring_0.csv", *options)
+    assert done.exit_code != 0
+    assert words in " ".join(done.stderr.split())

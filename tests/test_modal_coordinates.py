@@ -82,3 +82,20 @@ def test_a_force_cell_that_is_off_is_named():
     )
     with pytest.raises(InputError, match="is zero throughout"):
         modal_test(silent, FOUR, name="t", force="force", drive_point="a")
+
+
+def test_the_modal_force_is_the_sum_over_the_shakers():
+    given = recording(("N", "N") + 5 * ("m/s^2",), ("one", "two", *"abcde"))
+    test = modal_test(given, FOUR, name="t", force={"one": "a", "two": "d"})
+    sum_of_both = FOUR.row("a")[2] * given.channel("one") + FOUR.row("d")[2] * given.channel("two")
+    np.testing.assert_allclose(test.modal_force(3), sum_of_both)
+    assert test.drive_points == ("a", "d")
+    with pytest.raises(InputError, match=r"2 forces \('one', 'two'\) where one is needed"):
+        test.force  # noqa: B018
+
+
+def test_one_force_is_the_case_of_several_with_one():
+    one = modal_test(recording(), FOUR, name="t", force="force", drive_point="b")
+    same = modal_test(recording(), FOUR, name="t", force={"force": "b"})
+    np.testing.assert_array_equal(one.modal_force(2), same.modal_force(2))
+    assert (same.drive_point, same.forces[0].channel) == ("b", "force")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ZETA, beat, beats, measured, softening
 
+import opid
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import rig_run
 from opid.modal.forced import mode_tests
@@ -16,8 +17,8 @@ from opid.modal.forced.mode_tests import (
     measure_outside_shapes,
 )
 from opid.modal.identification import identify_modes
-from opid.modal.linear.modes import LinearModes, modal_test
-from opid.modal.model import NonlinearModalModel, modal_response
+from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
+from opid.modal.model import NonlinearModalModel, modal_response, truth_test
 from opid.modal.power_laws import power_law
 from opid.modal.settings import MODAL
 from opid.modal.study import ModalStudy, StudyTest
@@ -236,3 +237,17 @@ def test_a_mode_that_answers_at_twice_the_frequency_is_named():
     assert len(told[None]) == 1
     assert told[None][0].product.name == "k q10^2 q18"
     assert told[None][0].sentence.startswith("mode 18 moves at 2 times the frequency of mode 10 in test 'beat'")
+
+
+def test_a_truth_test_is_compared_with_the_delay_of_the_fits():
+    model, modes = softening(FOUR, 3), FOUR
+    rng = np.random.default_rng(4)
+    late = [delay_forces(test, -2e-4) for test in [*beats(model, rng), measured(model, beat(35.0), rng, name="truth")]]
+    uses = [*["fit"] * (len(late) - 1), "truth"]
+    given = [StudyTest(test, use) for test, use in zip(late, uses, strict=True)]
+    found = identify_modes(ModalStudy("late", modes, (3,), given, stiffness_order=3, damping_order=2))
+    assert found.fits[0].is_delayed
+    assert "come after the forces by 200 us (mode 3, standard deviation 2.7 us)." in " ".join(opid.text(found).split())
+    assert max(each.nrmse_nonlinear for each in found.truth_tests[0].sensors.values()) < 0.03
+    ignored = truth_test(found.model, late[-1])
+    assert min(each.nrmse_nonlinear for each in ignored.sensors.values()) > 0.1

@@ -6,9 +6,10 @@ from scipy.interpolate import CubicSpline
 
 from opid.errors import InputError
 from opid.mechanics.structure import frequency_response
-from opid.modal.linear.modes import force_projection
-from opid.modal.model import NonlinearModalModel, modal_response, simulate
+from opid.modal.linear.modes import force_projection, modal_test
+from opid.modal.model import NonlinearModalModel, modal_response, simulate, truth_test
 from opid.modal.power_laws import power_law
+from opid.signals.recording import Channel, Recording
 
 
 def test_against_another_integrator():
@@ -54,3 +55,42 @@ def test_what_is_wrong_is_said():
         simulate(softening(), beat(4000.0), fs=FS, drive_point="a")
     with pytest.raises(InputError, match="has no term k6"):
         power_law({6: 1.0}, {})
+
+
+def test_several_forces_act_as_their_sum_on_a_linear_model():
+    model = NonlinearModalModel(FOUR)
+    one, other = beat(3.0, frequency_hz=90.0, whole_s=1.0, beat_s=0.4), beat(2.0, whole_s=1.0, beat_s=0.6)
+    both = simulate(model, np.column_stack([one, other]), fs=FS, drive_point=("a", "d")).samples
+    apart = [simulate(model, force, fs=FS, drive_point=at).samples for force, at in ((one, "a"), (other, "d"))]
+    np.testing.assert_allclose(both, sum(apart), atol=1e-9 * np.abs(both).max())
+    with pytest.raises(InputError, match=r"shape \(2048,\): give one column for each of 2 drive points"):
+        simulate(model, one, fs=FS, drive_point=("a", "d"))
+
+
+def test_an_initial_condition_decays_as_the_closed_form():
+    """A free decay of one mode, q = a exp(-zeta w t) cos(wd t - phi), from a displacement and a velocity."""
+    displacement, velocity = 2e-4, 0.05
+    motion = modal_response(
+        softening().linear, np.zeros(1024), fs=FS, drive_point="a", displacement=[displacement], velocity=[velocity]
+    )
+    time, damped = np.arange(1024) / FS, OMEGA * np.sqrt(1 - ZETA**2)
+    along = (velocity + ZETA * OMEGA * displacement) / damped
+    exact = np.exp(-ZETA * OMEGA * time) * (displacement * np.cos(damped * time) + along * np.sin(damped * time))
+    # Runge-Kutta keeps the frequency to 6e-7, which is 2e-4 rad after 60 cycles.
+    np.testing.assert_allclose(motion.displacement[:, 0], exact, atol=2e-4 * np.abs(exact).max())
+    with pytest.raises(InputError, match="initial_velocity"):
+        modal_response(softening(), np.zeros(64), fs=FS, drive_point="a", velocity=[0.0, 1.0])
+
+
+def test_a_truth_test_has_several_forces_and_an_initial_condition():
+    model = softening(FOUR, 3)
+    forces = np.column_stack([beat(20.0, whole_s=2.0), beat(15.0, whole_s=2.0, beat_s=0.5)])
+    start = {"displacement": [0.0, 0.0, 3e-4, 0.0], "velocity": [0.0, 0.0, 0.1, 0.0]}
+    response = simulate(model, forces, fs=FS, drive_point=("a", "e"), **start)
+    channels = (Channel("one", "N"), Channel("two", "N"), *response.channels)
+    record = Recording(np.column_stack([forces, response.samples]), fs=FS, channels=channels)
+    test = modal_test(record, FOUR, name="truth", force={"one": "a", "two": "e"})
+    exact = truth_test(model, test, **start)
+    assert max(each.nrmse_nonlinear for each in exact.sensors.values()) < 1e-6
+    at_rest = truth_test(model, test)
+    assert min(each.nrmse_nonlinear for each in at_rest.sensors.values()) > 0.1

@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
-from made_modal import SENSORS, SOFT, beat, measured, small_modes, small_study
+from made_modal import FS, LAW, SENSORS, SOFT, beat, measured, small_modes, small_study
 
 from opid.errors import InputError
-from opid.modal.identification import warn_of_records
+from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.identification import identify_modes, warn_of_records
 from opid.modal.linear.modes import modal_test
 from opid.modal.linear.modes_file import write_modes
+from opid.modal.model import NonlinearModalModel, simulate
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.logs import write_log
-from opid.signals.recording import Recording
+from opid.signals.recording import Channel, Recording
 from opid.studies.study_file import read_study, write_study
 
 MODES = '[modes]\nfile = "modes.csv"\ndrive_point = "case_x"\n'
@@ -224,3 +226,97 @@ def test_a_name_that_is_no_file_name_is_refused(tmp_path):
     study = ModalStudy("x", small_modes(), (SOFT,), (StudyTest(test),), "case_x")
     with pytest.raises(InputError, match="one plain word"):
         write_study(study, tmp_path / "study.toml")
+
+
+def two_shakers(level, *, seed=0, law=LAW):
+    """Return what the sensors record under two shakers, of which the second starts later and is weaker."""
+    force = np.column_stack([beat(level), 0.6 * np.roll(beat(level, cycles=18), 40)])
+    model = NonlinearModalModel(small_modes(), {SOFT: law})
+    motion = simulate(model, force, fs=FS, drive_point=("case_x", "lid_y"))
+    samples = np.column_stack([motion.samples, force])
+    samples = samples + 0.003 * samples.std(axis=0) * np.random.default_rng(seed).standard_normal(samples.shape)
+    channels = (*motion.channels, Channel("shaker_1", "N"), Channel("shaker_2", "N"))
+    return Recording(samples, fs=FS, channels=channels)
+
+
+SHAKERS = 'forces = { shaker_1 = "case_x", shaker_2 = "lid_y" }\n'
+
+
+def test_each_test_has_its_own_drive_points(logs, tmp_path):
+    write_modes(small_modes(), tmp_path / "modes.csv")
+    for level in (3, 8):
+        write_log(two_shakers(level), tmp_path / f"both_{level}.csv")
+    write_log(measured(beat(5)), tmp_path / "beat.csv")
+    file = '[modes]\nfile = "modes.csv"\n'
+    tests = "".join(f'\n[[tests]]\nlog = "both_{level}.csv"\n{SHAKERS}' for level in (3, 8))
+    study = study_of(tmp_path, file + f"nonlinear = [{SOFT}]\n" + tests + TEST + 'drive_point = "case_x"\n')
+    assert [each.test.drive_points for each in study.tests] == [*2 * [("case_x", "lid_y")], ("case_x",)]
+    assert [each.use for each in study.tests] == 3 * ["fit"]
+    write_study(study, tmp_path / "back.toml")
+    back = read_study(tmp_path / "back.toml")
+    for ours, theirs in zip(study.tests, back.tests, strict=True):
+        np.testing.assert_allclose(theirs.test.modal_force(SOFT), ours.test.modal_force(SOFT), rtol=0, atol=1e-9)
+
+
+def test_a_truth_test_has_an_initial_condition(logs, tmp_path):
+    write_modes(small_modes(), tmp_path / "modes.csv")
+    start = {"displacement": np.array([0.0, 0.0, 2e-4, 0.0]), "velocity": np.array([0.0, 0.0, 0.0, 0.02])}
+    model = NonlinearModalModel(small_modes(), {SOFT: LAW})
+    motion = simulate(model, beat(5), fs=FS, drive_point="case_x", **start)
+    samples = np.column_stack([motion.samples, beat(5)])
+    write_log(Recording(samples, fs=FS, channels=(*motion.channels, Channel("force", "N"))), tmp_path / "moves.csv")
+    for level in (2, 8):
+        write_log(measured(beat(level), seed=level), tmp_path / f"beat_{level}.csv")
+    tests = "".join(TEST.replace("beat.csv", f"beat_{level}.csv") for level in (2, 8))
+    moves = TEST.replace("beat.csv", "moves.csv") + 'use = "truth"\n'
+    given = "displacement = { 3 = 2e-4 }\nvelocity = { 4 = 0.02 }\n"
+    orders = f"nonlinear = [{SOFT}]\nstiffness_order = 3\ndamping_order = 2\n"
+    study = study_of(tmp_path, MODES + orders + tests + moves + given)
+    write_study(study, tmp_path / "back.toml")
+    assert read_study(tmp_path / "back.toml").tests[2].displacement == {3: 2e-4}
+    missed = [
+        max(each.nrmse_nonlinear for each in identify_modes(of).truth_tests[0].sensors.values())
+        for of in (study, study_of(tmp_path, MODES + orders + tests + moves))
+    ]
+    assert missed[0] < 0.02 < 0.3 < missed[1]
+    refused(tmp_path, MODES + tests + given, "an initial condition, which a simulation needs")
+    refused(tmp_path, MODES + tests + moves + "velocity = { 9 = 0.1 }\n", "initial condition of mode 9, give 1 to 4")
+
+
+def test_two_shakers_give_the_law_that_was_simulated():
+    modes = small_modes()
+    force = {"shaker_1": "case_x", "shaker_2": "lid_y"}
+    records = {level: two_shakers(level, seed=level) for level in (2, 4, 8)}
+    tests = [StudyTest(modal_test(each, modes, name=f"b{level}", force=force)) for level, each in records.items()]
+    tests.append(StudyTest(modal_test(two_shakers(7, seed=9), modes, name="truth", force=force), "truth"))
+    found = identify_modes(ModalStudy("two shakers", modes, (SOFT,), tests, stiffness_order=3, damping_order=2))
+    k3 = found.fits[0].stiffness[3]
+    assert abs(k3.value + 1.5e11) < 3 * k3.std
+    assert k3.std < 0.03 * 1.5e11
+    assert max(each.nrmse_nonlinear for each in found.truth_tests[0].sensors.values()) < 0.03
+    alone = [
+        modal_test(each, modes, name=f"b{n}", force="shaker_1", drive_point="case_x") for n, each in records.items()
+    ]
+    only = fit_mode(alone, SOFT, stiffness_order=3, damping_order=2)
+    assert only.residual_fraction > 5 * found.fits[0].residual_fraction, "the second shaker counts"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (TEST + 'forces = { force = "case_x" }\n', ("has 'force' and 'forces'", "give one")),
+        ('\n[[tests]]\nlog = "decay.csv"\ndrive_point = "case_x"\n', ("'drive_point' and no 'force'",)),
+        ('\n[[tests]]\nlog = "beat.csv"\nforces = { force = "case_q" }\n', ("test 'beat'", "no sensor 'case_q'")),
+        ('\n[[tests]]\nlog = "beat.csv"\nforces = { forze = "case_x" }\n', ("no channel 'forze'",)),
+        ('\n[[tests]]\nlog = "beat.csv"\nforces = { force = 3 }\n', ("the name of a sensor in quotes",)),
+        (TEST + 'drive_point = "case_q"\n', ("test 'beat'", "no sensor 'case_q'")),
+    ],
+)
+def test_wrong_forces_are_said(logs, text, words):
+    refused(logs, MODES + text, *words)
+
+
+def test_resonance_has_one_force():
+    test = modal_test(two_shakers(3), small_modes(), name="both", force={"shaker_1": "case_x", "shaker_2": "lid_y"})
+    with pytest.raises(InputError, match="2 forces: one force is in phase"):
+        ModalStudy("x", small_modes(), (SOFT,), (StudyTest(test, "resonance", SOFT),))

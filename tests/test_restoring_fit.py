@@ -8,8 +8,8 @@ from opid.errors import InputError
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import fit_mode
-from opid.modal.forced.restoring_fit import fit_coefficients, fit_modal_mass, fit_unweighted
-from opid.modal.linear.modes import LinearModes, modal_test
+from opid.modal.forced.restoring_fit import fit_coefficients, fit_delay, fit_modal_mass, fit_unweighted
+from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
 from opid.modal.model import NonlinearModalModel
 
 BAND = (100.0, 140.0)
@@ -88,7 +88,7 @@ def test_a_record_cut_off_is_refused_and_can_be_tapered(noisy):
         whole,
         recording=whole.recording.section(0.0, 1.1),
         acceleration=whole.acceleration[: round(1.1 * FS)],
-        force=whole.force[: round(1.1 * FS)],
+        forces=(replace(whole.forces[0], samples=whole.force[: round(1.1 * FS)]),),
     )
     with pytest.raises(InputError, match=r"ends with \d+\.\d % of its largest motion in mode 1: record from rest"):
         fit_mode([cut], 1, **CUBIC)
@@ -105,7 +105,7 @@ def test_modal_mass_is_one_and_shows_wrong_shapes_and_units(noisy):
     ]  # q halves as the shape doubles
     with pytest.raises(InputError, match=r"modal mass of 4 where .* multiply the shape of mode 1 by 0.5"):
         fit_mode(tests, 1, **CUBIC)
-    tests = [replace(test, force=test.force * 0.2248) for test in noisy[0]]
+    tests = [replace(test, forces=(replace(test.forces[0], samples=test.force * 0.2248),)) for test in noisy[0]]
     with pytest.raises(InputError, match=r"modal mass of 0\.225 .*lbf taken for N"):
         fit_mode(tests, 1, **CUBIC)
 
@@ -182,7 +182,73 @@ def test_a_time_shift_changes_nothing(clean):
     shifted = replace(
         clean[-1],
         acceleration=np.roll(clean[-1].acceleration, 100, axis=0),
-        force=np.roll(clean[-1].force, 100),
+        forces=(replace(clean[-1].forces[0], samples=np.roll(clean[-1].force, 100)),),
     )
     one, other = (fit_coefficients(lines_of([test]), **CUBIC).value for test in (clean[-1], shifted))
     np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def recorded_late(test, delay_s):
+    """Return a test whose accelerations come after its force by a time: here the force comes before them."""
+    return delay_forces(test, -delay_s)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 20e-6, -300e-6])
+def test_a_delay_is_found_with_an_interval_that_holds(delay_s):
+    """In 10 sets of beats; the standard deviation is also that of the scatter between them."""
+    clean = [measured(softening(FOUR, 3), beat(level)) for level in (4.0, 13.0, 26.0, 44.0)]
+    found = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        tests = [recorded_late(with_noise(test, rng), delay_s) for test in clean]
+        found.append(fit_delay([mode_lines(test, 3, (105.0, 130.0)) for test in tests]))
+    errors = np.array([(each.value - delay_s) / each.std for each in found])
+    assert np.abs(errors).max() < 4
+    assert 0.4 < np.sqrt(np.mean(errors**2)) < 1.6
+    assert max(each.std for each in found) < 1e-6
+
+
+def test_few_lines_at_resonance_tell_a_delay_less_well():
+    """There a delay and the damping turn the force alike: intervals widen, and still hold."""
+    clean = measured(softening(), beat(4.0, whole_s=24.0))
+    wide, narrow = [], []
+    for seed in range(10):
+        test = recorded_late(with_noise(clean, np.random.default_rng(seed)), 50e-6)
+        wide.append(fit_delay([mode_lines(test, 1, (110.0, 130.0))]))
+        narrow.append(fit_delay([mode_lines(test, 1, (119.6, 120.4))]))
+    assert np.mean([each.std for each in narrow]) > 2 * np.mean([each.std for each in wide])
+    for several in (wide, narrow):
+        assert max(abs(each.value - 50e-6) / each.std for each in several) < 4
+
+
+def test_a_late_force_is_corrected_and_told():
+    rng = np.random.default_rng(3)
+    tests = [recorded_late(test, 50e-6) for test in beats(softening(FOUR, 3), rng)]
+    fit = fit_mode(tests, 3, stiffness_order=3, damping_order=2, free_linear=True)
+    assert abs(fit.damping[2].value - C2) < 3 * fit.damping[2].std
+    assert abs(fit.stiffness[3].value - K3) < 3 * fit.stiffness[3].std
+    assert fit.delay_s.holds(50e-6)
+    assert fit.is_delayed
+    assert any("accelerations come 50" in text and "us after the forces" in text for text in fit.warnings)
+    uncorrected = fit_coefficients(
+        [mode_lines(test, 3, fit.band_hz) for test in tests], stiffness_order=3, damping_order=2, free_linear=True
+    )
+    assert abs(uncorrected.damping()[2].value / C2 - 1) > 0.1, "the delay counts"
+
+
+def test_shapes_that_are_off_are_no_delay():
+    """Neighbours that leak through the filter turn the phase; that is not told as a delay."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        wrong = replace(FOUR, shapes=FOUR.shapes * (1 + 0.03 * rng.standard_normal(FOUR.shapes.shape)))
+        given = beats(softening(FOUR, 3), rng)
+        tests = [modal_test(t.recording, wrong, name=t.name, force="force", drive_point="a") for t in given]
+        fit = fit_mode(tests, 3, stiffness_order=3, damping_order=2, free_linear=True)
+        assert not fit.is_delayed
+        assert fit.delay_s.holds(0.0)
+
+
+def with_noise(test, rng, noise=0.01):
+    samples = test.recording.samples
+    noisy = replace(test.recording, samples=samples + noise * samples.std(axis=0) * rng.standard_normal(samples.shape))
+    return modal_test(noisy, test.modes, name=test.name, force="force", drive_point="a")

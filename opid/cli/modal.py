@@ -226,9 +226,20 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
 @click.argument("logs", type=PATH, metavar="LOG...", nargs=-1, required=True)
 @click.option(
     "--channel",
-    required=True,
     metavar="NAME",
     help="An acceleration, a velocity, a displacement or an angle.",
+)
+@click.option(
+    "--study",
+    type=PATH,
+    metavar="STUDY.toml",
+    help="Study of modal tests, whose shapes and sensors filter the mode, instead of --channel.",
+)
+@click.option(
+    "--mode",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Mode of the study, counted from 1.  [default: the one that moves most]",
 )
 @click.option("--unit", type=Unit(), metavar="UNIT", help="Unit of the channel (g, mm/s, ...), whatever the log says.")
 @time_unit_option
@@ -252,17 +263,19 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
 def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     """Follow a free decay: frequency and damping over amplitude, and the law of the mode.
 
-    From one sensor and no force. Several logs are repeats: their law is a common one, and its intervals at zero
-    amplitude hold their scatter. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
+    From one sensor, or from all sensors of a study by the shape of the mode, and no force. Several logs are repeats:
+    their law is a common one, and its intervals at zero amplitude hold their scatter. Where several modes ring in the
+    sensor, a --study separates them with the shapes.
     """
+    _check_source(settings)
     output = output.reserve()
     with output.progress() as say:
         try:
             found = _follow_decays(logs, settings, say)
         except InputError as error:
-            raise InputError(_name_options(str(error))) from error
+            raise InputError(_name_options(str(error), settings)) from error
         except NotDeterminedError as error:
-            raise NotDeterminedError(_name_options(str(error)), error.partial) from error
+            raise NotDeterminedError(_name_options(str(error), settings), error.partial) from error
         notes = output.write(found, progress=say)
     output.show(found, notes=notes)
 
@@ -271,7 +284,11 @@ def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     """Return the free decay in a log, or those in several logs pooled."""
     from opid.modal.decay.free_decay import pool_decays
 
-    decays = [_follow_decay(log, settings, say) for log in logs]
+    settings = {name: str(each) if isinstance(each, Path) else each for name, each in settings.items()}
+    if settings["study"] is None:
+        decays = [_follow_decay(log, settings, say) for log in logs]
+    else:
+        decays = _filter_decays(logs, settings, say)
     if len(decays) == 1:
         return decays[0]
     say("the common law")
@@ -280,9 +297,9 @@ def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     pooled = pool_decays(named, **orders)
     return replace(
         pooled,
-        name=settings["channel"],
-        warnings=tuple(_name_options(text) for text in pooled.warnings),
-        settings={"logs": [str(log) for log in logs], **settings},
+        name=_name_source(settings, decays[0].mode),
+        warnings=tuple(_name_options(text, settings) for text in pooled.warnings),
+        settings={"logs": [str(log) for log in logs], **settings, "mode": decays[0].mode},
         files=tuple(file for each in decays for file in each.files),
     )
 
@@ -306,15 +323,58 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
         stop_s=settings["stop"],
         stiffness_order=settings["stiffness_order"],
         damping_order=settings["damping_order"],
-        name=settings["channel"],
+        name=_name_source(settings, None),
     )
-    warnings = tuple(_name_options(text) for text in found.warnings)
+    warnings = tuple(_name_options(text, settings) for text in found.warnings)
     return replace(found, warnings=warnings, settings={"log": str(log), **settings}, files=record.files)
 
 
-def _name_options(text: str) -> str:
+def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -> list[Decay]:
+    """Return the free decay of one mode in each log, by the shapes of a study."""
+    from opid.modal.decay.free_decay import decay_of
+    from opid.modal.forced.mode_tests import find_largest_mode
+    from opid.studies.modal_study import read_decays
+
+    tests = read_decays(Path(settings["study"]), logs, say)
+    elastic = [number + 1 for number, is_elastic in enumerate(tests[0].modes.elastic) if is_elastic]
+    mode = find_largest_mode(tests[0], elastic) if settings["mode"] is None else settings["mode"]
+    options = {name: settings[name] for name in ("stiffness_order", "damping_order")}
+    limits = {"start_s": settings["start"], "stop_s": settings["stop"]}
+    decays = []
+    for log, test in zip(logs, tests, strict=True):
+        say(f"the decay in {log.name}")
+        found = decay_of(test, mode, **options, **limits, friction=None, memory=None)
+        warnings = tuple(_name_options(text, settings) for text in found.warnings)
+        own = {"log": str(log), **settings, "mode": mode}
+        name = _name_source(settings, mode)
+        decays.append(replace(found, name=name, warnings=warnings, settings=own, files=test.recording.files))
+    return decays
+
+
+def _name_source(settings: Mapping[str, Any], mode: int | None) -> str:
+    return str(settings["channel"]) if mode is None else f"mode {mode}"
+
+
+def _check_source(settings: Mapping[str, Any]) -> None:
+    """Refuse options that do not go together: a channel of the logs, or a mode of a study."""
+    if (settings["channel"] is None) == (settings["study"] is None):
+        raise click.UsageError("give --channel NAME (one sensor), or --study STUDY.toml (the shapes of its modes)")
+    others = ("unit", "time_unit", "near") if settings["study"] is not None else ("mode",)
+    given = [f"--{name.replace('_', '-')}" for name in others if settings[name] is not None]
+    if given and settings["study"] is not None:
+        raise click.UsageError(
+            f"--study says units and frequencies: leave {', '.join(given)} out (--mode names a mode)"
+        )
+    if given:
+        raise click.UsageError(
+            "--mode needs the shapes of a study: give --study STUDY.toml, or --near HZ with --channel"
+        )
+
+
+def _name_options(text: str, settings: Mapping[str, Any]) -> str:
     """Return a message of the library with the options of this command in place of its settings."""
-    return re.sub(rf"\b({'|'.join(OPTIONS)})\b", lambda found: OPTIONS[found[0]], text)
+    options = OPTIONS if settings["study"] is None else OPTIONS | {"near_hz": "--mode"}
+    return re.sub(rf"\b({'|'.join(options)})\b", lambda found: options[found[0]], text)
 
 
 def _read_channel(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]) -> Recording:

@@ -104,6 +104,11 @@ class Coupling:
 def list_products(modes: Sequence[int], degree: int, *, of_velocity: bool = False) -> list[Product]:
     """Return all products of a degree that some modes can have.
 
+    Args:
+        modes: numbers of the modes, from 1.
+        degree: number of factors.
+        of_velocity: whether they are products of velocities.
+
     >>> [each.name for each in list_products([10, 18], 3)]
     ['k q10^3', 'k q10^2 q18', 'k q10 q18^2', 'k q18^3']
     """
@@ -114,6 +119,12 @@ def expand_joint(
     direction: Mapping[int, float], coefficient: float, degree: int, *, of_velocity: bool = False
 ) -> dict[Product, float]:
     """Return the products of k z^d and their coefficients, for z = sum of direction_m q_m.
+
+    Args:
+        direction: stretch of the joint by a unit of each mode, by the number of the mode.
+        coefficient: k.
+        degree: d, 3 or 4.
+        of_velocity: whether z is a velocity, and k z^d the power that is lost.
 
     >>> expand_joint({1: 1.0, 2: -1.0}, 3.0, 3)[Product((1, 1, 2))]
     -9.0

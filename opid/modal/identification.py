@@ -21,7 +21,7 @@ from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select
 from opid.modal.forced.simulated_fit import correct_modes
 from opid.modal.forced.system_fit import SystemFit, fit_system
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes, condition_number, with_sensors
+from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.result import ModalIdentification
@@ -255,7 +255,9 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
     products, involved = study.find_couplings(fit.mode), _list_involved(study, fit)
     if len(involved) == 1 and not products and not (search_own and fit.misfit > SIMULATED.excess):
         return None
+    delay_s = float(fit.delay_s.value or 0.0) if fit.is_delayed else 0.0
     tests = [each.test for each in study.tests if each.test.name in fit.tests]
+    tests = [delay_forces(test, delay_s) for test in tests] if delay_s else tests
     names = " and ".join(str(mode) for mode in sorted(involved))
     if not all(_is_fitted_to(fit, test.modes) for test in tests):
         warnings.append(
@@ -337,13 +339,25 @@ def _run_truth_tests(
     say: Say,
 ) -> tuple[tuple[TruthTest, ...], list[str]]:
     done, unstable = [], []
+    delay_s = _combine_delays(fits)
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
-            done.append(truth_test(make_model(each.test.modes, fits, decay_laws, systems), each.test))
+            model = make_model(each.test.modes, fits, decay_laws, systems)
+            numbers = range(1, each.test.modes.n_modes + 1)
+            start = [[given.get(mode, 0.0) for mode in numbers] for given in (each.displacement, each.velocity)]
+            test = delay_forces(each.test, delay_s) if delay_s else each.test
+            done.append(truth_test(model, test, displacement=start[0], velocity=start[1]))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable
+
+
+def _combine_delays(fits: Sequence[ModeFit]) -> float:
+    """Return the mean delay of the fits that show one, weighted by their variances, s; 0 where none does."""
+    late = [fit.delay_s for fit in fits if fit.is_delayed]
+    weights = np.array([float(each.std or 1.0) ** -2 for each in late])
+    return float(weights @ [float(each.value or 0.0) for each in late] / weights.sum()) if late else 0.0
 
 
 def _warn_of_modes(modes: LinearModes) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -124,20 +124,32 @@ class TruthTest:
         return {"name": self.name, "band_hz": self.band_hz, "sensors": sensors}
 
 
-def simulate(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_point: str) -> Recording:
-    """Return the accelerations at the sensors under a force on one of them.
+def simulate(
+    model: NonlinearModalModel,
+    force: ArrayLike,
+    *,
+    fs: float,
+    drive_point: str | Sequence[str],
+    displacement: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+) -> Recording:
+    """Return the accelerations at the sensors under a force on one of them, or under several forces.
 
     Args:
         model: the model.
-        force: (n,) force, N, taken as band-limited between its samples; before the first sample the model is at rest.
+        force: (n,) force, N, taken as band-limited between its samples; of several drive points (n, n_forces), one
+            column for each.
         fs: sampling rate, Hz.
-        drive_point: name of the sensor where and in whose direction the force acts.
+        drive_point: name of the sensor where and in whose direction the force acts; one name for each of several.
+        displacement: (n_modes,) modal displacement at the first sample, m kg^1/2; zero where left out.
+        velocity: (n_modes,) modal velocity at the first sample, m/s kg^1/2; zero where left out.
 
     Returns:
         Channels with the names of the sensors, m/s^2.
 
     Raises:
-        InputError: no such sensor, a force that is not a series of finite numbers, or a response that grows without
+        InputError: no such sensor, a force that is not a series of finite numbers or has not one column for each
+            drive point, an initial condition that has not one number for each mode, or a response that grows without
             bound.
 
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
@@ -145,63 +157,94 @@ def simulate(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_p
     >>> response.names, response.n_samples
     (('a',), 256)
     """
-    motion = modal_response(model, force, fs=fs, drive_point=drive_point)
+    motion = modal_response(model, force, fs=fs, drive_point=drive_point, displacement=displacement, velocity=velocity)
     accelerations = motion.acceleration @ model.modes.shapes.T
     channels = tuple(Channel(name, "m/s^2") for name in model.modes.sensors)
     return Recording(accelerations, fs=fs, channels=channels, history=("simulated by a modal model",))
 
 
-def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_point: str) -> Response:
-    """Return the motion of the modal coordinates, m kg^1/2, under a force on one of the sensors.
+def modal_response(
+    model: NonlinearModalModel,
+    force: ArrayLike,
+    *,
+    fs: float,
+    drive_point: str | Sequence[str],
+    displacement: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+) -> Response:
+    """Return the motion of the modal coordinates, m kg^1/2, under forces on some of the sensors.
 
-    Arguments and errors are those of `simulate`: `model`, `force`, `fs`, `drive_point`.
+    Arguments and errors are those of `simulate`: `model`, `force`, `fs`, `drive_point`, `displacement`, `velocity`.
     """
+    points = (drive_point,) if isinstance(drive_point, str) else tuple(drive_point)
     series = np.asarray(force, dtype=np.float64)
-    if series.ndim != 1 or series.size < 2 or not np.isfinite(series).all():
-        raise InputError(f"the force has shape {series.shape}: give one series of finite numbers, in N")
-    loads = force_projection(model.modes, drive_point)[:, None]
+    if isinstance(drive_point, str) and series.ndim == 1:
+        series = series[:, None]
+    if series.ndim != 2 or series.shape[1] != len(points) or len(series) < 2 or not np.isfinite(series).all():
+        needed = "one series" if len(points) == 1 else f"one column for each of {len(points)} drive points, a series"
+        raise InputError(f"the force has shape {np.shape(force)}: give {needed} of finite numbers, in N")
+    loads = np.stack([force_projection(model.modes, point) for point in points], axis=1)
     highest = 2 * np.pi * model.modes.frequency_hz.max()
     # With steps of at most 0.1 rad of the fastest mode, Runge-Kutta keeps its frequency to 1e-6.
     steps = max(1, int(np.ceil(highest / fs / 0.1)))
-    between = resampled(recording_from_arrays([series], ["force"], fs=fs, unit="N"), 2 * steps * fs)
-    n_half_steps = 2 * (series.size - 1) * steps + 1
+    names = [f"force {number + 1}" for number in range(len(points))]
+    between = resampled(recording_from_arrays(list(series.T), names, fs=fs, unit="N"), 2 * steps * fs)
+    n_half_steps = 2 * (len(series) - 1) * steps + 1
     return time_response(
         model.structure(),
         between.samples[:n_half_steps],
         fs=fs,
-        duration_s=series.size / fs,
+        duration_s=len(series) / fs,
+        initial_displacement=displacement,
+        initial_velocity=velocity,
         loads=loads,
         steps_per_sample=steps,
     )
 
 
-def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
+def truth_test(
+    model: NonlinearModalModel,
+    test: ModalTest,
+    *,
+    displacement: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+) -> TruthTest:
     """Return measured, nonlinear and linear accelerations side by side, with peak ratio and NRMSE for each sensor.
 
-    The measured force drives both models. All three are compared from 0.3 times the lowest to 1.25 times the highest
+    The measured forces drive both models. All three are compared from 0.3 times the lowest to 1.25 times the highest
     natural frequency of elastic modes. NRMSE is the rms of the error over the rms of the measurement.
 
     Args:
         model: the nonlinear modal model; the linear model has the modes of the test as they were given.
-        test: a test with a force.
+        test: a test with one force or several.
+        displacement: (n_modes,) modal displacement at the first sample, m kg^1/2; zero where left out.
+        velocity: (n_modes,) modal velocity at the first sample, m/s kg^1/2; zero where left out.
 
     Raises:
-        InputError: a test without a force, or a nonlinear model that grows without bound under it.
+        InputError: a test without a force, an initial condition that has not one number for each mode, or a nonlinear
+            model that grows without bound under the force.
     """
-    if test.force is None or test.drive_point is None:
+    if not test.forces:
         raise InputError(
             f"test {test.name!r} has no force: a truth test needs the force that drives both models, name its channel"
         )
     given = NonlinearModalModel(test.modes)
     sensors = list(test.sensors)
+    forces = np.stack([each.samples for each in test.forces], axis=1)
+    drive: Any = {
+        "fs": test.fs,
+        "drive_point": test.drive_points,
+        "displacement": displacement,
+        "velocity": velocity,
+    }
+    linear = simulate(given, forces, **drive)
     try:
-        nonlinear = simulate(model, test.force, fs=test.fs, drive_point=test.drive_point)
+        nonlinear = simulate(model, forces, **drive)
     except InputError as error:
         raise InputError(
             f"under the force of test {test.name!r} the nonlinear model is unstable: its polynomials were fitted at "
             f"lower amplitudes; fit tests of this level, or lower the orders ({error})"
         ) from error
-    linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
     # Above the band modes move that the models lack; below it sensors have offset and drift.
     top = MODAL.above_modes * float(test.modes.frequency_hz.max())
     elastic = test.modes.frequency_hz[test.modes.elastic]

@@ -139,7 +139,7 @@ def _describe_mode_of_decays(result: ModalIdentification, mode: int) -> dict[str
         **coefficients_json(stiffness, damping),
         **{name: asdict(getattr(law, name)) for name in ("friction", "slip", "slip_exponent")},
         **dict.fromkeys(("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass")),
-        **dict.fromkeys(("force_curves", "frequency_at_hz", "damping_at", "misfit")),
+        **dict.fromkeys(("force_curves", "frequency_at_hz", "damping_at", "misfit", "delay_s")),
         "tests": [decay.name for decay in result.decays if decay.mode == mode],
         "orders": [],
         "interactions": [],

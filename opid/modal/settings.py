@@ -58,6 +58,15 @@ class ModalThresholds:
     n_blocks: int = 5  # parts of a band that are left out in turn where there are fewer than three tests
     # range of the modal mass that tests may show; outside it, shapes or force have another unit
     mass_range: tuple[float, float] = (0.5, 2.0)
+    # Gauss-Newton steps for a delay of the accelerations: three are usual, and what takes more has another cause
+    most_delay_steps: int = 10
+    weighted_delay_steps: int = 3  # of these, the first ones that weigh the lines anew
+    # phase of the force, rad, that is added to the standard deviation of a delay as it is told: neighbours that leak
+    # through shapes with errors of 3 %, and joints that are no polynomial, made 0.2 to 4.6 mrad
+    delay_phase_std: float = 2e-3
+    # standard deviations from zero at which a delay of the accelerations is corrected: chance does that once in 16,000
+    # fits
+    delay_sigma: float = 4.0
     warned_mass: float = 0.05  # departure of the modal mass from 1 above which there is a warning
     # half width of a force curve's band at its end, over the force: if it is wider, the orders are too high
     widest_force: float = 0.3
@@ -161,6 +170,9 @@ class SimulationSettings:
     unbounded: float = 3.0  # errors of a model that grows without bound, over those of no motion at all
     # rms misfit of the powers over the noise, from which on friction and slip are tried: with the right law it is 1
     excess: float = 1.5
+    # misfit of other terms of the mode under test over that of the best ones, up to which they are tried again with the
+    # joint: without it they can hardly be told apart
+    own_rivals: float = 2.0
     # dry friction from which its search begins, over the force of the linear damping at the largest motion
     first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
     # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels

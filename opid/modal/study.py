@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -30,11 +30,16 @@ class StudyTest:
             compared mode by mode, "decay" for a free decay (no force), "resonance" for levels at phase
             resonance.
         mode: number of the nonlinear mode that the test excites, from 1; found from its response where None.
+        displacement: modal displacement at the first sample of a truth test by the number of the mode, m kg^1/2; modes
+            that are not named begin at zero.
+        velocity: modal velocity at the first sample, likewise, m/s kg^1/2.
     """
 
     test: ModalTest
     use: Use = "fit"
     mode: int | None = None
+    displacement: Mapping[int, float] = field(default_factory=dict)
+    velocity: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,8 @@ class ModalStudy:
         modes: linear modes of the structure, on which the model is built.
         nonlinear: numbers of the nonlinear modes, from 1; where empty, those that the level tests show.
         tests: the tests, each with the linear modes that belong to it.
-        drive_point: the sensor where the force acts; None where no test has a force.
+        drive_point: the sensor where the force acts in tests that name none of their own; the first one by which a
+            test is driven where None, and None where no test has a force.
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
         damping_order: N_d of every nonlinear mode, 1 for linear damping; chosen by cross-validation where None.
         free_linear: whether k0 and c0 are corrected in the fit; the data decide where None.
@@ -81,6 +87,9 @@ class ModalStudy:
         object.__setattr__(self, "tests", tuple(self.tests))
         object.__setattr__(self, "nonlinear", tuple(self.nonlinear))
         object.__setattr__(self, "curves", tuple(self.curves))
+        if self.drive_point is None:
+            points = [point for each in self.tests for point in each.test.drive_points]
+            object.__setattr__(self, "drive_point", points[0] if points else None)
         refuse(list(_find_faults(self)), self.source)
 
     def find_couplings(self, mode: int) -> tuple[Product, ...]:
@@ -132,13 +141,23 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
         name = each.test.name
         if each.use not in USES:
             yield f"test {name!r} has use = {each.use!r}, give one of {', '.join(USES)}"
-        if each.use in ("truth", "level", "resonance") and each.test.force is None:
+        if each.use in ("truth", "level", "resonance") and not each.test.forces:
             yield f"test {name!r} has use = {each.use!r} and no force, name the channel of its force"
-        if each.test.drive_point not in (None, study.drive_point):
-            drives = f"{each.test.drive_point!r} and the study at {study.drive_point!r}"
-            yield f"test {name!r} is driven at {drives}, name one"
-        if each.use == "fit" and each.test.force is None:
+        if each.use == "resonance" and len(each.test.forces) > 1:
+            yield (
+                f"test {name!r} has use = 'resonance' and {len(each.test.forces)} forces: one force is in phase with "
+                "the motion there, so give a test with one shaker"
+            )
+        if each.use == "fit" and not each.test.forces:
             yield f'test {name!r} has no force, name its channel or give use = "decay" for a free decay'
+        if each.use != "truth" and (each.displacement or each.velocity):
+            yield (
+                f"test {name!r} has use = {each.use!r} and an initial condition, which a simulation needs: give it to "
+                'a test with use = "truth" (free decays are followed from wherever they begin)'
+            )
+        for mode in {*each.displacement, *each.velocity}:
+            if not 1 <= mode <= study.modes.n_modes:
+                yield f"test {name!r} has an initial condition of mode {mode}, give 1 to {study.modes.n_modes}"
         if each.mode is not None and not 1 <= each.mode <= study.modes.n_modes:
             yield f"test {name!r} is for mode {each.mode}, give a number from 1 to {study.modes.n_modes}"
         elif each.mode is not None and each.mode not in study.nonlinear and study.nonlinear:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from opid import plots
+from opid.errors import list_names
 from opid.estimate import Estimate, format_number, format_percent
 from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import SystemFit
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
-from opid.modal.linear.modes import ModalTest
 from opid.modal.model import TruthTest
 from opid.modal.power_laws import unit_of
 from opid.modal.result import ModalIdentification
@@ -82,7 +82,8 @@ def build_document(result: ModalIdentification, truth: ModalTruth | None = None)
 def _say_basis(result: ModalIdentification) -> str:
     modes = result.modes
     rigid = modes.n_modes - int(np.count_nonzero(modes.elastic))
-    at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
+    points = list(dict.fromkeys(point for test in result.tests for point in test.drive_points))
+    at = f", force at {list_names(map(repr, points))}" if points else ", no force"
     return (
         f"{modes.n_modes} modes ({rigid} rigid), {len(modes.sensors)} sensors{at}; condition number of the shapes "
         f"{format_number(result.condition_number, 3)}."
@@ -110,8 +111,18 @@ def _tabulate_modes(result: ModalIdentification) -> Table:
         ),
         tuple(rows),
         note="Natural frequency and damping ratio at zero amplitude, and at the top, the largest modal displacement q "
-        "fitted.",
+        "fitted." + _say_delays(result),
     )
+
+
+def _say_delays(result: ModalIdentification) -> str:
+    told = [
+        f"{format_number(1e6 * fit.delay_s.value, 3)} us (mode {fit.mode}, standard deviation "
+        f"{format_number(1e6 * float(fit.delay_s.std or 0.0), 2)} us)"
+        for fit in result.fits
+        if fit.delay_s.value is not None
+    ]
+    return f" The accelerations come after the forces by {list_names(told)}." if told else ""
 
 
 def _tabulate_shifts(result: ModalIdentification) -> Table:
@@ -433,12 +444,10 @@ def _draw_indicators(result: ModalIdentification) -> Any:
 
 def _compute_measured_indicators(result: ModalIdentification) -> dict[str, ModeIndicator]:
     names = {name for shift in result.shifts for name in shift.levels}
-    tests = sorted((test for test in result.tests if test.name in names), key=_find_largest_force)
+    # A response belongs to one force.
+    single = [test for test in result.tests if test.name in names and len(test.forces) == 1]
+    tests = sorted(single, key=lambda test: float(np.abs(test.forces[0].samples).max()))
     return {test.name: cmif([measured_response([test])]) for test in tests}
-
-
-def _find_largest_force(test: ModalTest) -> float:
-    return 0.0 if test.force is None else float(np.abs(test.force).max())
 
 
 def _choose_sensors(result: ModalIdentification, test: TruthTest) -> list[str]:

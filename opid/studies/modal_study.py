@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,12 +29,13 @@ from opid.studies.schema import (
     derive_record,
     find_misspelt,
     format_toml,
+    load,
     read_tables,
     recast,
     require_plain,
     select_stated,
 )
-from opid.studies.study_file import MODAL_TESTS
+from opid.studies.study_file import MODAL_TESTS, kind_of
 
 LARGEST_CSV = 3_000_000
 """Logs with more values than this, some 60 MB of text, are written as HDF5 if h5py is installed."""
@@ -64,14 +65,26 @@ class _Test:
     name: str = ""
     use: Use | None = None
     force: Annotated[str | None, "the name of a channel in quotes"] = None
+    drive_point: Annotated[str | None, "the name of a sensor in quotes"] = None
+    forces: Mapping[str, Annotated[str, "the name of a sensor in quotes"]] = field(default_factory=dict)
     mode: Annotated[int | None, "the number of a mode, from 1"] = None
     modes: Annotated[str | None, "the name of a file in quotes"] = None
+    displacement: Mapping[int, float] = field(default_factory=dict)
+    velocity: Mapping[int, float] = field(default_factory=dict)
     start_s: float | None = None
     stop_s: float | None = None
 
     @property
     def label(self) -> str:
         return self.name or Path(self.log).stem
+
+    @property
+    def is_forced(self) -> bool:
+        return self.force is not None or bool(self.forces)
+
+    def place_forces(self, drive_point: str | None) -> dict[str, str | None]:
+        """Return the sensor at which each force acts, by its channel; of a single one, it may be that of the study."""
+        return {self.force: self.drive_point or drive_point} if self.force is not None else dict(self.forces)
 
 
 _Column = Annotated[str | int | _Channel | None, "the name of a column, its number or a table"]
@@ -123,9 +136,9 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     settings: dict[str, Any] = {"nonlinear": (), "drive_point": None} | beside | inside
     linear = modes.get(study.modes.file)
     if linear is not None:
-        faults += _check_drive_point(study, settings["drive_point"], linear)
+        faults += _check_drive_points(study, settings["drive_point"], linear)
         # Without this check a sensor whose name is misspelt would be left out silently.
-        known = [*linear.sensors, *dict.fromkeys(each.force for each in study.tests if each.force is not None)]
+        known = [*linear.sensors, *dict.fromkeys(name for each in study.tests for name in each.place_forces(None))]
         faults += [
             f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
             for name in study.channels
@@ -133,9 +146,7 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
         ]
     refuse(faults, source)
     assert linear is not None  # Otherwise the study has been refused.
-    channels = {
-        name: recast(ChannelSettings, tabulate_channel(_Channel, name, entry)) for name, entry in study.channels.items()
-    }
+    channels = _read_channels(study)
     tests = []
     for each in study.tests:
         say(each.log)
@@ -143,7 +154,7 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
             file = each.modes or study.modes.file
             test = _read_test(each, source.parent, modes[file], settings["drive_point"], study.log, channels)
             test = replace(test, recording=add_files(test.recording, source, source.parent / file))
-            tests.append(StudyTest(test, each.use or ("decay" if each.force is None else "fit"), each.mode))
+            tests.append(recast(StudyTest, each, test=test, use=each.use or ("fit" if each.is_forced else "decay")))
     curves = []
     for entry in study.curves:
         say(entry.file)
@@ -154,6 +165,36 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     refuse(faults, source)
     title = source.stem if study.title is None else study.title
     return ModalStudy(title, linear, tests=tuple(tests), curves=tuple(curves), source=source, **settings)
+
+
+def read_decays(path: Path, logs: Sequence[Path], say: Say) -> list[ModalTest]:
+    """Read logs of free decays with the modes, sensors and channels of a study file of modal tests.
+
+    Args:
+        path: the study file; the logs of its own tests are not read.
+        logs: the logs.
+        say: called with the name of each log as it is read.
+
+    Raises:
+        InputError: what is wrong with the tables or the modes of the study, or with a log; all logs at once.
+    """
+    document = load(path)
+    found = kind_of(document, path)
+    if found is not MODAL_TESTS:
+        raise InputError(f"{path} is a study of {found.subject}: give one of modal tests, which has a table [modes]")
+    study, faults = read_tables(_Study, document)
+    refuse(faults, path)
+    modes, channels = read_modes(path.parent / study.modes.file), _read_channels(study)
+    tests = []
+    for log in logs:
+        say(log.name)
+        with collect_faults(faults, f"{log}: "):
+            entry = _Test(log=str(log.absolute()), name=log.name, use="decay")
+            test = _read_test(entry, path.parent, modes, None, study.log, channels)
+            files = add_files(test.recording, path, path.parent / study.modes.file)
+            tests.append(replace(test, recording=files))
+    refuse(faults, path)
+    return tests
 
 
 def write_files(study: ModalStudy, directory: Path) -> str:
@@ -175,7 +216,11 @@ def write_files(study: ModalStudy, directory: Path) -> str:
         log = f"{test.name}{ending}"
         write_log(test.recording, directory / log)
         own = None if test.modes is study.modes else files[id(test.modes)]
-        entries.append(_Test(log=log, use=each.use, force=_find_force_channel(test), mode=each.mode, modes=own))
+        points = _list_forces(test)
+        force = next(iter(points)) if len(points) == 1 else None
+        point = points[force] if force is not None and points[force] != study.drive_point else None
+        forces = points if len(points) > 1 else {}
+        entries.append(recast(_Test, each, log=log, force=force, drive_point=point, forces=forces, modes=own))
     curves = []
     for curve in study.curves:
         write_curve(curve, directory / f"{curve.name}.csv")
@@ -190,15 +235,34 @@ def write_files(study: ModalStudy, directory: Path) -> str:
 # ---- tables -> tests -------------------------------------------------------------------------------
 
 
-def _check_drive_point(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
-    forced = [each.label for each in study.tests if each.force is not None] + [each.label for each in study.curves]
-    if drive_point is None and not forced:
-        return []
-    if drive_point is None:
-        return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"]
+def _read_channels(study: _Study) -> dict[str, ChannelSettings]:
+    return {
+        name: recast(ChannelSettings, tabulate_channel(_Channel, name, entry)) for name, entry in study.channels.items()
+    }
+
+
+def _check_drive_points(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
     faults: list[str] = []
-    with collect_faults(faults, "'drive_point': "):
-        modes.row(drive_point)
+    if drive_point is not None:
+        with collect_faults(faults, "'drive_point': "):
+            modes.row(drive_point)
+    without = [each.label for each in study.tests if None in each.place_forces(drive_point).values()]
+    without += [each.label for each in study.curves if drive_point is None]
+    if without:
+        faults.append(f"[modes] lacks 'drive_point', name the sensor at which the force of {without[0]!r} acts")
+    for each in study.tests:
+        if each.force is not None and each.forces:
+            faults.append(
+                f"test {each.label!r} has 'force' and 'forces', give one: forces names the sensor of each channel"
+            )
+        elif each.drive_point is not None and each.force is None:
+            faults.append(
+                f"test {each.label!r} has 'drive_point' and no 'force', name the channel of the force (in 'forces' "
+                "each channel has its sensor)"
+            )
+        for point in [*each.forces.values(), *([each.drive_point] if each.drive_point is not None else [])]:
+            with collect_faults(faults, f"test {each.label!r}: "):
+                modes.row(point)
     return faults
 
 
@@ -211,18 +275,18 @@ def _read_test(
     channels: Mapping[str, ChannelSettings],
 ) -> ModalTest:
     log = open_log(directory / entry.log, how)
-    force = entry.force
-    if force is None and entry.use is None and (seen := _find_channel(log, "N")):
+    points = {channel: point for channel, point in entry.place_forces(drive_point).items() if point is not None}
+    if not points and entry.use is None and (seen := _find_channel(log, "N")):
         raise InputError(
             f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
             "if nothing acts in the stretch that is used"
         )
-    wanted = _choose_channels(log, modes, force, channels)
+    wanted = _choose_channels(log, modes, list(points), channels)
     if entry.use == "resonance" and (voltage := _find_channel(log, "V")):
         wanted[voltage] = ChannelSettings(voltage)
     recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
     _require_alive(recording, modes)
-    return modal_test(recording, modes, name=entry.label, force=force, drive_point=drive_point)
+    return modal_test(recording, modes, name=entry.label, force=points)
 
 
 def _read_curve(entry: _Curve, directory: Path) -> ResponseCurve:
@@ -243,16 +307,16 @@ def _read_curve(entry: _Curve, directory: Path) -> ResponseCurve:
 
 
 def _choose_channels(
-    log: Log, modes: LinearModes, force: str | None, channels: Mapping[str, ChannelSettings]
+    log: Log, modes: LinearModes, forces: list[str], channels: Mapping[str, ChannelSettings]
 ) -> dict[str, ChannelSettings]:
-    """Return the channels of a test: the force, and the sensors of the shapes that the log has."""
+    """Return the channels of a test: the forces, and the sensors of the shapes that the log has."""
     names = [name for name in modes.sensors if name in channels or name in log.names]
     if not names:
         raise InputError(
             f"{log.path} has none of the sensors of the shapes ({', '.join(map(repr, modes.sensors[:4]))}, ...), but "
             f"{', '.join(map(repr, log.names[:4]))}: say in [channels] which is which"
         )
-    names += [force] if force is not None else []
+    names += forces
     wanted = {name: channels.get(name, ChannelSettings(name)) for name in names}
     require_distinct(log, wanted)
     return wanted
@@ -280,12 +344,12 @@ def _require_alive(recording: Recording, modes: LinearModes) -> None:
             )
 
 
-def _find_force_channel(test: ModalTest) -> str | None:
-    """Return the channel of a test that holds its force; None if there is no force."""
-    if test.force is None:
-        return None
-    recording = test.recording
-    for channel in recording.channels:
-        if channel.unit == "N" and (recording.channel(channel.name) == test.force).all():
-            return channel.name
-    raise InputError(f"test {test.name!r} has a force that is no channel of its recording: add it as a channel in N")
+def _list_forces(test: ModalTest) -> dict[str, str]:
+    """Return the sensor at which each force of a test acts, by the channel that holds it."""
+    for each in test.forces:
+        if each.channel not in test.recording.names:
+            raise InputError(
+                f"test {test.name!r} has a force {each.channel!r} that is no channel of its recording: add it as a "
+                "channel in N"
+            )
+    return {each.channel: each.drive_point for each in test.forces}

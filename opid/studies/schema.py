@@ -307,13 +307,20 @@ def format_toml(record: Any) -> str:
     plain, tables = {}, []
     for name, value in _make_plain(record).items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
-            tables += [f"\n[[{name}]]\n{tomli_w.dumps(each)}" for each in value]
+            tables += [f"\n[[{name}]]\n{_format_entry(name, each)}" for each in value]
         elif isinstance(value, dict):
             tables.append("\n" + tomli_w.dumps({name: value}))
         else:
             plain[name] = value
     text = tomli_w.dumps(plain) + "".join(tables)
     return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _join_lines, text)
+
+
+def _format_entry(name: str, entry: Mapping[str, Any]) -> str:
+    """Return one table of a list of tables as text; a table inside it has the name of the list in its header."""
+    inside = {key: value for key, value in entry.items() if isinstance(value, dict)}
+    text = tomli_w.dumps({key: value for key, value in entry.items() if key not in inside})
+    return text + "".join("\n" + tomli_w.dumps({name: {key: value}}) for key, value in inside.items())
 
 
 def _make_plain(value: Any) -> Any:

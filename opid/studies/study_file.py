@@ -146,12 +146,13 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     but `file` may stand beside the tables as well. A test gives `log` (path beside the study file), `force` (its
     channel; left out of a free decay), `use` ("fit", "truth", "level", "decay" or "resonance"; "fit" where left out,
     "decay" without a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the linear modes
-    that hold during this test), `start_s` and `stop_s`. `[log]` says how logs are to be read, `[channels.NAME]` what
-    their channels mean (the fields of `ChannelSettings`), where a channel is not called as its sensor. A table
-    `[[curves]]` for each stepped-sine response curve gives `file` (CSV, see `read_curve`), `sensor`, `force_n` (its
-    amplitude; left out where the file has a column of it), and optionally `mode`, `name`, `error_fraction`, and
-    `frequency`, `amplitude`, `phase` and `force`: the name of a column, or a table with `channel`, `unit` and `sign`. A
-    study with curves needs no tests.
+    that hold during this test), `drive_point` (of this test), `start_s` and `stop_s`. Several forces stand in `forces`
+    (channel = sensor) instead of `force`; `displacement` and `velocity` (mode = value) are the initial condition of a
+    truth test. `[log]` says how logs are to be read, `[channels.NAME]` what their channels mean (the fields of
+    `ChannelSettings`), where a channel is not called as its sensor. A table `[[curves]]` for each stepped-sine response
+    curve gives `file` (CSV, see `read_curve`), `sensor`, `force_n` (its amplitude; left out where the file has a column
+    of it), and optionally `mode`, `name`, `error_fraction`, and `frequency`, `amplitude`, `phase` and `force`: the name
+    of a column, or a table with `channel`, `unit` and `sign`. A study with curves needs no tests.
 
     **Backbones** (`UpdatingStudy`): `title`, `form` (of the likelihood), a table `[structure]`, one table
     `[[backbones]]` for each curve and one `[[classes]]` for each candidate law. `[structure]` gives `matrices` (a file,

@@ -156,15 +156,18 @@ def decay_of(
     damping_order: int | None = None,
     start_s: float | None = None,
     stop_s: float | None = None,
+    friction: bool | None = False,
+    memory: bool | None = False,
 ) -> Decay:
     """Return the free decay of one mode of a test, in modal coordinates, as `free_decay` does of a signal.
 
-    Its law has powers only, for these are what a nonlinear modal model is made of.
+    Its law has powers only where nothing else is asked for: these are what a nonlinear modal model is made of.
 
     Args:
         test: the test; a force in it is ignored, and must have ended.
         mode: number of the mode, from 1; it is searched near its linear frequency.
-        stiffness_order: order of the stiffness; it and `damping_order`, `start_s`, `stop_s` are those of `free_decay`.
+        stiffness_order: order of the stiffness; it and `damping_order`, `start_s`, `stop_s`, `friction`, `memory` are
+            those of `free_decay`.
 
     Raises:
         InputError: no such mode, a rigid-body mode, or what `free_decay` refuses.
@@ -181,6 +184,8 @@ def decay_of(
         damping_order=damping_order,
         start_s=start_s,
         stop_s=stop_s,
+        friction=friction,
+        memory=memory,
         name=test.name,
         mode=mode,
     )

@@ -23,7 +23,10 @@ from opid.modal.forced.mode_tests import (
 from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
+    add_delay_error,
+    correct_delay,
     fit_coefficients,
+    fit_delay,
     fit_modal_mass,
     is_linear_part_off,
     linearised,
@@ -100,6 +103,8 @@ class ModeFit:
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
+        delay_s: time by which the accelerations come after the forces, s, which the fit corrects where the data show it
+            (`correct_delay`); its interval also holds the phase of neighbours that leak through the modal filter.
         friction: dry friction F, N/kg^1/2, found by simulation; empty where there is none.
         slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi), likewise; see `JointTerms`.
         slip_exponent: chi of that joint; empty without one.
@@ -134,6 +139,12 @@ class ModeFit:
     friction: Estimate = ABSENT
     slip: Estimate = ABSENT
     slip_exponent: Estimate = ABSENT
+    delay_s: Estimate = ABSENT
+
+    @property
+    def is_delayed(self) -> bool:
+        """Whether the accelerations come before or after the forces beyond doubt."""
+        return abs(self.delay_s.value or 0.0) > MODAL.delay_sigma * (self.delay_s.std or 0.0)
 
     def joint_rows(self) -> Iterator[SummaryRow]:
         """Yield friction and slip as rows of a summary, where there are any."""
@@ -159,7 +170,8 @@ class ModeFit:
         """Return the fit as result.json holds it; `k` and `c` by power, as the paper calls them."""
         arranged = (
             *("stiffness", "damping", "stiffness_curve", "damping_curve"),
-            *("residual_fraction", "modal_mass", "orders", "interactions", "friction", "slip", "slip_exponent"),
+            *("residual_fraction", "modal_mass", "orders", "interactions", "delay_s"),
+            *("friction", "slip", "slip_exponent"),
         )
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
@@ -168,6 +180,7 @@ class ModeFit:
             **coefficients_json(self.stiffness, self.damping),
             **{name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")},
             "modal_mass": asdict(self.modal_mass),
+            "delay_s": asdict(self.delay_s),
             "force_curves": {
                 "stiffness": self.stiffness_curve.as_json("displacement"),
                 "damping": self.damping_curve.as_json("velocity"),
@@ -212,6 +225,8 @@ def fit_mode(
     refuse([fault for faults, _ in checks for fault in faults], None)
     of_shapes = [check_shapes(test, mode, band) for test in tests]
     refuse([fault for faults, _ in of_shapes for fault in faults], None)
+    delay = fit_delay(lines)
+    lines, delay_left_s = correct_delay(lines, delay)
     mass = fit_modal_mass(lines)
     _require_mass(mass, mode, tests[0])
 
@@ -221,8 +236,8 @@ def fit_mode(
     if free_linear is None and is_linear_part_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
         free = True
         tried, chosen = _choose_orders(lines, given, free)
-    found = fit_coefficients(lines, **chosen, free_linear=free)
-    fit = _make_mode_fit(tests, mode, lines, band, found, mass, tried)
+    found = add_delay_error(fit_coefficients(lines, **chosen, free_linear=free), lines, delay_left_s)
+    fit = replace(_make_mode_fit(tests, mode, lines, band, found, mass, tried), delay_s=_widen_delay(delay, lines))
     loudest = int(np.argmax([each.largest_q for each in lines]))
     warnings = [warning for _, of_test in checks for warning in of_test]
     warnings += warn_of_rates(tests, mode)
@@ -230,6 +245,14 @@ def fit_mode(
     interactions = tuple(find_interactions(tests[loudest], mode, band))
     warnings += [each.sentence for each in interactions]
     return replace(fit, interactions=interactions, warnings=(*warnings, *_warn_of_fit(fit)))
+
+
+def _widen_delay(delay: Estimate, lines: Sequence[ModeLines]) -> Estimate:
+    """Return a delay with the phase that neighbours make as they leak through the modal filter in its interval."""
+    if delay.value is None:
+        return delay
+    leaks_s = MODAL.delay_phase_std / np.sqrt(lines[0].linear[0])
+    return Estimate.normal(delay.value, float(np.hypot(delay.std or 0.0, leaks_s)))
 
 
 def _choose_orders(
@@ -335,6 +358,14 @@ def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
         yield (
             f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it must "
             "be 1: the amplitudes are wrong, too; check the scale of its shape and of the force, and the drive point"
+        )
+    if fit.is_delayed:
+        late_s, std_s = float(fit.delay_s.value or 0.0), float(fit.delay_s.std or 0.0)
+        side = "after" if late_s > 0 else "before"
+        yield (
+            f"mode {fit.mode}: the accelerations come {1e6 * abs(late_s):.3g} us {side} the forces (standard deviation "
+            f"{1e6 * std_s:.2g} us), which the fit corrects: look for a filter in one of the channels, or for two "
+            "recorders"
         )
     for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):
         largest = np.abs(curve.force).max()

@@ -185,34 +185,41 @@ def _try_form(
 
 def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: list[_Trial]) -> None:
     """Try a joint that stretches with all modes, further terms of it, and all products of its degree."""
-    product, value = own.form.products[0], float(own.vector[alone.size])
-    degree = len(product.modes)
-    n_others = len(own.form.modes) - 1
-    form = replace(own.form, products=(), joint=((False, degree),))
-    best: list[FittedForm] = []
-    signs = {tuple(np.sign(each)) for each in combine(SIMULATED.first_ratios, repeat=n_others)}
-    for sign in sorted(signs):
-        # The first product of the joint is that which is known: value = amount * ratio.
+    degree, n_others = len(own.form.products[0].modes), len(own.form.modes) - 1
+    rivals = [each.found for each in trials if _may_be_own(each.found, own)]
+    joint = replace(own.form, products=(), joint=((False, degree),))
+    first = len(trials)
+    for sign in sorted({tuple(np.sign(each)) for each in combine(SIMULATED.first_ratios, repeat=n_others)}):
+        # The first product of the joint is that which is known: its value is the amount times the ratio.
         starts = [
-            np.concatenate([alone, [value / np.prod(each)], each])
+            np.concatenate([alone, [float(own.vector[alone.size]) / np.prod(each)], each])
             for each in combine(SIMULATED.first_ratios, repeat=n_others)
             if tuple(np.sign(each)) == sign
         ]
-        size = len(trials)
-        _try_form(system, form, min(starts, key=lambda start: find_misfit(system, form, start)), trials)
-        best += [each.found for each in trials[size:]]
-    if not best:
+        _try_form(system, joint, min(starts, key=lambda start: find_misfit(system, joint, start)), trials)
+    if len(trials) == first:
         return
-    joint = min(best, key=lambda each: find_rms(each.missed))
+    best = min(trials[first:], key=lambda each: find_rms(each.found.errors)).found
+    # With the joint other terms of the mode under test may be the better ones.
+    for rival in rivals:
+        form = replace(rival.form, products=(), joint=joint.joint)
+        start = np.concatenate([rival.vector[: -len(rival.form.products)], best.vector[alone.size :]])
+        _try_form(system, form, start, trials, is_near=True)
+    best = _choose(trials[first:]).found
+    n = best.form.size - len(best.form.joint) - n_others
     for further in ((False, next(each for each in DEGREES if each != degree)), (True, 4)):
-        wider = replace(form, joint=(*form.joint, further))
-        n = alone.size + len(form.joint)
-        _try_form(system, wider, np.insert(joint.vector, n, 0.0), trials, is_near=True)
-    every = tuple(list_products(own.form.modes, degree))
-    start = [joint.values.couplings[each] / system.measure_product(each) for each in every]
-    _try_form(
-        system, replace(form, products=every, joint=()), np.concatenate([joint.vector[: alone.size], start]), trials
-    )
+        wider = replace(best.form, joint=(*best.form.joint, further))
+        _try_form(system, wider, np.insert(best.vector, n + len(best.form.joint), 0.0), trials, is_near=True)
+    every = tuple(list_products(best.form.modes, degree))
+    amounts = [best.values.couplings[each] / system.measure_product(each) for each in every]
+    form = replace(best.form, products=every, joint=())
+    _try_form(system, form, np.concatenate([best.vector[:n], amounts]), trials, is_near=True)
+
+
+def _may_be_own(found: FittedForm, own: FittedForm) -> bool:
+    """Return whether a form with the same products, but other terms of the mode under test, may be the better one."""
+    is_other = found is not own and found.form.products == own.form.products
+    return is_other and find_rms(found.errors) < SIMULATED.own_rivals * find_rms(own.errors)
 
 
 def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
@@ -401,10 +408,13 @@ def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterato
         )
     if not found.minimum.is_converged:
         yield f"the search for the law of {names} did not come to an end: use its values with care"
-    for coupling in fit.couplings:
-        value, std = float(coupling.coefficient.value or 0.0), float(coupling.coefficient.std or 0.0)
-        if abs(value) < 2 * std:
-            yield f"the coupling {coupling.product.name} cannot be told from zero by these tests"
+    small = [
+        each.product.name
+        for each in fit.couplings
+        if abs(float(each.coefficient.value or 0.0)) < 2 * float(each.coefficient.std or 0.0)
+    ]
+    if small:
+        yield f"these tests cannot tell the coupling(s) {', '.join(small)} from zero"
 
 
 def _warn_of_scales(system: System, found: FittedForm) -> Iterator[str]:

@@ -123,7 +123,7 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
     the nearest force is returned. Over a narrow band m and k of such a mode cannot be distinguished; `modal_mass` is
     then the m that another test shows.
     """
-    if test.force is None or test.drive_point is None:
+    if not test.forces:
         raise InputError(
             f"test {test.name!r} has no force: levels are compared by response over force, so name the force channel"
         )
@@ -145,7 +145,7 @@ def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = No
     high = max(min((1 + MODAL.searched) * given_hz, 0.49 * test.fs, (given_hz + above) / 2), given_hz)
     searched = lines.around(given_hz, min(given_hz - low, high - given_hz))
     nothing = LinearFit(Estimate(), Estimate(), lines.peak(searched), (low, high))
-    if test.modes.row(test.drive_point)[index] == 0 or searched.sum() < MODAL.fewest_lines:
+    if not lines.force.any() or searched.sum() < MODAL.fewest_lines:
         return nothing
     ratio, zeta = _find_oscillator(lines.equation(searched).least_squares(modal_mass)) or (0.0, 0.0)
     centre = ratio * given_hz

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import fft
 
 from opid.errors import InputError, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
@@ -175,6 +176,21 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
 
 
 @dataclass(frozen=True, eq=False)
+class AppliedForce:
+    """A measured force and the place where it acts.
+
+    Args:
+        channel: the channel of the recording that holds it.
+        drive_point: the sensor where and in whose direction it acts.
+        samples: (n,) the force, N.
+    """
+
+    channel: str
+    drive_point: str
+    samples: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class ModalTest:
     """One test in modal coordinates, and as it was measured.
 
@@ -182,17 +198,30 @@ class ModalTest:
         name: the name of the test.
         recording: the recording of the sensors and, where there is one, of the force.
         acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
-        force: (n,) force at the drive point, N; None for a free decay.
+        forces: the forces that act, one for each shaker; none in a free decay.
         modes: linear modes that belong to this test.
-        drive_point: the sensor where the force acts; None for a free decay.
     """
 
     name: str
     recording: Recording
     acceleration: FloatArray
-    force: FloatArray | None
+    forces: tuple[AppliedForce, ...]
     modes: LinearModes
-    drive_point: str | None
+
+    @property
+    def force(self) -> FloatArray | None:
+        """(n,) the force of a test with one, N; None in a free decay. InputError for several forces."""
+        return self._find_only_force().samples if self.forces else None
+
+    @property
+    def drive_point(self) -> str | None:
+        """The sensor where the force of a test with one acts; None in a free decay. InputError for several forces."""
+        return self._find_only_force().drive_point if self.forces else None
+
+    @property
+    def drive_points(self) -> tuple[str, ...]:
+        """The sensors where the forces act, one for each force."""
+        return tuple(each.drive_point for each in self.forces)
 
     @property
     def fs(self) -> float:
@@ -214,14 +243,30 @@ class ModalTest:
         return self.acceleration[:, self.modes.index(mode)]
 
     def modal_force(self, mode: int) -> FloatArray:
-        """(n,) f_q of a mode counted from 1, N/kg^1/2; zero in a free decay."""
-        if self.force is None or self.drive_point is None:
-            return 0.0 * self.modal_acceleration(mode)
-        return self.modes.row(self.drive_point)[self.modes.index(mode)] * self.force
+        """(n,) f_q of a mode counted from 1, N/kg^1/2: the sum of phi_d f over the forces; zero in a free decay."""
+        index = self.modes.index(mode)
+        total = np.zeros(len(self.acceleration))
+        for each in self.forces:
+            total += self.modes.row(each.drive_point)[index] * each.samples
+        return total
+
+    def _find_only_force(self) -> AppliedForce:
+        if len(self.forces) > 1:
+            channels = list_names(repr(each.channel) for each in self.forces)
+            raise InputError(
+                f"test {self.name!r} has {len(self.forces)} forces ({channels}) "
+                "where one is needed, for a response to a single force: give a test with one shaker"
+            )
+        return self.forces[0]
 
 
 def modal_test(
-    recording: Recording, modes: LinearModes, *, name: str, force: str | None = None, drive_point: str | None = None
+    recording: Recording,
+    modes: LinearModes,
+    *,
+    name: str,
+    force: str | Mapping[str, str] | None = None,
+    drive_point: str | None = None,
 ) -> ModalTest:
     """Return a recording in modal coordinates.
 
@@ -230,8 +275,9 @@ def modal_test(
             ignored. Sensors that it lacks are left out of the shapes, too, if the others can still separate the modes.
         modes: linear modes that describe the structure during this test.
         name: the name of the test.
-        force: channel of the force, in N; None for a free decay.
-        drive_point: the sensor where and in whose direction the force acts; needed with a force.
+        force: channel of the force, in N; None for a free decay. Of several forces, the sensor where and in whose
+            direction each acts, by the name of its channel.
+        drive_point: the sensor where and in whose direction a single force acts; needed with the name of its channel.
 
     Raises:
         InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force channel with
@@ -256,17 +302,31 @@ def modal_test(
                 "acceleration or a velocity is needed: give its unit in [channels]"
             )
     recording = with_accelerations(recording, sensors)
-    if force is not None:
-        _require_force(recording, modes, name, force, drive_point)
+    points = _place_forces(name, force, drive_point)
+    for channel, point in points.items():
+        modes.row(point)
+        check_force(recording, channel, name)
     accelerations = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
     return ModalTest(
         name=name,
         recording=recording,
         acceleration=accelerations @ modal_filter(with_sensors(modes, sensors)).T,
-        force=None if force is None else recording.channel(force),
+        forces=tuple(AppliedForce(each, point, recording.channel(each)) for each, point in points.items()),
         modes=modes,
-        drive_point=drive_point if force is not None else None,
     )
+
+
+def delay_forces(test: ModalTest, delay_s: float) -> ModalTest:
+    """Return a test whose forces come later by a time, s; both ends of the forces should be quiet.
+
+    Args:
+        test: a test with forces.
+        delay_s: the time by which its accelerations come after its forces.
+    """
+    n = len(test.acceleration)
+    turn = np.exp(-2j * np.pi * fft.rfftfreq(n, 1 / test.fs) * delay_s)
+    late = [replace(each, samples=fft.irfft(turn * fft.rfft(each.samples), n)) for each in test.forces]
+    return replace(test, forces=tuple(late))
 
 
 def _to_real(name: str, given: ArrayLike) -> FloatArray:
@@ -316,11 +376,13 @@ def with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recordin
     return replace(recording, samples=samples, channels=tuple(channels), history=history)
 
 
-def _require_force(recording: Recording, modes: LinearModes, name: str, force: str, drive_point: str | None) -> None:
+def _place_forces(name: str, force: str | Mapping[str, str] | None, drive_point: str | None) -> Mapping[str, str]:
+    """Return the drive point of each force by the name of its channel."""
+    if not isinstance(force, str):
+        return force or {}
     if drive_point is None:
         raise InputError(f"test {name!r} has a force and no drive point: name the sensor at which the force acts")
-    modes.row(drive_point)
-    check_force(recording, force, name)
+    return {force: drive_point}
 
 
 def check_force(recording: Recording, force: str, name: str) -> None:
