@@ -199,7 +199,15 @@ def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path):
     text = page.read_text(encoding="utf-8")
     names = set(re.findall(r'data-chart="(\w+)"', text))
     assert names == {
-        *("auto_mac", "mode_indicators", "level_shifts", "mode_3_tests", "mode_3_force", "mode_3_orders"),
+        *(
+            "auto_mac",
+            "mode_indicators",
+            "level_shifts",
+            "mode_3_tests",
+            "mode_3_force",
+            "mode_3_orders",
+            "modes_3_4_laws",
+        ),
         *("decay_1", "truth_test_1", "truth_test_1_errors"),
     }
     assert text.count('data-chart="') == len(names) == len(said)

@@ -13,7 +13,7 @@ shows there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -113,6 +113,15 @@ class SystemValues:
     couplings: Mapping[Product, float]
     ratios: Mapping[int, float]
     scales: Mapping[int, float]
+
+    @property
+    def labels(self) -> list[Hashable]:
+        """What each value of `flatten` is, alike in all forms that have it."""
+        found: list[Hashable] = []
+        for mode, each in self.own.items():
+            found += [("k", mode, n) for n in each.stiffness] + [("c", mode, n) for n in each.damping]
+            found += [(name, mode) for name in ("friction", "slip", "exponent")]
+        return [*found, *self.couplings, *(("ratio", mode) for mode in self.ratios)]
 
     def flatten(self) -> FloatArray:
         """Return all values in one vector."""
@@ -288,6 +297,13 @@ class FittedForm:
     def vector(self) -> FloatArray:
         """(p,) the coefficients in the units of the system."""
         return self.minimum.vector
+
+    @property
+    def score(self) -> float:
+        """Minus twice the logarithm of the likelihood, whose noise is the rms of what is left, of each test and mode."""
+        return sum(
+            2.0 * each.size * float(np.log(np.mean(np.abs(each) ** 2))) for row in self.minimum.left for each in row
+        )
 
     @property
     def std(self) -> FloatArray:

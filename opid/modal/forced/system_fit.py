@@ -158,15 +158,21 @@ class _Trial:
 
 
 def _choose(trials: Sequence[_Trial]) -> _Trial:
-    errors = {index: each.found.errors for index, each in enumerate(trials)}
-    return trials[choose_simplest(errors, {index: each.found.form.size for index, each in enumerate(trials)})]
+    return trials[choose_simplest(*_list_errors(trials))]
 
 
-def _list_rivals(trials: Sequence[_Trial], chosen: _Trial) -> list[_Trial]:
-    """Return other ends of the search of the same form that explain the tests as well."""
-    same = {index: each.found.errors for index, each in enumerate(trials) if each.terms == chosen.terms}
-    near = list_near(same, {index: trials[index].found.form.size for index in same})
-    return [trials[index] for index in near if trials[index] is not chosen]
+def _list_errors(trials: Sequence[_Trial]) -> tuple[dict[int, FloatArray], dict[int, int]]:
+    """Return errors and numbers of coefficients of the trials, by their index.
+
+    Ends of the search of one form are compared by their likelihood, in which the loudest test counts, and the unlikely
+    ones are left out.
+    """
+    least = {each.terms: min(other.found.score for other in trials if other.terms == each.terms) for each in trials}
+    likely = {
+        index: each for index, each in enumerate(trials) if each.found.score <= least[each.terms] + MODAL.rival_score
+    }
+    errors = {index: each.found.errors for index, each in likely.items()}
+    return errors, {index: each.found.form.size for index, each in likely.items()}
 
 
 def _try_form(
@@ -199,7 +205,7 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
         _try_form(system, joint, min(starts, key=lambda start: find_misfit(system, joint, start)), trials)
     if len(trials) == first:
         return
-    best = min(trials[first:], key=lambda each: find_rms(each.found.errors)).found
+    best = min(trials[first:], key=lambda each: each.found.score).found
     # With the joint other terms of the mode under test may be the better ones.
     for rival in rivals:
         form = replace(rival.form, products=(), joint=joint.joint)
@@ -295,11 +301,10 @@ def _name_terms(form: SystemForm) -> str:
 
 def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial) -> SystemFit:
     found = refine_form(system, chosen.found)
-    rivals = _list_rivals(trials, chosen)
-    for rival in rivals:
-        apart = rival.found.values.flatten() - chosen.found.values.flatten()
-        found = replace(found, covariance=found.covariance + np.outer(apart, apart))
-    found = replace(found, covariance=found.covariance + np.diag(_find_model_errors(found) ** 2))
+    near = list_near(*_list_errors(trials))
+    spread = _find_spread(chosen.found, [trials[index].found for index in near])
+    found = replace(found, covariance=found.covariance + np.diag(spread**2 + _find_model_errors(found) ** 2))
+    has_rivals = any(trials[index].terms == chosen.terms and trials[index] is not chosen for index in near)
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
     for mode, values in found.values.own.items():
@@ -320,8 +325,30 @@ def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _T
     driven = {mode: (each[0], each[1]) for mode, each in estimates.items() if mode != fit.mode}
     updated = _update_mode_fit(fit, found, estimates[fit.mode])
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
-    warnings = [*_warn_of_fit(made, found, len(rivals) > 0), *_warn_of_scales(system, found)]
+    warnings = [*_warn_of_fit(made, found, has_rivals), *_warn_of_scales(system, found)]
     return replace(made, warnings=tuple(warnings))
+
+
+def _find_spread(chosen: FittedForm, near: Sequence[FittedForm]) -> FloatArray:
+    """Return how far forms that explain the tests as well put the values of the chosen one, rms.
+
+    Each value is weighted by its variance in its form: a form that leaves a value open says little against another.
+    """
+    values, labels = chosen.values.flatten(), chosen.values.labels
+    has_std = chosen.std > 0.0
+    squares = np.zeros(values.size)
+    weights = np.where(has_std, 1.0 / np.where(has_std, chosen.std, 1.0) ** 2, np.inf)
+    for each in near:
+        if each is chosen:
+            continue
+        place = {label: index for index, label in enumerate(each.values.labels)}
+        theirs = each.values.flatten()
+        for index, label in enumerate(labels):
+            if label in place and each.std[place[label]] > 0.0:
+                weight = 1.0 / each.std[place[label]] ** 2
+                squares[index] += weight * (theirs[place[label]] - values[index]) ** 2
+                weights[index] += weight
+    return np.sqrt(squares / weights)
 
 
 def _find_model_errors(found: FittedForm) -> FloatArray:
