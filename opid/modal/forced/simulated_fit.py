@@ -300,10 +300,9 @@ class FittedForm:
 
     @property
     def score(self) -> float:
-        """Minus twice the logarithm of the likelihood, whose noise is the rms of what is left, of each test and mode."""
-        return sum(
-            2.0 * each.size * float(np.log(np.mean(np.abs(each) ** 2))) for row in self.minimum.left for each in row
-        )
+        """Minus twice the logarithm of the likelihood; the noise of each test and mode is the rms of what is left."""
+        left = [each for row in self.minimum.left for each in row]
+        return sum(2.0 * each.size * float(np.log(np.mean(np.abs(each) ** 2))) for each in left)
 
     @property
     def std(self) -> FloatArray:
