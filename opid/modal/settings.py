@@ -157,9 +157,9 @@ MODAL = ModalThresholds()
 class SimulationSettings:
     """How laws are fitted by simulating the tests."""
 
-    # largest step, in rad of the fastest mode: Runge-Kutta then keeps its frequency to 1e-5, a hundredth of a
-    # bandwidth; forms are compared with longer steps, whose error of 1e-4 they share
-    step_rad: float = 0.2
+    # largest step, in rad of the fastest mode: Runge-Kutta then keeps its frequency to 2e-6, which is less than tests
+    # tell; forms are compared with longer steps, whose error of 1e-4 they share
+    step_rad: float = 0.12
     first_step_rad: float = 0.35
     # steps of a search while forms are compared, and of the last one for the form that is chosen
     first_steps: int = 10
