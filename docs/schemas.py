@@ -24,7 +24,7 @@ from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
 from opid.modal.forced.mode_fit import ModeFit
-from opid.modal.forced.system_fit import SystemFit
+from opid.modal.forced.system_fit import DrivenLaw, SystemFit
 from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
@@ -397,11 +397,8 @@ def _system() -> Json:
         {"modes": array({"type": "integer"}), "of_velocity": {"type": "boolean"}, "unit": TEXT}
         | {"coefficient": ESTIMATE}
     )
-    by_mode = {
-        "driven": table(keys({"k": ESTIMATE, "c": ESTIMATE})),
-        "ratios": table(ESTIMATE),
-        "missed": table(NUMBER),
-    }
+    law = fields_of(DrivenLaw, "friction", "slip", "slip_exponent", "largest") | _powers()
+    by_mode = {"driven": table(keys(law)), "ratios": table(ESTIMATE), "missed": table(NUMBER)}
     own = fields_of(SystemFit, "modes", "trials", "warnings")
     return keys(own | {"couplings": array(coupling)} | by_mode)
 

@@ -10,7 +10,7 @@ from opid.modal.couplings import Coupling, Product
 from opid.modal.decay.free_decay import decay_of
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
-from opid.modal.forced.system_fit import LawTrial, SystemFit
+from opid.modal.forced.system_fit import DrivenLaw, LawTrial, SystemFit
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, condition_number, modal_test
 from opid.modal.model import NonlinearModalModel, simulate, truth_test
@@ -95,7 +95,11 @@ def small_system():
     return SystemFit(
         modes=(SOFT, 4),
         fit=small_fit(),
-        driven={4: (Estimate.normal(12.0, 30.0), Estimate.normal(0.01, 0.02))},
+        driven={
+            4: DrivenLaw(
+                {1: Estimate.normal(12.0, 30.0)}, {1: Estimate.normal(0.01, 0.02)}, *[Estimate()] * 3, largest=2e-4
+            )
+        },
         couplings=(Coupling(Product((SOFT, SOFT, 4)), Estimate.normal(2e7, 1e5)),),
         ratios={4: Estimate.normal(1.6, 0.02)},
         missed={SOFT: 0.004, 4: 0.006},

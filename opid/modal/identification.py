@@ -123,8 +123,13 @@ def make_model(
     }
     for system in systems:
         if _is_fitted_to(system.fit, modes):
-            corrections |= {mode: (k.value or 0.0, c.value or 0.0) for mode, (k, c) in system.driven.items()}
+            corrections |= {
+                mode: (_read_linear(law.stiffness), _read_linear(law.damping)) for mode, law in system.driven.items()
+            }
     joints = {fit.mode: fit.joint for fit in fits}
+    for system in systems:
+        laws |= {mode: law.law for mode, law in system.driven.items() if law.law.terms}
+        joints |= {mode: law.joint for mode, law in system.driven.items()}
     for mode, law in (decay_laws or {}).items():
         if mode not in laws:
             laws[mode], joints[mode] = law.law, law.joint

@@ -93,7 +93,14 @@ def make_joint(friction: Estimate, slip: Estimate, exponent: Estimate, largest: 
 
 
 def joint_rows(friction: Estimate, slip: Estimate, exponent: Estimate, name: str = "") -> Iterator[SummaryRow]:
-    """Yield friction, slip and its exponent as rows of a summary, those that have a value."""
+    """Yield friction, slip and its exponent as rows of a summary, those that have a value.
+
+    Args:
+        friction: dry friction, N/kg^1/2.
+        slip: R of an Iwan joint, in SI.
+        exponent: chi of that joint.
+        name: what stands before their names.
+    """
     for label, estimate, unit in (
         ("friction", friction, "N/kg^1/2"),
         ("slip", slip, "SI"),

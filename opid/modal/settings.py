@@ -175,6 +175,7 @@ class SimulationSettings:
     own_rivals: float = 2.0
     # dry friction from which its search begins, over the force of the linear damping at the largest motion
     first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
+    first_slip: float = 0.3  # likewise the force of slip, from which the search for that of a driven mode begins
     # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels
     # of zero and of a thousandth of the largest displacement it differs by this
     friction_std: float = 0.003

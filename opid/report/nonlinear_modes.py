@@ -14,6 +14,7 @@ from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import SystemFit
+from opid.modal.joint_terms import joint_rows
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
 from opid.modal.model import TruthTest
 from opid.modal.power_laws import unit_of
@@ -228,10 +229,12 @@ def _list_system_rows(system: SystemFit) -> Iterator[Row]:
         yield build_estimate_row(each.product.name, each.product.unit, each.coefficient)
     for mode, ratio in system.ratios.items():
         yield build_estimate_row(f"q{mode} / q{system.modes[0]}", "1", ratio)
-    for mode, (stiffness, damping) in system.driven.items():
-        if stiffness.std is not None:
-            yield build_estimate_row(f"k1, q{mode}", unit_of("k", 1), stiffness)
-            yield build_estimate_row(f"c1, q{mode}", unit_of("c", 1), damping)
+    for mode, law in system.driven.items():
+        for letter, estimates in (("k", law.stiffness), ("c", law.damping)):
+            for power, estimate in estimates.items():
+                yield build_estimate_row(f"{letter}{power}, q{mode}", unit_of(letter, power), estimate)
+        for row in joint_rows(law.friction, law.slip, law.slip_exponent):
+            yield build_estimate_row(f"{row.name.replace('_', ' ')}, q{mode}", row.unit, row.estimate)
 
 
 def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth | None) -> Iterator[Row]:

@@ -244,7 +244,7 @@ def fit_mode(
     warnings += of_shapes[loudest][1]
     interactions = tuple(find_interactions(tests[loudest], mode, band))
     warnings += [each.sentence for each in interactions]
-    return replace(fit, interactions=interactions, warnings=(*warnings, *_warn_of_fit(fit)))
+    return replace(fit, interactions=interactions, warnings=(*warnings, *warn_of_fit(fit)))
 
 
 def _widen_delay(delay: Estimate, lines: Sequence[ModeLines]) -> Estimate:
@@ -352,7 +352,8 @@ def _make_curve(
     return ForceCurve(position, force, force - half, force + half, corrected * position)
 
 
-def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
+def warn_of_fit(fit: ModeFit) -> Iterator[str]:
+    """Yield warnings about the law of a mode: its modal mass, the width of its force curves, and what it leaves."""
     value, std = float(fit.modal_mass.value or 0.0), float(fit.modal_mass.std or 0.0)
     if abs(value - 1) > max(MODAL.warned_mass, 4 * std):
         yield (

@@ -130,14 +130,15 @@ def fit_delay(lines: Sequence[ModeLines]) -> Estimate:
     With accelerations that are tau late, f_q exp(-j omega tau) takes the place of f_q, and the equation gets the column
     j omega f_q. It is fitted with a free modal mass and free terms up to the third power. At resonance the phase of a
     force is also that of its damping: the two differ by how they depend on the frequency, so a delay is known as well
-    as the band has lines beside the resonance. From three tests on, the standard deviation is at least what the answers
-    without each of them show (the jackknife of Tukey 1958): a law that is no polynomial bends the phase of each level
-    in another way. Where the steps do not converge nothing is stated.
+    as the band has lines beside the resonance. The standard deviation is at least what the answers without each test
+    show (the jackknife of Tukey 1958): a law that is no polynomial bends the phase of each level in another way, which
+    with fewer than three tests looks like a delay. Then, and where the steps do not converge, nothing is stated.
     """
+    if len(lines) < 3:
+        return Estimate()
     delay_s, std = _fit_delay(lines)
-    if len(lines) >= 3:
-        without = [_fit_delay([other for other in lines if other is not each])[0] for each in lines]
-        std = max(std, float(np.sqrt((len(lines) - 1) * np.var(without))))
+    without = [_fit_delay([other for other in lines if other is not each])[0] for each in lines]
+    std = max(std, float(np.sqrt((len(lines) - 1) * np.var(without))))
     return Estimate.normal(delay_s, std) if np.isfinite([delay_s, std]).all() else Estimate()
 
 

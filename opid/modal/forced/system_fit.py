@@ -18,9 +18,10 @@ from scipy import fft
 
 from opid.errors import InputError
 from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law
 from opid.modal.couplings import DEGREES, Coupling, Product, list_products
 from opid.modal.forced.equation import Powers, mode_lines
-from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.mode_fit import ModeFit, warn_of_fit
 from opid.modal.forced.mode_tests import Interaction
 from opid.modal.forced.restoring_fit import choose_simplest, find_rms, linearised, list_near
 from opid.modal.forced.simulated_fit import (
@@ -34,12 +35,49 @@ from opid.modal.forced.simulated_fit import (
     make_system,
     refine_form,
 )
-from opid.modal.joint_terms import slip_softening
+from opid.modal.joint_terms import ModalJoint, make_joint, slip_softening
 from opid.modal.linear.modes import ModalTest
+from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DrivenLaw:
+    """The law of a driven mode by itself.
+
+    Args:
+        stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
+        damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
+        friction: dry friction F, N/kg^1/2; empty where there is none.
+        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi); empty without one.
+        slip_exponent: chi of that joint; empty without one.
+        largest: its largest displacement in the tests, m kg^1/2.
+    """
+
+    stiffness: Mapping[int, Estimate]
+    damping: Mapping[int, Estimate]
+    friction: Estimate
+    slip: Estimate
+    slip_exponent: Estimate
+    largest: float
+
+    @property
+    def law(self) -> Law:
+        """The nonlinear restoring force of the powers 2 and up."""
+        return make_fitted_law(self.stiffness, self.damping)
+
+    @property
+    def joint(self) -> ModalJoint:
+        """Friction and slip, ready to be simulated."""
+        return make_joint(self.friction, self.slip, self.slip_exponent, self.largest)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the law as result.json holds it."""
+        joint = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
+        return {**coefficients_json(self.stiffness, self.damping), **joint, "largest": self.largest}
 
 
 @dataclass(frozen=True)
@@ -60,7 +98,7 @@ class SystemFit:
     Args:
         modes: numbers of the modes, the one under test first.
         fit: the mode under test, with the law that was chosen.
-        driven: corrections of k0, 1/s^2, and c0, 1/s, of each other mode, by its number.
+        driven: the law of each other mode by itself, by its number.
         couplings: the products by which the modes drive each other; empty for one mode.
         ratios: where one joint explains the couplings, how far it is stretched by a unit of each other mode, over that
             of the first mode; empty otherwise.
@@ -71,7 +109,7 @@ class SystemFit:
 
     modes: tuple[int, ...]
     fit: ModeFit
-    driven: Mapping[int, tuple[Estimate, Estimate]]
+    driven: Mapping[int, DrivenLaw]
     couplings: tuple[Coupling, ...]
     ratios: Mapping[int, Estimate]
     missed: Mapping[int, float]
@@ -88,7 +126,7 @@ class SystemFit:
         return {
             "modes": self.modes,
             "couplings": [each.as_json() for each in self.couplings],
-            "driven": {str(mode): {"k": asdict(k), "c": asdict(c)} for mode, (k, c) in self.driven.items()},
+            "driven": {str(mode): law.as_json() for mode, law in self.driven.items()},
             "ratios": {str(mode): asdict(each) for mode, each in self.ratios.items()},
             "missed": {str(mode): each for mode, each in self.missed.items()},
             "trials": [asdict(each) for each in self.trials],
@@ -212,6 +250,18 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
         start = np.concatenate([rival.vector[: -len(rival.form.products)], best.vector[alone.size :]])
         _try_form(system, form, start, trials, is_near=True)
     best = _choose(trials[first:]).found
+    for mode in best.form.modes[1:]:
+        # A driven mode may slip or bend, too.
+        place = sum(best.form.own[each].size for each in best.form.modes[: best.form.modes.index(mode)])
+        n_k, terms = len(best.form.own[mode].powers.k), best.form.own[mode]
+        bent = replace(terms, powers=replace(terms.powers, k=(*terms.powers.k, 3)))
+        for changed, at, more in (
+            (bent, place + n_k, [0.0]),
+            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, -0.5]),
+        ):
+            form = replace(best.form, own=dict(best.form.own) | {mode: changed})
+            _try_form(system, form, np.insert(best.vector, at, more), trials, is_near=True)
+    best = _choose(trials[first:]).found
     n = best.form.size - len(best.form.joint) - n_others
     for further in ((False, next(each for each in DEGREES if each != degree)), (True, 4)):
         wider = replace(best.form, joint=(*best.form.joint, further))
@@ -281,7 +331,8 @@ def _is_determined(found: FittedForm) -> bool:
         first += size
         if terms.has_friction and value[0] < MODAL.joint_sigma * std[0]:
             return False
-        if terms.has_slip and (value[1] <= 0.0 or std[2] > MODAL.widest_exponent):
+        is_at_end = min(abs(value[2] - end) for end in MODAL.slip_exponents) < 1e-3
+        if terms.has_slip and (value[1] <= 0.0 or is_at_end or std[2] > MODAL.widest_exponent):
             return False
     return True
 
@@ -322,7 +373,8 @@ def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _T
         for each in trials
     )
     missed = dict(zip(system.numbers, found.missed.tolist(), strict=True))
-    driven = {mode: (each[0], each[1]) for mode, each in estimates.items() if mode != fit.mode}
+    at = dict(zip(system.numbers, system.largest.tolist(), strict=True))
+    driven = {mode: _make_law(found, mode, each, at[mode]) for mode, each in estimates.items() if mode != fit.mode}
     updated = _update_mode_fit(fit, found, estimates[fit.mode])
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
     warnings = [*_warn_of_fit(made, found, has_rivals), *_warn_of_scales(system, found)]
@@ -359,6 +411,19 @@ def _find_model_errors(found: FittedForm) -> FloatArray:
         first += len(values.flatten())
         errors[first - 3] = SIMULATED.friction_std * values.joint.friction
     return errors
+
+
+def _make_law(found: FittedForm, mode: int, estimates: list[Estimate], largest: float) -> DrivenLaw:
+    terms = found.form.own[mode]
+    n_k, n = len(terms.powers.k), len(terms.powers.k) + len(terms.powers.c)
+    return DrivenLaw(
+        dict(zip(terms.powers.k, estimates, strict=False)),
+        dict(zip(terms.powers.c, estimates[n_k:], strict=False)),
+        estimates[n] if terms.has_friction else Estimate(),
+        estimates[n + 1] if terms.has_slip else Estimate(),
+        estimates[n + 2] if terms.has_slip else Estimate(),
+        largest,
+    )
 
 
 def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
@@ -400,7 +465,7 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
     damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
     with np.errstate(divide="ignore", invalid="ignore"):
         damping = damping + np.where(amplitude > 0, joint.find_damping(amplitude) / omega, 0.0)
-    return replace(
+    updated = replace(
         fit,
         stiffness_order=terms.powers.orders[0],
         damping_order=terms.powers.orders[1],
@@ -416,8 +481,10 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
         frequency_at_hz=omega / (2 * np.pi),
         damping_at=damping / np.maximum(2 * omega, 1e-300),
         interactions=(),
-        warnings=tuple(text for text in fit.warnings if text not in {each.sentence for each in fit.interactions}),
     )
+    outdated = {*warn_of_fit(fit), *(each.sentence for each in fit.interactions)}
+    kept = [text for text in fit.warnings if text not in outdated]
+    return replace(updated, warnings=(*kept, *warn_of_fit(updated)))
 
 
 def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterator[str]:
