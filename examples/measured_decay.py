@@ -16,10 +16,13 @@ import opid
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("log", type=Path, help="a log of the blow and of what rings after it")
+    parser.add_argument("log", type=Path, nargs="?", help="a log of the blow and of what rings after it")
     parser.add_argument("--channel", default="acc1", help="the channel that shows the mode best")
     parser.add_argument("--out", type=Path, default=Path("measured_decay_result"))
     options = parser.parse_args()
+    if options.log is None:
+        print("give a log of a free decay, HammerImpact.mat of BRBtesting for example: there is none in the project")
+        return
 
     # 1. the signal of one sensor; read_log has the units of the file
     recording = opid.read_log(options.log)
