@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import product as combine
 from typing import Any
@@ -185,8 +186,16 @@ def fit_system(
             f"no law of mode {fit.mode} could be simulated in tests {', '.join(repr(test.name) for test in tests)}: "
             "its start is too far off; give tests at lower levels, too"
         )
+    chosen = _choose(trials)
+    ends = [chosen.found]
+    if chosen.found.form.joint:
+        # The form was found with one sign of its joint; the mirrored one may explain the tests as well, or better.
+        with suppress(InputError):
+            ends.append(fit_form(system, chosen.found.form, _mirror(chosen.found), is_near=True))
     finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
-    return _make_fit(finer, fit, trials, _choose(trials))
+    ends = sorted((refine_form(finer, each) for each in ends), key=lambda each: each.score)
+    likely = [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
+    return _make_fit(finer, fit, trials, chosen, likely)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,17 +209,9 @@ def _choose(trials: Sequence[_Trial]) -> _Trial:
 
 
 def _list_errors(trials: Sequence[_Trial]) -> tuple[dict[int, FloatArray], dict[int, int]]:
-    """Return errors and numbers of coefficients of the trials, by their index.
-
-    Ends of the search of one form are compared by their likelihood, in which the loudest test counts, and the unlikely
-    ones are left out.
-    """
-    least = {each.terms: min(other.found.score for other in trials if other.terms == each.terms) for each in trials}
-    likely = {
-        index: each for index, each in enumerate(trials) if each.found.score <= least[each.terms] + MODAL.rival_score
-    }
-    errors = {index: each.found.errors for index, each in likely.items()}
-    return errors, {index: each.found.form.size for index, each in likely.items()}
+    """Return errors and numbers of coefficients of the trials, by their index."""
+    errors = {index: each.found.errors for index, each in enumerate(trials)}
+    return errors, {index: each.found.form.size for index, each in enumerate(trials)}
 
 
 def _try_form(
@@ -350,12 +351,30 @@ def _name_terms(form: SystemForm) -> str:
     return "; ".join(names or ["linear"])
 
 
-def _make_fit(system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial) -> SystemFit:
-    found = refine_form(system, chosen.found)
-    near = list_near(*_list_errors(trials))
-    spread = _find_spread(chosen.found, [trials[index].found for index in near])
+def _mirror(found: FittedForm) -> FloatArray:
+    """Return the start whose joint is stretched in the opposite direction by the other modes.
+
+    The mode under test then moves the other way, which its own terms do not feel, so that the coefficients of odd
+    degrees change their sign, too.
+    """
+    vector = found.vector.copy()
+    n_others = len(found.form.modes) - 1
+    first = vector.size - n_others - len(found.form.joint)
+    for index, (_, degree) in enumerate(found.form.joint):
+        vector[first + index] *= (-1) ** degree
+    vector[-n_others:] *= -1.0
+    return vector
+
+
+def _make_fit(
+    system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial, likely: Sequence[FittedForm]
+) -> SystemFit:
+    """Return the fit of the first of the likely ends of the search of the chosen form."""
+    found, has_rivals = likely[0], len(likely) > 1
+    near = [trials[index] for index in list_near(*_list_errors(trials))]
+    others = [each.found for each in near if each.terms != chosen.terms]
+    spread = _find_spread(found, [*others, *likely])
     found = replace(found, covariance=found.covariance + np.diag(spread**2 + _find_model_errors(found) ** 2))
-    has_rivals = any(trials[index].terms == chosen.terms and trials[index] is not chosen for index in near)
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
     for mode, values in found.values.own.items():
