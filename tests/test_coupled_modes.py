@@ -98,9 +98,7 @@ def test_sliders_have_the_stiffness_and_the_loss_of_the_joint(exponent):
     force = force_of(joint.sliders, q, start)[0] - joint.stuck_stiffness * q
     first = 2 * np.mean(force * np.exp(-1j * phase)) / 0.8
     assert first.real == pytest.approx(-3.0 * slip_softening(exponent) * 0.8 ** (1 + exponent), rel=0.02)
-    assert -first.imag == pytest.approx(-3.0 * slip_damping(exponent) * 0.8 ** (1 + exponent), rel=0.03) or (
-        first.imag == pytest.approx(3.0 * slip_damping(exponent) * 0.8 ** (1 + exponent), rel=0.03)
-    )
+    assert abs(first.imag) == pytest.approx(3.0 * slip_damping(exponent) * 0.8 ** (1 + exponent), rel=0.03)
 
 
 def make_beats(model, levels, *, noise=0.01, seed=0):
@@ -185,7 +183,8 @@ def test_no_coupling_is_asked_for(beats):
 def test_modes_that_do_not_interact_have_no_coupling():
     beats = make_beats(NonlinearModalModel(MODES, {}, {1: SLIPPING}), LEVELS)
     found = identify_modes(make_study(beats))
-    assert all(not system.couplings for system in found.systems)
+    assert len(found.systems) == 1
+    assert not found.systems[0].couplings
     assert found.fits[0].slip.value is not None
 
 
@@ -194,12 +193,7 @@ def test_a_shape_that_is_too_large_is_told(beats):
     modes = replace(MODES, shapes=MODES.shapes * np.array([1.0, 1.2]))
     wrong = [modal_test(each.recording, modes, name=each.name, force="force", drive_point="a") for each in beats[:-1]]
     found = identify_modes(replace(make_study(beats[:-1]), modes=modes, tests=make_study(wrong).tests))
-    first = Product((1, 1, 2))
-    for system in found.systems:
-        for each in system.couplings:
-            if each.product == first and not system.warnings:
-                # The equation of mode 2 gives k / 1.2, that of mode 1 gives 1.2 k.
-                assert each.coefficient.holds(JOINT[first] / 1.2) or each.coefficient.holds(JOINT[first] * 1.2)
+    assert any("times what its pull on the other mode asks for" in text for text in found.all_warnings)
 
 
 @pytest.mark.parametrize(

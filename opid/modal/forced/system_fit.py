@@ -309,7 +309,6 @@ def _choose_band(test: ModalTest, mode: int) -> tuple[float, float]:
 def _guess_product(tests: Sequence[ModalTest], bands: Mapping[int, tuple[float, float]], product: Product) -> float:
     """Return a product's coefficient by the equation of its last mode in the quietest test."""
     driven = product.modes[-1]
-    lines = mode_lines(tests[0], driven, bands[driven])
     best, least = 0.0, np.inf
     for test in tests:
         lines = mode_lines(test, driven, bands[driven])
@@ -372,7 +371,7 @@ def _make_fit(
     """Return the fit of the first of the likely ends of the search of the chosen form."""
     found, has_rivals = likely[0], len(likely) > 1
     near = [trials[index] for index in list_near(*_list_errors(trials))]
-    others = [each.found for each in near if each.terms != chosen.terms]
+    others = [each.found for each in near if each.found.form != chosen.found.form]
     spread = _find_spread(found, [*others, *likely])
     found = replace(found, covariance=found.covariance + np.diag(spread**2 + _find_model_errors(found) ** 2))
     std = iter(found.std.tolist())
