@@ -10,18 +10,9 @@ from scipy.special import beta
 
 from opid.estimate import Estimate
 from opid.mechanics.structure import Sliders
+from opid.modal.settings import SIMULATED
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
-
-N_SLIDERS = 60
-"""Jenkins elements of a simulated joint; with 24, responses differed by 0.1 %, and couplings of modes by 0.2 %."""
-
-SMALLEST_TRAVEL, LARGEST_TRAVEL = 3e-3, 2.0
-"""Slip travels of the first and the last element, over the largest displacement of the tests; what would slip beyond
-stays stuck, for no test shows it."""
-
-FRICTION_TRAVEL = 1e-3
-"""Travel before dry friction slides, over the largest displacement: a step in the force needs endless stiffness."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +60,7 @@ class ModalJoint:
         """The joint as Jenkins elements; None without any term. `stuck_stiffness` of k0 is theirs."""
         stiffness, slip_force = self._spread()
         if self.terms.friction > 0.0:
-            stiffness = np.append(stiffness, self.terms.friction / (FRICTION_TRAVEL * self.largest))
+            stiffness = np.append(stiffness, self.terms.friction / (SIMULATED.friction_travel * self.largest))
             slip_force = np.append(slip_force, self.terms.friction)
         return Sliders(stiffness, slip_force) if stiffness.size else None
 
@@ -82,7 +73,7 @@ class ModalJoint:
         """Return stiffness and slip force of the elements, (n,) each; both are exact in each range of travels."""
         if not self.terms.slip > 0.0:
             return np.zeros(0), np.zeros(0)
-        edges = self.largest * np.concatenate([[0.0], np.geomspace(SMALLEST_TRAVEL, LARGEST_TRAVEL, N_SLIDERS)])
+        edges = self.largest * np.concatenate([[0.0], np.geomspace(*SIMULATED.slip_travels, SIMULATED.sliders)])
         first, second = self.terms.exponent + 1.0, self.terms.exponent + 2.0
         return self.terms.slip / first * np.diff(edges**first), self.terms.slip / second * np.diff(edges**second)
 

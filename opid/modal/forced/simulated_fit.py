@@ -6,7 +6,7 @@ mean of mode j, which shifts its frequency. A simulation has all of that. So the
 drive the model, and its modal accelerations are fitted to the measured ones, on the lines of the bands of the modes, by
 nonlinear least squares (an output-error fit; Ljung 1999, System Identification, section 4.3).
 
-Every line of a mode and test has the same weight, the rms of what that fit leaves there. The intervals hold what noise
+Every line of a mode and test is divided by the rms of what that fit leaves there. The intervals hold what noise
 leaves, with correlated neighbouring lines, and what changes when a test is left out: a law that is wrong at some level
 shows there.
 """

@@ -346,7 +346,7 @@ def _name_terms(form: SystemForm) -> str:
         own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
         names += [f"mode {mode}: {' + '.join(own)}"] if own else []
     names += [", ".join(each.name for each in form.products)] if form.products else []
-    names += [f"joint {'c' if of_velocity else 'k'} z^{degree}" for of_velocity, degree in form.joint]
+    names += [f"joint c z'^{degree}" if of_velocity else f"joint k z^{degree}" for of_velocity, degree in form.joint]
     return "; ".join(names or ["linear"])
 
 
@@ -373,7 +373,10 @@ def _make_fit(
     near = [trials[index] for index in list_near(*_list_errors(trials))]
     others = [each.found for each in near if each.found.form != chosen.found.form]
     spread = _find_spread(found, [*others, *likely])
-    found = replace(found, covariance=found.covariance + np.diag(spread**2 + _find_model_errors(found) ** 2))
+    freed = _free_scales(system, found)
+    by_scale = _find_error_by_scale(found, freed) if freed else 0.0
+    more = spread**2 + _find_model_errors(found) ** 2 + by_scale**2
+    found = replace(found, covariance=found.covariance + np.diag(more))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
     for mode, values in found.values.own.items():
@@ -395,7 +398,7 @@ def _make_fit(
     driven = {mode: _make_law(found, mode, each, at[mode]) for mode, each in estimates.items() if mode != fit.mode}
     updated = _update_mode_fit(fit, found, estimates[fit.mode])
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
-    warnings = [*_warn_of_fit(made, found, has_rivals), *_warn_of_scales(system, found)]
+    warnings = [*_warn_of_fit(made, found, has_rivals), *(_warn_of_scales(freed) if freed else ())]
     return replace(made, warnings=tuple(warnings))
 
 
@@ -447,6 +450,7 @@ def _make_law(found: FittedForm, mode: int, estimates: list[Estimate], largest: 
 def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
     """Return the fit of the mode under test with the law by simulation."""
     terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
+    explained = {mode for each in found.values.couplings for mode in each.modes}
     n_k, n = len(values.stiffness), len(values.stiffness) + len(values.damping)
     covariance, vector = found.covariance[: n + 3, : n + 3], np.array(values.flatten())
     k, c, joint = terms.powers.k, terms.powers.c, values.joint
@@ -498,9 +502,9 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
         damping_curve=curves[1],
         frequency_at_hz=omega / (2 * np.pi),
         damping_at=damping / np.maximum(2 * omega, 1e-300),
-        interactions=(),
+        interactions=tuple(each for each in fit.interactions if each.other not in explained),
     )
-    outdated = {*warn_of_fit(fit), *(each.sentence for each in fit.interactions)}
+    outdated = {*warn_of_fit(fit), *(each.sentence for each in fit.interactions if each.other in explained)}
     kept = [text for text in fit.warnings if text not in outdated]
     return replace(updated, warnings=(*kept, *warn_of_fit(updated)))
 
@@ -529,21 +533,37 @@ def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterato
         yield f"these tests cannot tell the coupling(s) {', '.join(small)} from zero"
 
 
-def _warn_of_scales(system: System, found: FittedForm) -> Iterator[str]:
-    """Warn of driven modes whose motion is measured too large or small, so that no potential fits both equations.
+def _free_scales(system: System, found: FittedForm) -> FittedForm | None:
+    """Return the fit in which the measured motion of each driven mode has a scale of its own; None without couplings.
 
-    No force shows their modal mass, but what they pull back does: the motion of each gets a scale of its own.
+    No force shows the modal mass of a driven mode, but what it pulls back does: with a wrong shape no potential fits
+    both equations.
     """
     if not found.values.couplings:
-        return
-    form = replace(found.form, has_scales=True)
+        return None
     ones = np.ones(len(system.numbers) - 1)
-    try:
-        freed = fit_form(system, form, np.concatenate([found.vector, ones]), is_near=True)
-    except InputError:
-        return
-    for (mode, scale), std in zip(freed.values.scales.items(), freed.std[-ones.size :], strict=True):
-        if abs(scale - 1) > max(MODAL.warned_mass, MODAL.joint_sigma * float(std)):
+    with suppress(InputError):
+        return fit_form(system, replace(found.form, has_scales=True), np.append(found.vector, ones), is_near=True)
+    return None
+
+
+def _list_wrong_scales(freed: FittedForm) -> dict[int, tuple[float, float]]:
+    """Return the scales that are not 1 beyond doubt, with their standard deviations, by the number of the mode."""
+    std = freed.std[-len(freed.values.scales) :].tolist()
+    found = {mode: (scale, own) for (mode, scale), own in zip(freed.values.scales.items(), std, strict=True)}
+    return {mode: each for mode, each in found.items() if abs(each[0] - 1) > MODAL.joint_sigma * each[1]}
+
+
+def _find_error_by_scale(found: FittedForm, freed: FittedForm) -> FloatArray | float:
+    """Return how far a scale that is not 1 beyond doubt moves the values, flattened."""
+    values = found.values.flatten()
+    return freed.values.flatten()[: values.size] - values if _list_wrong_scales(freed) else 0.0
+
+
+def _warn_of_scales(freed: FittedForm) -> Iterator[str]:
+    """Warn of driven modes whose motion is measured too large or too small."""
+    for mode, (scale, std) in _list_wrong_scales(freed).items():
+        if abs(scale - 1) > MODAL.warned_mass:
             yield (
                 f"the motion of mode {mode} is {scale:.3g} times what its pull on the other mode asks for (standard "
                 f"deviation {std:.1g}): its shape may be {1 / scale:.3g} times too large, and the couplings are wrong "
