@@ -13,6 +13,7 @@ from opid.mechanics.structure import force_of
 from opid.modal.couplings import Product, expand_joint, list_products, make_joints
 from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
 from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.forced.system_fit import fit_system
 from opid.modal.identification import identify_modes
 from opid.modal.joint_terms import JointTerms, ModalJoint, slip_damping, slip_softening
 from opid.modal.linear.modes import LinearModes, modal_test
@@ -140,6 +141,7 @@ def identified(beats):
 def test_the_joint_between_modes_is_found(identified):
     (system,) = identified.systems
     assert system.modes == (1, 2)
+    assert not system.warnings
     found = {each.product: each.coefficient for each in system.couplings}
     assert set(found) == set(JOINT)
     for product, truth in JOINT.items():
@@ -178,6 +180,15 @@ def test_no_coupling_is_asked_for(beats):
     found = identify_modes(make_study(beats[:3], couplings=(), stiffness_order=3, damping_order=3))
     assert found.systems == ()
     assert any("the modes interact" in text for text in found.all_warnings)
+
+
+def test_an_interaction_that_no_coupling_explains_stays_a_warning(beats):
+    """A law of mode 1 alone does not explain mode 2, and that is still told."""
+    alone = fit_mode(beats[:3], 1)
+    found = fit_system(beats[:3], alone)
+    assert found.modes == (1,)
+    assert found.fit.interactions == alone.interactions != ()
+    assert alone.interactions[0].sentence in found.fit.warnings
 
 
 def test_modes_that_do_not_interact_have_no_coupling():

@@ -18,7 +18,7 @@ from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
-from opid.modal.forced.simulated_fit import correct_modes
+from opid.modal.forced.system import correct_modes
 from opid.modal.forced.system_fit import SystemFit, fit_system
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, with_sensors

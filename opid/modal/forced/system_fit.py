@@ -1,17 +1,14 @@
-"""Which terms a mode, or several modes that drive each other, need beyond powers: friction, slip and couplings.
+"""The law of a mode, or of several modes that drive each other, with friction, slip and couplings beyond powers.
 
-Every form of the law is fitted by simulation (`simulated_fit`), and judged as the orders of a single mode are: by its
-error on tests that are left out in turn. The fewest coefficients are chosen whose error is within one standard error
-and 1 % of the least one.
+Of the forms that were tried (`form_search`) the simplest good one is fitted to convergence, and becomes the law of the
+mode under test, of the modes that it drives, and of their couplings.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from itertools import product as combine
 from typing import Any
 
 import numpy as np
@@ -20,29 +17,24 @@ from scipy import fft
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
-from opid.modal.couplings import DEGREES, Coupling, Product, list_products
-from opid.modal.forced.equation import Powers, mode_lines
+from opid.modal.couplings import Coupling, Product
+from opid.modal.forced.equation import mode_lines
+from opid.modal.forced.form_search import Trial, choose_trial, list_errors, mirror, try_forms
 from opid.modal.forced.mode_fit import ModeFit, warn_of_fit
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.restoring_fit import choose_simplest, find_rms, linearised, list_near
+from opid.modal.forced.restoring_fit import find_rms, linearised, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
-    ModeTerms,
-    System,
-    SystemForm,
     differentiate,
-    find_misfit,
     fit_form,
-    make_system,
     refine_form,
 )
-from opid.modal.joint_terms import ModalJoint, make_joint, slip_softening
+from opid.modal.forced.system import System, make_system
+from opid.modal.joint_terms import ModalJoint, make_joint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -163,139 +155,26 @@ def fit_system(
     }
     largest = {mode: max(mode_lines(test, mode, band).largest_q for test in tests) for mode, band in bands.items()}
     system = make_system(tests, bands, largest, step_rad=SIMULATED.first_step_rad)
-    trials: list[_Trial] = []
-    others = {
-        mode: ModeTerms(Powers((1,), (1,)) if free_linear else Powers((), ())) for mode in bands if mode != fit.mode
-    }
     first = tuple(products) if products is not None else tuple(each.product for each in interactions)
     guesses = np.array([_guess_product(tests, bands, each) / system.measure_product(each) for each in first])
-    rest = np.zeros(2 * free_linear * len(others))
-    for terms, starts in _list_own(system, fit, search_own, free_linear):
-        form = SystemForm({fit.mode: terms} | others, first)
-        whole = [np.concatenate([start, rest, guesses]) for start in starts]
-        start = min(whole, key=lambda each: find_misfit(system, form, each))
-        _try_form(system, form, start, trials, is_near=terms.has_friction)
-    if first and trials:
-        own = _choose(trials).found
-        alone = own.vector[: own.form.size - len(first)]
-        _try_form(system, SystemForm(own.form.own), alone, trials, is_near=True)
-        if products is None:
-            _search_joint(system, own, alone, trials)
+    trials = try_forms(
+        system, fit, first, guesses, has_joint=products is None, search_own=search_own, free_linear=free_linear
+    )
     if not trials:
         raise InputError(
             f"no law of mode {fit.mode} could be simulated in tests {', '.join(repr(test.name) for test in tests)}: "
             "its start is too far off; give tests at lower levels, too"
         )
-    chosen = _choose(trials)
+    chosen = choose_trial(trials)
     ends = [chosen.found]
     if chosen.found.form.joint:
         # The form was found with one sign of its joint; the mirrored one may explain the tests as well, or better.
         with suppress(InputError):
-            ends.append(fit_form(system, chosen.found.form, _mirror(chosen.found), is_near=True))
+            ends.append(fit_form(system, chosen.found.form, mirror(chosen.found), is_near=True))
     finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
     ends = sorted((refine_form(finer, each) for each in ends), key=lambda each: each.score)
     likely = [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
     return _make_fit(finer, fit, trials, chosen, likely)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    terms: str
-    found: FittedForm
-
-
-def _choose(trials: Sequence[_Trial]) -> _Trial:
-    return trials[choose_simplest(*_list_errors(trials))]
-
-
-def _list_errors(trials: Sequence[_Trial]) -> tuple[dict[int, FloatArray], dict[int, int]]:
-    """Return errors and numbers of coefficients of the trials, by their index."""
-    errors = {index: each.found.errors for index, each in enumerate(trials)}
-    return errors, {index: each.found.form.size for index, each in enumerate(trials)}
-
-
-def _try_form(
-    system: System, form: SystemForm, start: FloatArray, trials: list[_Trial], *, is_near: bool = False
-) -> None:
-    """Fit a form and add it to the trials, unless it cannot be simulated or its joint is not determined."""
-    try:
-        found = fit_form(system, form, start, is_near=is_near)
-    except InputError as error:
-        logger.info("%s: %s", _name_terms(form), error)
-        return
-    logger.info("%s: left out %.3g, missed %s", _name_terms(form), find_rms(found.errors), found.missed)
-    if _is_determined(found):
-        trials.append(_Trial(_name_terms(form), found))
-
-
-def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: list[_Trial]) -> None:
-    """Try a joint that stretches with all modes, further terms of it, and all products of its degree."""
-    degree, n_others = len(own.form.products[0].modes), len(own.form.modes) - 1
-    rivals = [each.found for each in trials if _may_be_own(each.found, own)]
-    joint = replace(own.form, products=(), joint=((False, degree),))
-    first = len(trials)
-    for sign in sorted({tuple(np.sign(each)) for each in combine(SIMULATED.first_ratios, repeat=n_others)}):
-        # The first product of the joint is that which is known: its value is the amount times the ratio.
-        starts = [
-            np.concatenate([alone, [float(own.vector[alone.size]) / np.prod(each)], each])
-            for each in combine(SIMULATED.first_ratios, repeat=n_others)
-            if tuple(np.sign(each)) == sign
-        ]
-        _try_form(system, joint, min(starts, key=lambda start: find_misfit(system, joint, start)), trials)
-    if len(trials) == first:
-        return
-    best = min(trials[first:], key=lambda each: each.found.score).found
-    # With the joint other terms of the mode under test may be the better ones.
-    for rival in rivals:
-        form = replace(rival.form, products=(), joint=joint.joint)
-        start = np.concatenate([rival.vector[: -len(rival.form.products)], best.vector[alone.size :]])
-        _try_form(system, form, start, trials, is_near=True)
-    best = _choose(trials[first:]).found
-    for mode in best.form.modes[1:]:
-        # A driven mode may slip or bend, too.
-        place = sum(best.form.own[each].size for each in best.form.modes[: best.form.modes.index(mode)])
-        n_k, terms = len(best.form.own[mode].powers.k), best.form.own[mode]
-        bent = replace(terms, powers=replace(terms.powers, k=(*terms.powers.k, 3)))
-        for changed, at, more in (
-            (bent, place + n_k, [0.0]),
-            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, -0.5]),
-        ):
-            form = replace(best.form, own=dict(best.form.own) | {mode: changed})
-            _try_form(system, form, np.insert(best.vector, at, more), trials, is_near=True)
-    best = _choose(trials[first:]).found
-    n = best.form.size - len(best.form.joint) - n_others
-    for further in ((False, next(each for each in DEGREES if each != degree)), (True, 4)):
-        wider = replace(best.form, joint=(*best.form.joint, further))
-        _try_form(system, wider, np.insert(best.vector, n + len(best.form.joint), 0.0), trials, is_near=True)
-    every = tuple(list_products(best.form.modes, degree))
-    amounts = [best.values.couplings[each] / system.measure_product(each) for each in every]
-    form = replace(best.form, products=every, joint=())
-    _try_form(system, form, np.concatenate([best.vector[:n], amounts]), trials, is_near=True)
-
-
-def _may_be_own(found: FittedForm, own: FittedForm) -> bool:
-    """Return whether a form with the same products, but other terms of the mode under test, may be the better one."""
-    is_other = found is not own and found.form.products == own.form.products
-    return is_other and find_rms(found.errors) < SIMULATED.own_rivals * find_rms(own.errors)
-
-
-def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
-    """Yield the terms that the mode under test may have by itself, and their starts, (n_starts, n) each."""
-    force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
-    powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
-    start = [float(each.value or 0.0) * a**n / force for n, each in fit.stiffness.items()]
-    start += [float(each.value or 0.0) * v**n / force for n, each in fit.damping.items()]
-    yield ModeTerms(powers), np.array([start])
-    if not search:
-        return
-    k0 = float(system.modes.stiffness()[0])
-    softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
-    slip = max(softer * a / force / slip_softening(-0.5), 0.1)
-    linear = (1,) if free_linear else ()
-    for k in (linear, (*linear, 3)):
-        zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
-        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in SIMULATED.first_frictions])
-        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in MODAL.first_exponents[::2]])
 
 
 def _choose_band(test: ModalTest, mode: int) -> tuple[float, float]:
@@ -322,55 +201,12 @@ def _guess_product(tests: Sequence[ModalTest], bands: Mapping[int, tuple[float, 
     return best
 
 
-def _is_determined(found: FittedForm) -> bool:
-    """Return whether friction and slip stand out of their standard deviations, and the exponent is known."""
-    first = 0
-    for terms, values in zip(found.form.own.values(), found.values.own.values(), strict=True):
-        size = len(values.flatten())
-        value, std = np.array(values.flatten())[-3:], found.std[first + size - 3 : first + size]
-        first += size
-        if terms.has_friction and value[0] < MODAL.joint_sigma * std[0]:
-            return False
-        is_at_end = min(abs(value[2] - end) for end in MODAL.slip_exponents) < 1e-3
-        if terms.has_slip and (value[1] <= 0.0 or is_at_end or std[2] > MODAL.widest_exponent):
-            return False
-    return True
-
-
-def _name_terms(form: SystemForm) -> str:
-    """Return the terms of a form beside the linear ones, for a table."""
-    names = []
-    for mode, terms in form.own.items():
-        k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
-        powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
-        own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
-        names += [f"mode {mode}: {' + '.join(own)}"] if own else []
-    names += [", ".join(each.name for each in form.products)] if form.products else []
-    names += [f"joint c z'^{degree}" if of_velocity else f"joint k z^{degree}" for of_velocity, degree in form.joint]
-    return "; ".join(names or ["linear"])
-
-
-def _mirror(found: FittedForm) -> FloatArray:
-    """Return the start whose joint is stretched in the opposite direction by the other modes.
-
-    The mode under test then moves the other way, which its own terms do not feel, so that the coefficients of odd
-    degrees change their sign, too.
-    """
-    vector = found.vector.copy()
-    n_others = len(found.form.modes) - 1
-    first = vector.size - n_others - len(found.form.joint)
-    for index, (_, degree) in enumerate(found.form.joint):
-        vector[first + index] *= (-1) ** degree
-    vector[-n_others:] *= -1.0
-    return vector
-
-
 def _make_fit(
-    system: System, fit: ModeFit, trials: Sequence[_Trial], chosen: _Trial, likely: Sequence[FittedForm]
+    system: System, fit: ModeFit, trials: Sequence[Trial], chosen: Trial, likely: Sequence[FittedForm]
 ) -> SystemFit:
     """Return the fit of the first of the likely ends of the search of the chosen form."""
     found, has_rivals = likely[0], len(likely) > 1
-    near = [trials[index] for index in list_near(*_list_errors(trials))]
+    near = [trials[index] for index in list_near(*list_errors(trials))]
     others = [each.found for each in near if each.found.form != chosen.found.form]
     spread = _find_spread(found, [*others, *likely])
     freed = _free_scales(system, found)

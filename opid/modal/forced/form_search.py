@@ -1,0 +1,211 @@
+"""Which forms of the law of some modes are tried: terms of the mode under test, products, one joint, and its relatives.
+
+Every form is fitted by simulation (`simulated_fit`) and judged by its error on tests that are left out in turn.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product as combine
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.modal.couplings import DEGREES, Product, list_products
+from opid.modal.forced.equation import Powers
+from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.restoring_fit import choose_simplest, find_rms
+from opid.modal.forced.simulated_fit import FittedForm, find_misfit, fit_form
+from opid.modal.forced.system import ModeTerms, System, SystemForm
+from opid.modal.joint_terms import slip_softening
+from opid.modal.settings import MODAL, SIMULATED
+from opid.signals.recording import FloatArray
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A form that was fitted, and its terms for a table."""
+
+    terms: str
+    found: FittedForm
+
+
+def try_forms(
+    system: System,
+    fit: ModeFit,
+    products: tuple[Product, ...],
+    guesses: FloatArray,
+    *,
+    has_joint: bool,
+    search_own: bool,
+    free_linear: bool,
+) -> list[Trial]:
+    """Return the forms that could be fitted to a system.
+
+    Args:
+        system: the modes, the one under test first, and their tests.
+        fit: the mode under test by itself.
+        products: the products by which it drives the others.
+        guesses: (n_products,) their coefficients in the units of the system, from which the search begins.
+        has_joint: whether a joint and its relatives are tried in the place of the products.
+        search_own: whether friction and slip are tried beside the powers.
+        free_linear: whether k0 and c0 of the driven modes, and beside slip, are corrected.
+    """
+    trials: list[Trial] = []
+    linear = ModeTerms(Powers((1,), (1,)) if free_linear else Powers((), ()))
+    others = {mode: linear for mode in system.numbers if mode != fit.mode}
+    rest = np.zeros(linear.size * len(others))
+    for terms, starts in _list_own(system, fit, search_own, free_linear):
+        form = SystemForm({fit.mode: terms} | others, products)
+        whole = [np.concatenate([start, rest, guesses]) for start in starts]
+        start = min(whole, key=lambda each: find_misfit(system, form, each))
+        _try_form(system, form, start, trials, is_near=terms.has_friction)
+    if products and trials:
+        own = choose_trial(trials).found
+        alone = own.vector[: own.form.size - len(products)]
+        _try_form(system, SystemForm(own.form.own), alone, trials, is_near=True)
+        if has_joint:
+            _search_joint(system, own, alone, trials)
+    return trials
+
+
+def choose_trial(trials: Sequence[Trial]) -> Trial:
+    """Return the smallest form within one standard error and 1 % of the least error (`choose_simplest`)."""
+    return trials[choose_simplest(*list_errors(trials))]
+
+
+def list_errors(trials: Sequence[Trial]) -> tuple[dict[int, FloatArray], dict[int, int]]:
+    """Return errors and numbers of coefficients of the trials, by their index."""
+    errors = {index: each.found.errors for index, each in enumerate(trials)}
+    return errors, {index: each.found.form.size for index, each in enumerate(trials)}
+
+
+def _try_form(
+    system: System, form: SystemForm, start: FloatArray, trials: list[Trial], *, is_near: bool = False
+) -> None:
+    """Fit a form and add it to the trials, unless it cannot be simulated or its joint is not determined."""
+    try:
+        found = fit_form(system, form, start, is_near=is_near)
+    except InputError as error:
+        logger.info("%s: %s", _name_terms(form), error)
+        return
+    logger.info("%s: left out %.3g, missed %s", _name_terms(form), find_rms(found.errors), found.missed)
+    if _is_determined(found):
+        trials.append(Trial(_name_terms(form), found))
+
+
+def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: list[Trial]) -> None:
+    """Try a joint that stretches with all modes, further terms of it, and all products of its degree."""
+    degree, n_others = len(own.form.products[0].modes), len(own.form.modes) - 1
+    rivals = [each.found for each in trials if _may_be_own(each.found, own)]
+    joint = replace(own.form, products=(), joint=((False, degree),))
+    first = len(trials)
+    for sign in sorted({tuple(np.sign(each)) for each in combine(SIMULATED.first_ratios, repeat=n_others)}):
+        # The first product of the joint is that which is known: its value is the amount times the ratio.
+        starts = [
+            np.concatenate([alone, [float(own.vector[alone.size]) / np.prod(each)], each])
+            for each in combine(SIMULATED.first_ratios, repeat=n_others)
+            if tuple(np.sign(each)) == sign
+        ]
+        _try_form(system, joint, min(starts, key=lambda start: find_misfit(system, joint, start)), trials)
+    if len(trials) == first:
+        return
+    best = min(trials[first:], key=lambda each: each.found.score).found
+    # With the joint other terms of the mode under test may be the better ones.
+    for rival in rivals:
+        form = replace(rival.form, products=(), joint=joint.joint)
+        start = np.concatenate([rival.vector[: -len(rival.form.products)], best.vector[alone.size :]])
+        _try_form(system, form, start, trials, is_near=True)
+    best = choose_trial(trials[first:]).found
+    for mode in best.form.modes[1:]:
+        # A driven mode may slip or bend, too.
+        place = sum(best.form.own[each].size for each in best.form.modes[: best.form.modes.index(mode)])
+        n_k, terms = len(best.form.own[mode].powers.k), best.form.own[mode]
+        bent = replace(terms, powers=replace(terms.powers, k=(*terms.powers.k, 3)))
+        for changed, at, more in (
+            (bent, place + n_k, [0.0]),
+            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, -0.5]),
+        ):
+            form = replace(best.form, own=dict(best.form.own) | {mode: changed})
+            _try_form(system, form, np.insert(best.vector, at, more), trials, is_near=True)
+    best = choose_trial(trials[first:]).found
+    n = best.form.size - len(best.form.joint) - n_others
+    for further in ((False, next(each for each in DEGREES if each != degree)), (True, 4)):
+        wider = replace(best.form, joint=(*best.form.joint, further))
+        _try_form(system, wider, np.insert(best.vector, n + len(best.form.joint), 0.0), trials, is_near=True)
+    every = tuple(list_products(best.form.modes, degree))
+    amounts = [best.values.couplings[each] / system.measure_product(each) for each in every]
+    form = replace(best.form, products=every, joint=())
+    _try_form(system, form, np.concatenate([best.vector[:n], amounts]), trials, is_near=True)
+
+
+def _may_be_own(found: FittedForm, own: FittedForm) -> bool:
+    """Return whether a form with the same products, but other terms of the mode under test, may be the better one."""
+    is_other = found is not own and found.form.products == own.form.products
+    return is_other and find_rms(found.errors) < SIMULATED.own_rivals * find_rms(own.errors)
+
+
+def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
+    """Yield the terms that the mode under test may have by itself, and their starts, (n_starts, n) each."""
+    force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
+    powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
+    start = [float(each.value or 0.0) * a**n / force for n, each in fit.stiffness.items()]
+    start += [float(each.value or 0.0) * v**n / force for n, each in fit.damping.items()]
+    yield ModeTerms(powers), np.array([start])
+    if not search:
+        return
+    k0 = float(system.modes.stiffness()[0])
+    softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
+    slip = max(softer * a / force / slip_softening(-0.5), 0.1)
+    linear = (1,) if free_linear else ()
+    for k in (linear, (*linear, 3)):
+        zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
+        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in SIMULATED.first_frictions])
+        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in MODAL.first_exponents[::2]])
+
+
+def _is_determined(found: FittedForm) -> bool:
+    """Return whether friction and slip stand out of their standard deviations, and the exponent is known."""
+    first = 0
+    for terms, values in zip(found.form.own.values(), found.values.own.values(), strict=True):
+        size = len(values.flatten())
+        value, std = np.array(values.flatten())[-3:], found.std[first + size - 3 : first + size]
+        first += size
+        if terms.has_friction and value[0] < MODAL.joint_sigma * std[0]:
+            return False
+        is_at_end = min(abs(value[2] - end) for end in MODAL.slip_exponents) < 1e-3
+        if terms.has_slip and (value[1] <= 0.0 or is_at_end or std[2] > MODAL.widest_exponent):
+            return False
+    return True
+
+
+def _name_terms(form: SystemForm) -> str:
+    """Return the terms of a form beside the linear ones, for a table."""
+    names = []
+    for mode, terms in form.own.items():
+        k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
+        powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
+        own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
+        names += [f"mode {mode}: {' + '.join(own)}"] if own else []
+    names += [", ".join(each.name for each in form.products)] if form.products else []
+    names += [f"joint c z'^{degree}" if of_velocity else f"joint k z^{degree}" for of_velocity, degree in form.joint]
+    return "; ".join(names or ["linear"])
+
+
+def mirror(found: FittedForm) -> FloatArray:
+    """Return the start whose joint is stretched in the opposite direction by the other modes.
+
+    The mode under test then moves the other way, which its own terms do not feel, so that the coefficients of odd
+    degrees change their sign, too.
+    """
+    vector = found.vector.copy()
+    n_others = len(found.form.modes) - 1
+    first = vector.size - n_others - len(found.form.joint)
+    for index, (_, degree) in enumerate(found.form.joint):
+        vector[first + index] *= (-1) ** degree
+    vector[-n_others:] *= -1.0
+    return vector

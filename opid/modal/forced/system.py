@@ -1,0 +1,307 @@
+"""Some modes together, ready to be simulated: terms of their law, its coefficients, and the tests that move them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from opid.mechanics.response import time_response
+from opid.mechanics.structure import ComplexArray
+from opid.modal.couplings import Product, expand_joint
+from opid.modal.forced.equation import Powers, find_noise_power, find_quiet_lines
+from opid.modal.joint_terms import JointTerms, ModalJoint
+from opid.modal.linear.modes import LinearModes, ModalTest
+from opid.modal.model import NonlinearModalModel
+from opid.modal.power_laws import power_law
+from opid.signals.recording import FloatArray, recording_from_arrays
+from opid.signals.resampling import resampled
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ModeTerms:
+    """The terms that a mode has by itself.
+
+    Args:
+        powers: powers of displacement and velocity; 1 is the correction of k0 and c0.
+        has_friction: whether there is dry friction.
+        has_slip: whether there is an Iwan joint.
+    """
+
+    powers: Powers
+    has_friction: bool = False
+    has_slip: bool = False
+
+    @property
+    def size(self) -> int:
+        """The number of coefficients."""
+        return len(self.powers.k) + len(self.powers.c) + self.has_friction + 2 * self.has_slip
+
+
+@dataclass(frozen=True)
+class SystemForm:
+    """The terms of some modes together; a vector of coefficients holds them in this order.
+
+    Args:
+        own: the terms of each mode, by its number.
+        products: products by which the modes drive each other, each with its own coefficient.
+        joint: terms of a joint that all modes stretch, as (of_velocity, degree); its direction is 1 for the first mode.
+        has_scales: whether the measured motion of every mode but the first has an unknown scale.
+    """
+
+    own: Mapping[int, ModeTerms]
+    products: tuple[Product, ...] = ()
+    joint: tuple[tuple[bool, int], ...] = ()
+    has_scales: bool = False
+
+    @property
+    def modes(self) -> tuple[int, ...]:
+        """The modes, in the order of the vector."""
+        return tuple(self.own)
+
+    @property
+    def size(self) -> int:
+        """The number of coefficients."""
+        of_joint = len(self.joint) + len(self.own) - 1 if self.joint else 0
+        of_scales = (len(self.own) - 1) * self.has_scales
+        return sum(each.size for each in self.own.values()) + len(self.products) + of_joint + of_scales
+
+
+@dataclass(frozen=True)
+class OwnValues:
+    """The coefficients of one mode: k_n and c_n by their power, and its joint."""
+
+    stiffness: Mapping[int, float]
+    damping: Mapping[int, float]
+    joint: JointTerms
+
+    def flatten(self) -> list[float]:
+        """Return all values in one list."""
+        joint = self.joint
+        return [*self.stiffness.values(), *self.damping.values(), joint.friction, joint.slip, joint.exponent]
+
+
+@dataclass(frozen=True)
+class SystemValues:
+    """The coefficients of some modes together, in SI.
+
+    `ratios` is the direction of their joint, where there is one, and `scales` the measured over the true motion of all
+    modes but the first, where that is asked.
+    """
+
+    own: Mapping[int, OwnValues]
+    couplings: Mapping[Product, float]
+    ratios: Mapping[int, float]
+    scales: Mapping[int, float]
+
+    @property
+    def labels(self) -> list[Hashable]:
+        """What each value of `flatten` is, alike in all forms that have it."""
+        found: list[Hashable] = []
+        for mode, each in self.own.items():
+            found += [("k", mode, n) for n in each.stiffness] + [("c", mode, n) for n in each.damping]
+            found += [(name, mode) for name in ("friction", "slip", "exponent")]
+        return [*found, *self.couplings, *(("ratio", mode) for mode in self.ratios)]
+
+    def flatten(self) -> FloatArray:
+        """Return all values in one vector."""
+        of_modes = [value for each in self.own.values() for value in each.flatten()]
+        return np.array([*of_modes, *self.couplings.values(), *self.ratios.values(), *self.scales.values()])
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Some modes in the tests that move them, ready to be simulated.
+
+    Args:
+        modes: linear modes with only the shapes of the system.
+        numbers: numbers of these modes in the structure, from 1.
+        largest: (n_modes,) largest displacement of each mode, m kg^1/2.
+        tests: the tests.
+    """
+
+    modes: LinearModes
+    numbers: tuple[int, ...]
+    largest: FloatArray
+    tests: tuple[SystemTest, ...]
+
+    def convert(self, form: SystemForm, vector: FloatArray) -> SystemValues:
+        """Return the coefficients in SI of a vector, whose numbers are of the order of 1.
+
+        Every term is counted in the force 2 zeta k0 a that the mode's damping takes at its largest displacement a.
+        """
+        given = iter(vector.tolist())
+        own = {}
+        for index, terms in enumerate(form.own.values()):
+            a, force = self.largest[index], self.damping_force(index)
+            stiffness = {n: next(given) * force / a**n for n in terms.powers.k}
+            damping = {n: next(given) * force / self.top_speed(index) ** n for n in terms.powers.c}
+            friction = next(given) * force if terms.has_friction else 0.0
+            slip, exponent = (next(given), next(given)) if terms.has_slip else (0.0, 0.0)
+            joint = JointTerms(friction, slip * force / a ** (2 + exponent), exponent)
+            own[form.modes[index]] = OwnValues(stiffness, damping, joint)
+        at = {number: index for index, number in enumerate(self.numbers)}
+        couplings = {product: next(given) * self.measure_product(product) for product in form.products}
+        ratios: dict[int, float] = {}
+        if form.joint:
+            amounts = [next(given) for _ in form.joint]
+            ratios = {number: next(given) * self.largest[0] / self.largest[at[number]] for number in self.numbers[1:]}
+            for (of_velocity, degree), amount in zip(form.joint, amounts, strict=True):
+                scale = self.measure_product(Product((self.numbers[0],) * degree, of_velocity))
+                direction = {self.numbers[0]: 1.0} | ratios
+                couplings |= expand_joint(direction, amount * scale / degree, degree, of_velocity=of_velocity)
+        scales = {number: next(given) for number in self.numbers[1:]} if form.has_scales else {}
+        return SystemValues(own, couplings, ratios, scales)
+
+    def top_speed(self, index: int) -> float:
+        """Return the velocity of a mode at its largest displacement and natural frequency, m/s kg^1/2."""
+        return float(self.largest[index] * np.sqrt(self.modes.stiffness()[index]))
+
+    def damping_force(self, index: int) -> float:
+        """Return the force of the linear damping at that velocity, N/kg^1/2."""
+        return float(self.modes.damping()[index]) * self.top_speed(index)
+
+    def measure_product(self, product: Product) -> float:
+        """Return the coefficient at which a product has the energy, or power, of the first mode's damping force."""
+        force, velocity = self.damping_force(0), product.of_velocity
+        sizes = [
+            self.top_speed(index) if velocity else float(self.largest[index]) for index in range(len(self.numbers))
+        ]
+        factors = [sizes[self.numbers.index(mode)] for mode in product.modes]
+        return force * sizes[0] / float(np.prod(factors))
+
+    def make_model(self, values: SystemValues) -> NonlinearModalModel:
+        """Return the model of these modes alone, which are numbered from 1.
+
+        Raises:
+            InputError: a frequency that is no longer positive.
+        """
+        at = {number: index + 1 for index, number in enumerate(self.numbers)}
+        laws, joints = {}, {}
+        modes = correct_modes(
+            self.modes,
+            {at[number]: (each.stiffness.get(1, 0.0), each.damping.get(1, 0.0)) for number, each in values.own.items()},
+        )
+        for number, each in values.own.items():
+            higher = [{n: value for n, value in powers.items() if n > 1} for powers in (each.stiffness, each.damping)]
+            laws[at[number]] = power_law(*higher)
+            joints[at[number]] = ModalJoint(each.joint, float(self.largest[at[number] - 1]))
+        couplings = {
+            Product(tuple(at[mode] for mode in product.modes), product.of_velocity): value
+            for product, value in values.couplings.items()
+        }
+        return NonlinearModalModel(modes, laws, joints, couplings)
+
+
+@dataclass(frozen=True, eq=False)
+class SystemTest:
+    """One test of a system: its modal forces at half steps, and the lines of the measured accelerations.
+
+    Args:
+        name: the name of the test.
+        fs: sampling rate, Hz.
+        n_samples: number of samples.
+        steps_per_sample: steps of the simulation from one sample to the next.
+        forces: (n_half_steps, n_modes) modal forces, N/kg^1/2.
+        lines: indices of the lines of each mode's band.
+        measured: transforms of the measured accelerations on these lines.
+        noise: standard deviation of a line (complex) by the sensors' noise, of each mode.
+        reach: lines over which errors are correlated, for the motion is short.
+    """
+
+    name: str
+    fs: float
+    n_samples: int
+    steps_per_sample: int
+    forces: FloatArray
+    lines: tuple[Indices, ...]
+    measured: tuple[ComplexArray, ...]
+    noise: tuple[float, ...]
+    reach: int
+
+    def simulate(self, model: NonlinearModalModel) -> list[ComplexArray]:
+        """Return the lines of the simulated accelerations of each mode.
+
+        Raises:
+            InputError: a motion that grows without bound.
+        """
+        motion = time_response(
+            model.structure(),
+            self.forces,
+            fs=self.fs,
+            duration_s=self.n_samples / self.fs,
+            steps_per_sample=self.steps_per_sample,
+        )
+        spectrum = fft.rfft(motion.acceleration, axis=0)
+        return [spectrum[lines, index] for index, lines in enumerate(self.lines)]
+
+
+def make_system(
+    tests: Sequence[ModalTest],
+    bands_hz: Mapping[int, tuple[float, float]],
+    largest: Mapping[int, float],
+    *,
+    step_rad: float,
+) -> System:
+    """Return the modes with these bands, in tests that have one set of linear modes.
+
+    Args:
+        tests: tests with forces that begin at rest.
+        bands_hz: the band of each mode of the system, Hz, by its number.
+        largest: the largest displacement of each mode in the tests, m kg^1/2.
+        step_rad: largest step of the simulation, in rad of the fastest mode.
+    """
+    numbers = tuple(bands_hz)
+    indices = [tests[0].modes.index(number) for number in numbers]
+    modes = select_modes(tests[0].modes, numbers)
+    highest = 2 * np.pi * float(modes.frequency_hz.max())
+    ready = []
+    for test in tests:
+        steps = max(1, int(np.ceil(highest / test.fs / step_rad)))
+        n = len(test.acceleration)
+        forces = [test.modal_force(number) for number in numbers]
+        series = recording_from_arrays(forces, [f"mode {number}" for number in numbers], fs=test.fs, unit="N")
+        half = resampled(series, 2 * steps * test.fs).samples[: 2 * (n - 1) * steps + 1]
+        frequency = fft.rfftfreq(n, 1 / test.fs)
+        spectrum = fft.rfft(test.acceleration[:, indices], axis=0)
+        noise = np.sqrt(find_noise_power(spectrum[find_quiet_lines(test.modes, frequency)]))
+        lines = [
+            np.flatnonzero((frequency >= low) & (frequency <= high)).astype(np.int64) for low, high in bands_hz.values()
+        ]
+        size = np.sum(test.acceleration[:, indices[0]] ** 2)
+        lasting = size**2 / max(float(np.sum(test.acceleration[:, indices[0]] ** 4)), 1e-300)
+        ready.append(
+            SystemTest(
+                test.name, test.fs, n, steps, half, tuple(lines),
+                tuple(spectrum[own, index] for index, own in enumerate(lines)),
+                tuple(noise.tolist()), int(np.ceil(2 * n / max(float(lasting), 1.0))),
+            )
+        )  # fmt: skip
+    return System(modes, numbers, np.array([largest[number] for number in numbers]), tuple(ready))
+
+
+def select_modes(modes: LinearModes, numbers: Sequence[int]) -> LinearModes:
+    """Return some of the modes, in the given order."""
+    indices = [modes.index(number) for number in numbers]
+    return replace(
+        modes,
+        frequency_hz=modes.frequency_hz[indices],
+        damping_ratio=modes.damping_ratio[indices],
+        shapes=modes.shapes[:, indices],
+    )
+
+
+def correct_modes(modes: LinearModes, corrections: Mapping[int, tuple[float, float]]) -> LinearModes:
+    """Return the modes with k0 and c0 of some of them changed by these values, 1/s^2 and 1/s, by their numbers."""
+    stiffness, damping = modes.stiffness(), modes.damping()
+    for mode, (of_stiffness, of_damping) in corrections.items():
+        stiffness[modes.index(mode)] += of_stiffness
+        damping[modes.index(mode)] += of_damping
+    omega = np.sqrt(np.maximum(stiffness, 0.0))
+    ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
+    return replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio)
