@@ -29,8 +29,9 @@ class SpikeSettings:
             over its height. Below 3 / least_sigma noise hides spikes that just stand out, and at 0.5 a jump between two
             samples passes for a spike. At 0.35 noise hides 1 of 1000 spikes that just stand out, and none of 14 million
             samples of dry friction behind a sharp anti-alias filter is called a spike.
-        reach: a spike is alone among so many samples on either side. A structure that was struck rings on, and with 3
-            of them each of its first periods may look like a spike; spikes nearer to each other are not seen.
+        reach: so many samples after a spike are as smooth as those beside it. A structure that was struck rings on, and
+            with 2 of them each of its first periods may look like a spike; with 9 noise hides more of the spikes that
+            just stand out. What rattled before a spike does not count.
         quiet_ratio: a bin counts as at least this fraction as loud as the whole run, because a standstill has hardly
             any departures.
         least_moving: number of nonzero departures that show what is usual in a bin. A value that is held or clipped
@@ -39,7 +40,7 @@ class SpikeSettings:
 
     least_sigma: float = 10.0
     most_left: float = 0.35
-    reach: int = 5
+    reach: int = 8
     quiet_ratio: float = 0.1
     least_moving: int = 16
 
@@ -54,7 +55,7 @@ _MOST_CANDIDATES = 50000  # number of candidates that are kept
 def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
     """Replace single samples that stand far out by the cubic through their four neighbours.
 
-    The first and the last six samples stay as they are, for a spike is recognised by six samples on either side.
+    The first 3 and the last 9 samples stay as they are, for a spike is recognised by those around it.
 
     Args:
         samples: (n,) one channel.
@@ -101,13 +102,13 @@ def _spread_to_neighbours(usual: FloatArray) -> FloatArray:
 
 
 def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np.ndarray:
-    """Return whether the departures around each index are 0 .. 0, -s/2, s, -s/2, 0 .. 0, up to a fraction of s.
+    """Return whether the departures around each index are 0, -s/2, s, -s/2, 0 .. 0, up to a fraction of s.
 
     The cubic through its four neighbours is lower than the sample by s = (2 d_k - d_{k-1} - d_{k+1}) / 3.
     """
     before, after = departure[indices - 1], departure[indices + 1]
     height = (2 * departure[indices] - before - after) / 3
-    further = [departure[indices + side * k] for side in (-1, 1) for k in range(2, SPIKES.reach + 1)]
+    further = [departure[indices + k] for k in (-2, *range(2, SPIKES.reach + 1))]
     left_over = np.stack([before + height / 2, after + height / 2, *further])
     return np.asarray(np.abs(left_over).max(axis=0) < most_left * np.abs(height))
 
@@ -133,9 +134,10 @@ class SpikeSearch:
     def add(self, chunk: Chunk) -> None:
         """Take the next chunk."""
         lead, n = chunk.lead, chunk.n
-        begin = max(lead - 2 * (SPIKES.reach + 1), 0)
+        before, after = 3, SPIKES.reach + 1  # samples around a spike that recognise it
+        begin = max(lead - before - after, 0)
         x = chunk.values[self._column, begin : lead + n]
-        if x.size < 2 * (SPIKES.reach + 1) + 1:
+        if x.size < before + after + 1:
             return
         departure = x[:-2] + x[2:]
         departure *= -0.5
@@ -144,8 +146,8 @@ class SpikeSearch:
         offset = begin - lead + 1  # departure k belongs to row `offset + k` of the chunk
         usual = self._find_usual_of_bins(size, offset, n)
         floor = 0.5 * SPIKES.quiet_ratio * self._compute_median() if self._has_usual else np.inf
-        # with the neighbours on either side: from some rows before the chunk to as many before its end
-        first, stop = (-(SPIKES.reach + 1) if lead else SPIKES.reach + 1), n - (SPIKES.reach + 1)
+        # those that the last chunk ended too early for, and those of this one that have their neighbours
+        first, stop = -after if lead else before, n - after
         limit = np.repeat(SPIKES.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
         centres = size[first - offset : stop - offset]
         far = np.flatnonzero(centres > limit[self._bin + first : self._bin + stop]) + first
