@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from opid.errors import InputError, nearest
-from opid.mechanics.laws.law import LINEAR, FloatArray, Law
+from opid.mechanics.laws.law import LINEAR, FloatArray, TermSet
 
 
 def read_only(array: ArrayLike | Sequence[float]) -> FloatArray:
@@ -180,7 +180,7 @@ class Joint:
     direction: FloatArray
     stiffness_n_per_m: float = 0.0
     damping_n_s_per_m: float = 0.0
-    law: Law = LINEAR
+    law: TermSet = LINEAR
     sliders: Sliders | None = None
 
     def __post_init__(self) -> None:

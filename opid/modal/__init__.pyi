@@ -67,7 +67,10 @@ from .model import (
     simulate as simulate,
     truth_test as truth_test,
 )
-from .power_laws import power_law as power_law
+from .power_laws import (
+    hold_unstable as hold_unstable,
+    power_law as power_law,
+)
 from .resonance.appropriation import (
     Appropriation as Appropriation,
     appropriate_force as appropriate_force,

@@ -12,6 +12,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, refuse
 from opid.estimate import Estimate
+from opid.mechanics.laws.law import LINEAR, Law, TermSet
 from opid.mechanics.structure import modal_assurance
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
@@ -20,10 +21,12 @@ from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
 from opid.modal.forced.system import correct_modes
 from opid.modal.forced.system_fit import SystemFit, fit_system
+from opid.modal.joint_terms import ModalJoint
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
+from opid.modal.power_laws import hold_unstable, list_held
 from opid.modal.result import ModalIdentification
 from opid.modal.settings import MODAL, SIMULATED
 from opid.modal.study import THRESHOLDS, ModalStudy
@@ -69,13 +72,14 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     say("the records")
     of_records = list(warn_of_records(study))
     truth_tests, unstable = _run_truth_tests(study, fits, decay_laws, systems, say)
+    model = make_model(study.modes, fits, decay_laws, systems)
     return ModalIdentification(
         title=study.title,
         modes=study.modes,
         drive_point=study.drive_point,
         tests=tuple(each.test for each in study.tests),
         fits=fits,
-        model=make_model(study.modes, fits, decay_laws, systems),
+        model=model,
         truth_tests=truth_tests,
         decays=decays,
         shifts=shifts,
@@ -93,7 +97,8 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             *(sentence for _, sentence in of_decays),
             *of_fits,
             *of_systems,
-            *_warn_of_truth_tests(study, fits, decay_laws, truth_tests),
+            *_warn_of_amplitudes(study, fits, decay_laws, systems, model),
+            *_warn_of_truth_tests(truth_tests),
             *unstable,
         ),
         not_determined=_explain_no_law(study, shifts),
@@ -115,7 +120,8 @@ def make_model(
 
     A correction that was found with other linear properties is not used, for tests may have modes of their own.
     Modes that no forced test moves take their law from `decay_laws`, which are stored by the number of the mode.
-    `systems` add the couplings of modes, and correct those that are driven.
+    `systems` add the couplings of modes, and correct those that are driven. Powers that become unstable beyond the
+    tests are held there (`hold_unstable`).
     """
     laws = {fit.mode: fit.law for fit in fits}
     corrections = {
@@ -138,12 +144,21 @@ def make_model(
                 _read_linear(law.stiffness) - float(modes.stiffness()[index]),
                 _read_linear(law.damping) - float(modes.damping()[index]),
             )
+    corrected = correct_modes(modes, corrections)
     return NonlinearModalModel(
-        correct_modes(modes, corrections),
-        laws,
+        corrected,
+        {mode: _hold_law(law, modes, corrected, mode, joints[mode]) for mode, law in laws.items()},
         {mode: joint for mode, joint in joints.items() if joint.sliders},
         {each.product: float(each.coefficient.value or 0.0) for system in systems for each in system.couplings},
     )
+
+
+def _hold_law(law: Law, given: LinearModes, corrected: LinearModes, mode: int, joint: ModalJoint) -> TermSet:
+    """Return the law of a mode, held where it is unstable beyond its tests; beside it all slip of the joint is over."""
+    index = given.index(mode)
+    linear = float(corrected.stiffness()[index]) - joint.stuck_stiffness, float(corrected.damping()[index])
+    speed = 2 * np.pi * float(given.frequency_hz[index]) * joint.largest
+    return hold_unstable(law, linear, (joint.largest, speed))
 
 
 def warn_of_records(study: ModalStudy) -> Iterator[str]:
@@ -377,14 +392,19 @@ def _warn_of_modes(modes: LinearModes) -> Iterator[str]:
         yield f"the shapes do not look mass-normalised: {looks}"
 
 
-def _warn_of_truth_tests(
-    study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], done: Sequence[TruthTest]
+def _warn_of_amplitudes(
+    study: ModalStudy,
+    fits: Sequence[ModeFit],
+    decay_laws: Mapping[int, DecayLaw],
+    systems: Sequence[SystemFit],
+    model: NonlinearModalModel,
 ) -> Iterator[str]:
-    """Warn of truth tests beyond the amplitudes that were fitted, and of those that the model does not explain."""
-    reached = {fit.mode: (fit.stiffness_curve.position[-1], fit.band_hz) for fit in fits}
-    for mode in decay_laws.keys() - reached.keys():
+    """Warn of truth tests that move a mode beyond the amplitudes that its law was fitted to."""
+    reached = {fit.mode: (fit.joint.largest, fit.band_hz) for fit in fits}
+    known = {mode: law.joint.largest for each in systems for mode, law in each.driven.items() if mode in model.laws}
+    for mode, largest in ({mode: law.joint.largest for mode, law in decay_laws.items()} | known).items():
         natural = float(study.modes.frequency_hz[mode - 1])
-        reached[mode] = (float(decay_laws[mode].amplitude.max()), (0.8 * natural, 1.2 * natural))
+        reached.setdefault(mode, (largest, (0.8 * natural, 1.2 * natural)))
     for each, (mode, (largest, band)) in product(study.of_use("truth"), reached.items()):
         try:
             times = mode_lines(each.test, mode, band).largest_q / largest
@@ -392,10 +412,16 @@ def _warn_of_truth_tests(
             yield f"the amplitude of mode {mode} in truth test {each.test.name!r} is not known: {error}"
             continue
         if times > MODAL.extrapolated:
+            held = " and of ".join(list_held(model.laws.get(mode, LINEAR)))
+            which = f", where its powers of {held} are held because they would become unstable" if held else ""
             yield (
                 f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests that its law "
-                "was fitted to: the force there is an extrapolation; fit tests of this level"
+                f"was fitted to: the force there is an extrapolation{which}; fit tests of this level"
             )
+
+
+def _warn_of_truth_tests(done: Sequence[TruthTest]) -> Iterator[str]:
+    """Warn of truth tests that the model does not explain."""
     for test in done:
         missed = {name: figures.nrmse_nonlinear for name, figures in test.sensors.items()}
         worst = max(missed, key=lambda name: missed[name])

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from opid.errors import InputError
-from opid.mechanics.laws.law import LINEAR, Law
+from opid.mechanics.laws.law import LINEAR, TermSet
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.couplings import Product, make_joints
@@ -31,7 +31,8 @@ class NonlinearModalModel:
 
     Args:
         modes: the linear part of every mode.
-        laws: nonlinear restoring force by the number of the mode, counted from 1; empty for a linear model.
+        laws: nonlinear restoring force by the number of the mode, counted from 1; empty for a linear model. Those of
+            fits may be held beyond the tests (`hold_unstable`).
         joints: friction and slip by the number of the mode, beside its law.
         couplings: coefficients of the products by which modes drive each other.
 
@@ -45,7 +46,7 @@ class NonlinearModalModel:
     """
 
     modes: LinearModes
-    laws: Mapping[int, Law] = field(default_factory=dict)
+    laws: Mapping[int, TermSet] = field(default_factory=dict)
     joints: Mapping[int, ModalJoint] = field(default_factory=dict)
     couplings: Mapping[Product, float] = field(default_factory=dict)
 

@@ -11,13 +11,18 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.laws.law import Law, Term
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
+from opid.mechanics.laws.law import Law, Term, TermSet
+from opid.modal.settings import MODAL
 from opid.result import SummaryRow
 
 STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
 DAMPING_KINDS = {2: "quadratic_damping", 3: "cubic_damping", 4: "quartic_damping", 5: "quintic_damping"}
+HELD_KINDS = {"stiffness": "held_stiffness", "damping": "held_damping"}
 HIGHEST_ORDER = 5  # the paper's second case uses it; a higher order could not be distinguished from noise
 
 
@@ -49,6 +54,42 @@ def make_fitted_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Est
         {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)
     )
     return power_law(of_stiffness, of_damping)
+
+
+def hold_unstable(law: Law, linear: tuple[float, float], largest: tuple[float, float]) -> TermSet:
+    """Return a law whose powers are held beyond the motion of its tests if they become unstable there.
+
+    The powers of stiffness are held where their tangent, and those of damping where what they take from a cycle (its
+    first harmonic), falls to zero or below between that motion and `MODAL.stable_up_to` times it: a motion grows by the
+    energy of whole cycles, not by the force at their fastest moment. The force of held powers continues along its
+    secant, z sum k_n min(|z|, A)^(n-1). A law that stays stable is returned as it is.
+
+    Args:
+        law: the powers, as `power_law` makes them.
+        linear: k0, 1/s^2, and c0, 1/s, beside them.
+        largest: largest displacement, m kg^1/2, and velocity, m/s kg^1/2, of the tests.
+
+    >>> softening = power_law({3: -0.5}, {2: 0.1})
+    >>> hold_unstable(softening, (1.0, 0.1), (0.3, 0.3)) is softening
+    True
+    >>> float(hold_unstable(softening, (1.0, 0.1), (1.0, 1.0)).force(2.0, 0.0))
+    -1.0
+    """
+    terms: list[Term] = []
+    for name, kinds, base, reach in zip(HELD_KINDS, (STIFFNESS_KINDS, DAMPING_KINDS), linear, largest, strict=True):
+        own = {n: term for n, kind in kinds.items() for term in law.terms if term.name == kind}
+        at = reach * np.linspace(1.0, MODAL.stable_up_to, 101)
+        weights = {n: n if name == "stiffness" else first_harmonic_factor(n) for n in own}
+        left = base + sum(term.amplitude * weights[n] * at ** (n - 1) for n, term in own.items())
+        is_stable = np.min(left) > 0.0
+        terms += [term if is_stable else Term(HELD_KINDS[name], (term.amplitude, reach, n)) for n, term in own.items()]
+    held = TermSet(tuple(terms))
+    return held if list_held(held) else law
+
+
+def list_held(law: TermSet) -> list[str]:
+    """Return which powers of a law are held: "stiffness", "damping", both or none."""
+    return [name for name, kind in HELD_KINDS.items() if any(term.name == kind for term in law.terms)]
 
 
 def unit_of(letter: str, power: int) -> str:

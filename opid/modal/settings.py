@@ -73,6 +73,9 @@ class ModalThresholds:
     most_unexplained: float = 0.5  # fraction of the modal force that a fit may leave without a warning
     # largest amplitude of a truth test over that of the fitted tests: beyond it the polynomials extrapolate
     extrapolated: float = 1.1
+    # multiple of the largest motion of the fit up to which its powers must stay stable, or they are held beyond that
+    # motion: truth tests seldom go beyond 1.5 times it, and joints are known up to twice (`slip_travels`)
+    stable_up_to: float = 2.0
     # rms fraction of the motion of a sensor that the model may miss in a truth test without a warning
     most_missed: float = 0.3
     # upper end of the band of a truth test over the highest natural frequency: faster motion belongs to other modes

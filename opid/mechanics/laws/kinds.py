@@ -140,6 +140,24 @@ def _signed_power_stiffness(z: Any, v: Any, n: Any, _: Any) -> ForceAndDerivativ
     return z * power, n * power, 0.0, z * power * np.log(travel), 0.0
 
 
+def _held_stiffness(z: Any, v: Any, s: Any, n: Any) -> ForceAndDerivatives:
+    travel = np.abs(z)
+    within = np.sign(np.maximum(s - travel, 0.0))
+    held = np.maximum(np.minimum(travel, s), TINY)
+    secant, more = held ** (n - 1.0), n - 1.0
+    by_s = (1.0 - within) * more * z * secant / s
+    return z * secant, secant * (1.0 + more * within), 0.0, by_s, z * secant * np.log(held)
+
+
+def _held_damping(z: Any, v: Any, s: Any, n: Any) -> ForceAndDerivatives:
+    speed = np.abs(v)
+    within = np.sign(np.maximum(s - speed, 0.0))
+    held = np.maximum(np.minimum(speed, s), TINY)
+    secant, more = held ** (n - 1.0), n - 1.0
+    by_s = (1.0 - within) * more * v * secant / s
+    return v * secant, 0.0, secant * (1.0 + more * within), by_s, v * secant * np.log(held)
+
+
 def _asymmetric_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
     return np.abs(z), np.sign(z), 0.0, 0.0, 0.0
 
@@ -415,6 +433,30 @@ BUILT_IN = (
         quasi_static=(None, 1.0),
     ),
     *MEMORY_KINDS,
+    # a power of a mode that would make it unstable beyond the motion s that its tests reach: from there on the force
+    # continues along its secant
+    Kind(
+        "held_stiffness",
+        r"k\, z \min(|z|, s)^{n-1}",
+        (
+            Parameter("stiffness_n_per_mn", "N/m^n", "amplitude", -3e9),
+            Parameter("scale_m", "m", "scale", 0.004),
+            Parameter("exponent", "1", "exponent", 3.0),
+        ),
+        _held_stiffness,
+        searched=False,
+    ),
+    Kind(
+        "held_damping",
+        r"c\, \dot z \min(|\dot z|, s)^{n-1}",
+        (
+            Parameter("damping_n_sn_per_mn", "N s^n/m^n", "amplitude", -5e5),
+            Parameter("scale_m_per_s", "m/s", "scale", 0.05),
+            Parameter("exponent", "1", "exponent", 3.0),
+        ),
+        _held_damping,
+        searched=False,
+    ),
 )
 """The built-in kinds. A new one needs one function and one entry above."""
 
