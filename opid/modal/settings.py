@@ -186,6 +186,15 @@ class SimulationSettings:
     # dry friction from which its search begins, over the force of the linear damping at the largest motion
     first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
     first_slip: float = 0.3  # likewise the force of slip, from which the search for that of a driven mode begins
+    # exponents with which the search for slip of the mode under test begins: every second one of those of decays, for
+    # here each of them takes a simulation of all tests
+    first_slip_exponents: tuple[float, ...] = (-0.8, -0.5, -0.2, 0.2)
+    # exponent of Segalman's joint, amid those measured so far: it begins the search for the slip of a driven mode, and
+    # turns the softening of powers into the slip from which that of the mode under test begins
+    first_slip_exponent: float = -0.5
+    # least size of a coefficient, over that force: of the slip from which a search begins where powers do not soften,
+    # and of the steps of searches and differences; a tenth of the damping is the least that a test shows clearly
+    least_size: float = 0.1
     # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels
     # of zero and of a thousandth of the largest displacement it differs by this
     friction_std: float = 0.003

@@ -128,7 +128,7 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
         bent = replace(terms, powers=replace(terms.powers, k=(*terms.powers.k, 3)))
         for changed, at, more in (
             (bent, place + n_k, [0.0]),
-            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, -0.5]),
+            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, SIMULATED.first_slip_exponent]),
         ):
             form = replace(best.form, own=dict(best.form.own) | {mode: changed})
             _try_form(system, form, np.insert(best.vector, at, more), trials, is_near=True)
@@ -160,12 +160,13 @@ def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> 
         return
     k0 = float(system.modes.stiffness()[0])
     softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
-    slip = max(softer * a / force / slip_softening(-0.5), 0.1)
+    slip = max(softer * a / force / slip_softening(SIMULATED.first_slip_exponent), SIMULATED.least_size)
     linear = (1,) if free_linear else ()
+    frictions, exponents = SIMULATED.first_frictions, SIMULATED.first_slip_exponents
     for k in (linear, (*linear, 3)):
         zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
-        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in SIMULATED.first_frictions])
-        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in MODAL.first_exponents[::2]])
+        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in frictions])
+        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in exponents])
 
 
 def _is_determined(found: FittedForm) -> bool:

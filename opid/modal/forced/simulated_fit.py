@@ -160,7 +160,7 @@ def _minimise(
         find_errors,
         start,
         bounds=(low, high),
-        x_scale=np.maximum(np.abs(start), 0.1),
+        x_scale=np.maximum(np.abs(start), SIMULATED.least_size),
         max_nfev=SIMULATED.most_steps if is_last else SIMULATED.first_steps,
         ftol=SIMULATED.converged if is_last else SIMULATED.first_converged,
         xtol=SIMULATED.converged if is_last else SIMULATED.first_converged,
@@ -304,6 +304,6 @@ def differentiate(function: Callable[[FloatArray], FloatArray], at: FloatArray) 
     columns = []
     for index, value in enumerate(at):
         step = np.zeros_like(at)
-        step[index] = 1e-5 * max(abs(value), 0.1)
+        step[index] = 1e-5 * max(abs(value), SIMULATED.least_size)
         columns.append((function(at + step) - function(at - step)) / (2 * step[index]))
     return np.stack(columns, axis=1)
