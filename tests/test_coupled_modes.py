@@ -102,6 +102,22 @@ def test_sliders_have_the_stiffness_and_the_loss_of_the_joint(exponent):
     assert abs(first.imag) == pytest.approx(3.0 * slip_damping(exponent) * 0.8 ** (1 + exponent), rel=0.03)
 
 
+@pytest.mark.parametrize("exponent", [-0.5, 0.0, 0.7])
+def test_the_force_of_the_velocity_loses_what_the_joint_loses(exponent):
+    joint = JointTerms(friction=0.3, slip=3.0, exponent=exponent)
+    sine = np.abs(np.sin(2 * np.pi * (np.arange(20000) + 0.5) / 20000))
+    for amplitude in (0.1, 0.8):
+        first = 2 * np.mean(joint.find_loss_force(amplitude * sine) * sine)
+        assert first == pytest.approx(joint.find_damping(np.array(amplitude)) * amplitude, rel=1e-6)
+
+
+def test_slip_takes_its_force_from_the_first_loading():
+    joint = ModalJoint(JointTerms(slip=3.0, exponent=-0.5), 1.0)
+    q = np.linspace(0.0, 1.0, 101)
+    taken = joint.stuck_stiffness * q - force_of(joint.sliders, q)[0]
+    np.testing.assert_allclose(taken, joint.terms.find_slip_force(q), atol=0.002 * taken[-1])
+
+
 def make_beats(model, levels, *, noise=0.01, seed=0):
     """Sine beats of mode 1 at some peak forces, with noise of a fraction of the rms of each channel."""
     rng = np.random.default_rng(seed)
@@ -151,6 +167,21 @@ def test_the_joint_between_modes_is_found(identified):
     fit = identified.fits[0]
     assert abs(fit.slip_exponent.value + 0.5) < 3 * fit.slip_exponent.std
     assert not any("interact" in text for text in identified.all_warnings)
+
+
+def test_slip_is_in_the_damping_over_amplitude_and_over_velocity(identified):
+    fit = identified.fits[0]
+    amplitude, omega = fit.stiffness_curve.position[1:], 2 * np.pi * fit.frequency_at_hz[1:]
+    of_slip = fit.joint.terms.find_damping(amplitude) / omega
+    viscous = MODES.damping()[0] + fit.damping[1].value
+    np.testing.assert_allclose(2 * omega * fit.damping_at[1:], viscous + of_slip, rtol=1e-9)
+    # A cycle of the force over velocity has the same damping, but for the shift of the frequency on the way.
+    curve, largest = fit.damping_curve, omega[-1] * amplitude[-1]
+    sine = np.abs(np.sin(2 * np.pi * (np.arange(2000) + 0.5) / 2000))
+    first = 2 * np.mean(np.interp(largest * sine, curve.position, curve.force) * sine) / largest
+    assert first == pytest.approx(of_slip[-1], rel=0.03)
+    assert of_slip[-1] > 0.3 * viscous
+    assert (curve.low < curve.force)[1:].all()
 
 
 def test_the_model_with_the_joint_predicts_a_higher_level(identified):

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import beta
 
 from opid.estimate import Estimate
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.structure import Sliders
 from opid.modal.settings import SIMULATED
 from opid.result import SummaryRow
@@ -37,10 +38,26 @@ class JointTerms:
         """Return by how much slip lowers the secant stiffness at amplitudes, force per unit mass over displacement."""
         return self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
 
+    def find_slip_force(self, displacement: FloatArray) -> FloatArray:
+        """Return what slip takes from the force K q on first loading at displacements, force per unit mass."""
+        return self.slip * displacement ** (2.0 + self.exponent) / ((1.0 + self.exponent) * (2.0 + self.exponent))
+
     def find_damping(self, amplitude: FloatArray) -> FloatArray:
         """Return what friction and slip add to omega c(A) at amplitudes, where c is the coefficient of q'."""
         slipped = self.slip * slip_damping(self.exponent) * amplitude ** (1.0 + self.exponent)
         return 4.0 * self.friction / (np.pi * amplitude) + slipped
+
+    def find_loss_force(self, displacement: FloatArray) -> FloatArray:
+        """Return a force of the velocity alone that loses what friction and slip lose, force per unit mass.
+
+        Friction is such a force by itself. Slip loses as much as a power 2 + chi of the velocity.
+
+        Args:
+            displacement: the amplitudes of the cycles that have these velocities, q'/omega; 0 or more.
+        """
+        power = 2.0 + self.exponent
+        slipped = self.slip * slip_damping(self.exponent) / first_harmonic_factor(power) * displacement**power
+        return self.friction * np.sign(displacement) + slipped
 
 
 @dataclass(frozen=True)

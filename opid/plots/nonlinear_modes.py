@@ -106,7 +106,8 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
     with house_style():
         grid = panels(axes, 2, 3, height_in=5.2, width_in=8.6)
         _draw_force_row(grid[0], fit.stiffness_curve, f"q [{{}}m {_AMPLITUDE}]", "stiffness force", "k₀ q")
-        _draw_force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′")
+        note = "" if fit.slip.value is None else ", slip by its loss"
+        _draw_force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′", note)
         factor, prefix = _choose_prefix(amplitude)
         for ax, name, scale, values, label in (
             (grid[0, 2], "frequency_hz", 1, fit.frequency_at_hz, "natural frequency [Hz]"),
@@ -190,7 +191,7 @@ def compute_fourier_amplitude(samples: np.ndarray, fs: float) -> tuple[np.ndarra
     return np.fft.rfftfreq(samples.size, 1 / fs), np.abs(np.fft.rfft(samples)) / fs
 
 
-def _draw_force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol: str) -> None:
+def _draw_force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol: str, note: str = "") -> None:
     """The whole force beside the linear one, and the nonlinear part alone, with their band."""
     factor, prefix = _choose_prefix(curve.position)
     x = factor * curve.position
@@ -198,7 +199,7 @@ def _draw_force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, s
     for ax, base in ((whole, curve.linear), (part, 0.0 * curve.linear)):
         ax.fill_between(x, base + curve.low, base + curve.high, color=VERMILION, alpha=0.25, linewidth=0)
         ax.plot(x, base, color=BLUE, linestyle="--", linewidth=1.1, label=f"linear, {symbol}")
-        ax.plot(x, base + curve.force, color=VERMILION, linewidth=1.8, label="with nonlinear part")
+        ax.plot(x, base + curve.force, color=VERMILION, linewidth=1.8, label=f"with nonlinear part{note}")
         ax.set_xlabel(along.format(prefix))
     whole.set_ylabel(f"{name} [N/{_AMPLITUDE}]")
     thicken(whole.legend(loc="upper left", fontsize=7.5))

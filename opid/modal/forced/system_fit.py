@@ -30,7 +30,7 @@ from opid.modal.forced.simulated_fit import (
     refine_form,
 )
 from opid.modal.forced.system import System, make_system
-from opid.modal.joint_terms import ModalJoint, make_joint
+from opid.modal.joint_terms import JointTerms, ModalJoint, make_joint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL, SIMULATED
@@ -290,17 +290,19 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
     n_k, n = len(values.stiffness), len(values.stiffness) + len(values.damping)
     covariance, vector = found.covariance[: n + 3, : n + 3], np.array(values.flatten())
     k, c, joint = terms.powers.k, terms.powers.c, values.joint
-
-    def slip_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        slip, chi = own[n + 1], own[n + 2]
-        return slip * at ** (2 + chi) / ((1 + chi) * (2 + chi))
+    amplitude = fit.stiffness_curve.position
+    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(k, values.stiffness.values(), amplitude)
+    omega = np.sqrt(np.maximum(square - joint.find_softening(amplitude), 0.0))
+    pace = np.maximum(omega, 2 * np.pi * MODAL.widest_band[0] * fit.frequency_hz)
 
     def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        return sum((own[i] * at**power for i, power in enumerate(k) if power > 1), -slip_force(at, own))
+        powers = (own[i] * at**power for i, power in enumerate(k) if power > 1)
+        return sum(powers, -JointTerms(*own[n:]).find_slip_force(at))
 
     def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
         powers = (own[n_k + i] * at**power for i, power in enumerate(c) if power > 1)
-        return sum(powers, own[n] * (at > 0))
+        reached = at / np.interp(at, pace * amplitude, pace)
+        return sum(powers, JointTerms(*own[n:]).find_loss_force(reached))
 
     curves = []
     for curve, force, corrected in (
@@ -316,9 +318,6 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
             before = float(fit.damping[1].value or 0.0)
         linear = curve.linear + (corrected - before) * at
         curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
-    amplitude = curves[0].position
-    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(k, values.stiffness.values(), amplitude)
-    omega = np.sqrt(np.maximum(square - joint.find_softening(amplitude), 0.0))
     viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
     damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
     with np.errstate(divide="ignore", invalid="ignore"):
