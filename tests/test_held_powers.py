@@ -97,7 +97,7 @@ def fading():
 def test_a_truth_test_beyond_held_powers_does_not_grow_and_is_told(fading):
     study, found = fading
     assert list_held(found.model.laws[3]) == ["damping"]
-    told = [warning for warning in found.warnings if "its powers of damping are held" in warning]
+    told = [warning for warning in found.warnings if "with its powers of damping held" in warning]
     times = [float(warning.split("times as far")[0].split()[-1]) for warning in told]
     np.testing.assert_allclose(times, [1.5, 3.0], atol=0.15)
     # The world keeps its damping beyond the tests, too, so that the held model predicts it.

@@ -413,7 +413,7 @@ def _warn_of_amplitudes(
             continue
         if times > MODAL.extrapolated:
             held = " and of ".join(list_held(model.laws.get(mode, LINEAR)))
-            which = f", where its powers of {held} are held because they would become unstable" if held else ""
+            which = f", with its powers of {held} held where they would become unstable" if held else ""
             yield (
                 f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests that its law "
                 f"was fitted to: the force there is an extrapolation{which}; fit tests of this level"
