@@ -23,6 +23,9 @@ from opid.signals.recording import FloatArray
 IntegrationMethod = Literal["spectral", "zero_phase", "mean_removed"]
 METHODS: tuple[IntegrationMethod, ...] = ("spectral", "zero_phase", "mean_removed")
 
+DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}
+"""SI units of a motion, and the number of the derivative of the displacement that each belongs to."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
