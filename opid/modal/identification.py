@@ -21,7 +21,7 @@ from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select
 from opid.modal.forced.system import correct_modes
 from opid.modal.forced.system_fit import SystemFit, fit_system
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, with_sensors
+from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, weighted_shapes, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.result import ModalIdentification
@@ -80,7 +80,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         decays=decays,
         shifts=shifts,
         condition_number=condition_number(study.modes),
-        auto_mac=modal_assurance(study.modes.shapes),
+        auto_mac=modal_assurance(weighted_shapes(study.modes)),
         warnings=(
             *of_records,
             *_warn_of_modes(study.modes),
