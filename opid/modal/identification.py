@@ -157,7 +157,7 @@ def warn_of_records(study: ModalStudy) -> Iterator[str]:
                 f"({', '.join(repr(name) for name in missing[:6])}): its modes are filtered with the condition number "
                 f"{condition_number(with_sensors(test.modes, test.sensors)):.1f}"
             )
-        channels = inspect(test.recording, thorough=False).channels
+        channels = inspect(test.readings, thorough=False).channels
         clipped = {channel.name: channel.clipped_fraction for channel in channels if channel.clipped_fraction > 0}
         if clipped:
             worst = max(clipped, key=lambda name: clipped[name])

@@ -218,7 +218,7 @@ def write_files(study: ModalStudy, directory: Path) -> str:
             written[file] = test.modes
             write_modes(test.modes, directory / file)
         log = f"{test.name}{ending}"
-        write_log(test.recording, directory / log)
+        write_log(test.readings, directory / log)
         own = None if file == "modes.npz" else file
         points = _list_forces(test)
         force = next(iter(points)) if len(points) == 1 else None

@@ -226,7 +226,8 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
     unseen = np.flatnonzero(~shapes.any(axis=0))
     if unseen.size:
         raise InputError(
-            f"mode {unseen[0] + 1} does not move the sensors {list_names(map(repr, sensors))}: name one that it moves"
+            f"mode {unseen[0] + 1} does not move the sensors {list_names(map(repr, sensors))}: name one that it moves, "
+            "or leave the mode out"
         )
     return replace(modes, shapes=shapes, sensors=tuple(sensors), units=tuple(modes.unit(name) for name in sensors))
 
@@ -258,11 +259,12 @@ class ModalTest:
 
     Args:
         name: the name of the test.
-        recording: the recording of the sensors and, where there is one, of the force.
+        recording: the recording of the sensors and, where there is one, of the force; velocities, displacements and
+            strains in it are differentiated.
         acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
         forces: the forces that act, one for each shaker; none in a free decay.
         modes: linear modes that belong to this test.
-        times_differentiated: how often the reading of each of `sensors` was differentiated.
+        readings: the recording before that.
     """
 
     name: str
@@ -270,7 +272,7 @@ class ModalTest:
     acceleration: FloatArray
     forces: tuple[AppliedForce, ...]
     modes: LinearModes
-    times_differentiated: tuple[int, ...]
+    readings: Recording
 
     @property
     def force(self) -> FloatArray | None:
@@ -298,13 +300,18 @@ class ModalTest:
         return tuple(sensor for sensor in self.modes.sensors if sensor in self.recording.names)
 
     @property
+    def times_differentiated(self) -> tuple[int, ...]:
+        """How often the reading of each of `sensors` was differentiated."""
+        return tuple(READINGS[self.readings.unit(sensor)][0] for sensor in self.sensors)
+
+    @property
     def units(self) -> tuple[str, ...]:
         """Units of `at_sensors`."""
         return tuple(self.recording.unit(sensor) for sensor in self.sensors)
 
     @property
     def at_sensors(self) -> FloatArray:
-        """(n, n_sensors) accelerations at `sensors`, m/s^2, and second derivatives of strains, 1/s^2."""
+        """(n, n_sensors) accelerations at `sensors`, m/s^2, and second derivatives of strains, strain/s^2."""
         return self.recording.samples[:, [self.recording.index(sensor) for sensor in self.sensors]]
 
     def modal_acceleration(self, mode: int) -> FloatArray:
@@ -377,8 +384,7 @@ def modal_test(
         )
     for sensor in sensors:
         check_reading(recording, sensor, name)
-    times = tuple(READINGS[recording.unit(sensor)][0] for sensor in sensors)
-    recording = with_accelerations(recording, sensors)
+    readings, recording = recording, with_accelerations(recording, sensors)
     modes = with_units(modes, {sensor: recording.unit(sensor) for sensor in sensors})
     points = _place_forces(name, force, drive_point)
     for channel, point in points.items():
@@ -391,7 +397,7 @@ def modal_test(
         acceleration=accelerations @ modal_filter(with_sensors(modes, sensors)).T,
         forces=tuple(AppliedForce(each, point, recording.channel(each)) for each, point in points.items()),
         modes=modes,
-        times_differentiated=times,
+        readings=readings,
     )
 
 
