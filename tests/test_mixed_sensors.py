@@ -379,16 +379,12 @@ def test_a_response_curve_of_a_strain_is_refused():
         ModalStudy("curve", beam(*MIXED), (SOFT,), (StudyTest(driven(strike(50), MIXED)),), curves=(curve,))
 
 
-@pytest.mark.parametrize(
-    ("units", "words"),
-    [
-        (("m/s^2",), "2 sensors and 1 units: give one for each sensor, or none"),
-        (("m/s^2", "strain"), "the unit of sensor 'b' is 'strain': give that of a second derivative"),
-    ],
-)
-def test_units_of_modes_are_those_of_second_derivatives(units, words):
-    with pytest.raises(InputError, match=words):
-        LinearModes([10.0], [0.01], [[0.3], [0.4]], ("a", "b"), units)
+def test_strains_of_modes_are_sensors():
+    with pytest.raises(InputError, match="strains names 'gage', no sensor of the shapes: did you mean 'gauge'"):
+        LinearModes([10.0], [0.01], [[0.3], [0.4]], ("a", "gauge"), ("gage",))
+    known = LinearModes([10.0], [0.01], [[0.3], [0.4]], ("a", "gauge"), ("gauge",))
+    assert known.units == ("m/s^2", "strain/s^2")
+    assert with_sensors(known, ["a"]).units == ("m/s^2",)
 
 
 # ---- frequency responses --------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.modal.linear.frequency_response import FrequencyResponse
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, with_units
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
@@ -63,7 +63,8 @@ class FittedModes(Result):
         frequency_hz, damping = (
             np.array([each.value for each in several]) for several in (self.frequency_hz, self.damping_ratio)
         )
-        return LinearModes(frequency_hz, damping, self.shapes, self.sensors, self.units)
+        known = LinearModes(frequency_hz, damping, self.shapes, self.sensors)
+        return with_units(known, dict(zip(self.sensors, self.units, strict=True)))
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return frequency, damping ratio and modal mass of each mode."""

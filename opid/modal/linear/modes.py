@@ -35,12 +35,11 @@ class LinearModes:
         shapes: (n_sensors, n_modes), one mass-normalised shape a column, kg^-1/2, so that x = shapes q; the row of a
             strain gauge is the strain for each modal coordinate, 1/m kg^-1/2.
         sensors: names of the sensors, one a row of `shapes`.
-        units: unit of the second derivative of each sensor's reading, "m/s^2", or "strain/s^2" of a strain gauge; all
-            are "m/s^2" where left out. `modal_test` and `ModalStudy` take them from the channels.
+        strains: names of the sensors that are strain gauges; `modal_test` and `ModalStudy` take them from the channels.
 
     Raises:
         InputError: counts that do not match, values that are not finite, a negative frequency, a damping ratio outside
-            0 .. 1, a mode that no sensor sees, a repeated sensor, or another unit.
+            0 .. 1, a mode that no sensor sees, a repeated sensor, or a strain of no sensor.
 
     >>> modes = LinearModes([0.0, 25.0], [0.0, 0.004], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
     >>> modes.n_modes, modes.row("left").tolist()
@@ -51,7 +50,7 @@ class LinearModes:
     damping_ratio: FloatArray
     shapes: FloatArray
     sensors: tuple[str, ...]
-    units: tuple[str, ...] = ()
+    strains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, n_axes in (("frequency_hz", 1), ("damping_ratio", 1), ("shapes", 2)):
@@ -66,7 +65,7 @@ class LinearModes:
         if isinstance(self.sensors, str):
             raise InputError(f"sensors is {self.sensors!r}: give a sequence of names, one for each row of shapes")
         object.__setattr__(self, "sensors", tuple(self.sensors))
-        object.__setattr__(self, "units", tuple(self.units) or (ACCELERATION,) * len(self.sensors))
+        object.__setattr__(self, "strains", tuple(self.strains))
         _require_counts(self)
         if self.frequency_hz.min() < 0:
             raise InputError(f"frequency_hz holds {self.frequency_hz.min():g} Hz: give 0 for rigid-body modes")
@@ -95,6 +94,11 @@ class LinearModes:
         if sensor not in self.sensors:
             raise InputError(f"there is no sensor {sensor!r} among the shapes: {nearest(sensor, self.sensors)}")
         return self.shapes[self.sensors.index(sensor)]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the second derivative of what each sensor reads: m/s^2, or strain/s^2 of a strain gauge."""
+        return tuple(STRAIN_ACCELERATION if name in self.strains else ACCELERATION for name in self.sensors)
 
     def unit(self, sensor: str) -> str:
         """Unit of the second derivative of what a sensor reads; InputError names the nearest sensor."""
@@ -129,8 +133,7 @@ def weigh_sensors(modes: LinearModes) -> FloatArray:
     readings: noise of the same fraction of the readings is then the same in all weighted rows. Rigid-body modes do not
     count, for they strain nothing.
 
-    >>> units = ("m/s^2", "m/s^2", "strain/s^2")
-    >>> modes = LinearModes([0, 9], [0, 0], [[0.4, 0.5], [0.4, -0.5], [0, 0.02]], ("a", "b", "gauge"), units)
+    >>> modes = LinearModes([0, 9], [0, 0], [[0.4, 0.5], [0.4, -0.5], [0, 0.02]], ("a", "b", "gauge"), ("gauge",))
     >>> weigh_sensors(modes).tolist()
     [1.0, 1.0, 25.0]
     """
@@ -229,13 +232,15 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
             f"mode {unseen[0] + 1} does not move the sensors {list_names(map(repr, sensors))}: name one that it moves, "
             "or leave the mode out"
         )
-    return replace(modes, shapes=shapes, sensors=tuple(sensors), units=tuple(modes.unit(name) for name in sensors))
+    strains = tuple(name for name in sensors if name in modes.strains)
+    return replace(modes, shapes=shapes, sensors=tuple(sensors), strains=strains)
 
 
 def with_units(modes: LinearModes, units: Mapping[str, str]) -> LinearModes:
     """Return the `modes` with the `units` of some sensors by their names; the same modes where nothing changes."""
-    known = tuple(units.get(sensor, unit) for sensor, unit in zip(modes.sensors, modes.units, strict=True))
-    return modes if known == modes.units else replace(modes, units=known)
+    known = dict(zip(modes.sensors, modes.units, strict=True)) | {**units}
+    strains = tuple(name for name in modes.sensors if known[name] == STRAIN_ACCELERATION)
+    return modes if {*strains} == {*modes.strains} else replace(modes, strains=strains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,14 +441,9 @@ def _require_counts(modes: LinearModes) -> None:
         raise InputError(f"{n_modes} columns in shapes, {listed}: give one value for each mode{turned}")
     if len(modes.sensors) != n_sensors:
         raise InputError(f"{n_sensors} rows in shapes and {len(modes.sensors)} names of sensors: give one for each row")
-    if len(modes.units) != n_sensors:
-        raise InputError(f"{n_sensors} sensors and {len(modes.units)} units: give one for each sensor, or none")
-    for name, unit in zip(modes.sensors, modes.units, strict=True):
-        if unit not in (ACCELERATION, STRAIN_ACCELERATION):
-            raise InputError(
-                f"the unit of sensor {name!r} is {unit!r}: give that of a second derivative, {ACCELERATION!r} or "
-                f"{STRAIN_ACCELERATION!r}"
-            )
+    for name in modes.strains:
+        if name not in modes.sensors:
+            raise InputError(f"strains names {name!r}, no sensor of the shapes: {nearest(name, modes.sensors)}")
     for name in modes.sensors:
         if modes.sensors.count(name) > 1:
             raise InputError(f"the sensor {name!r} is named {modes.sensors.count(name)} times: rename one")
