@@ -351,7 +351,7 @@ def _joint() -> Json:
 
 
 def _linear_modes() -> Json:
-    names = ("band_hz", "sensors", "unexplained", "warnings", "frequency_hz", "damping_ratio", "modal_mass_kg")
+    names = ("band_hz", "sensors", "units", "unexplained", "warnings", "frequency_hz", "damping_ratio", "modal_mass_kg")
     matrices = fields_of(FittedModes, "shapes", "shape_std")
     return fields_of(FittedModes, *names, "delay_s") | {
         **{name: array(array(NUMBER)) | {"description": each["description"]} for name, each in matrices.items()},
@@ -409,7 +409,7 @@ def _resonance() -> Json:
     numbers = ("start_s", "stop_s", "voltage_v", "driven_hz", "phase_error_deg", "amplitude", "resonance_hz")
     level = {"test": TEXT} | dict.fromkeys((*numbers, "damping_ratio"), NUMBER)
     level["force_n"] = NUMBERS | {"description": "amplitudes of the harmonics 1 to 5, N"}
-    level["sensors"] = array(NUMBERS) | {"description": "those of each sensor, m/s^2"}
+    level["sensors"] = array(NUMBERS) | {"description": "those of each sensor, m/s^2 (of a strain gauge strain/s^2)"}
     level["modal"] = array(NUMBERS) | {"description": "those of each modal acceleration, m/s^2 kg^1/2"}
     curve = fields_of(ResponseCurve, "name", "sensor", "frequency_hz", "force_n", "amplitude", "phase_deg")
     curve |= dict.fromkeys(("amplitude_by_law", "phase_by_law_deg"), NUMBERS) | fields_of(CurveFit, "is_prediction")

@@ -58,13 +58,8 @@ def test_a_missing_sensor_is_left_out_while_the_rest_can_tell_the_modes():
     [
         (("lbf",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "a", "is in lbf where N"),
         (("V",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "a", "is in V where N"),
-        (
-            ("N",) + 5 * ("m",),
-            ("force", *"abcde"),
-            "force",
-            "a",
-            "'a' of test 't' is in m where an acceleration or a v",
-        ),
+        (("N",) + 5 * ("V",), ("force", *"abcde"), "force", "a", "'a' of test 't' is in V where an acceleration, a v"),
+        (("N",) + 5 * ("1",), ("force", *"abcde"), "force", "a", "'a' of test 't' is in 1 where an acceleration, a v"),
         (("N",) + 5 * ("m/s^2",), ("force", *"vwxyz"), "force", "a", "has none of the sensors 'a'"),
         (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "forse", "a", "there is no channel 'forse'"),
         (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", None, "name the sensor at which the force acts"),

@@ -3,7 +3,7 @@
 import pytest
 
 from opid.errors import InputError
-from opid.signals.units import STANDARD_GRAVITY, to_si
+from opid.signals.units import _SPELLINGS, _TABLE, STANDARD_GRAVITY, _simplify, si_unit, to_si
 
 G = 9.80665
 
@@ -51,6 +51,14 @@ def test_metres_per_second_squared(unit):
         ("Sec", 1.0, "s"),
         ("min", 60.0, "s"),
         ("deg/s", 0.017453292519943295, "rad/s"),
+        ("deg/s^2", 0.017453292519943295, "rad/s^2"),
+        ("°/s²", 0.017453292519943295, "rad/s^2"),
+        ("strain", 1.0, "strain"),
+        ("ustrain", 1e-6, "strain"),
+        ("µε", 1e-6, "strain"),
+        ("UE", 1e-6, "strain"),
+        ("µm/m", 1e-6, "strain"),
+        ("ustrain/s^2", 1e-6, "strain/s^2"),
         ("mV", 1e-3, "V"),
         ("%", 1e-2, "1"),
         ("-", 1.0, "1"),
@@ -74,9 +82,26 @@ def test_case_counts_where_it_carries_meaning():
             to_si(unit)
 
 
-@pytest.mark.parametrize("unit", ["m/s^2", "m/s", "m", "N", "N/m", "N*m", "kg", "s", "Hz", "rad", "V", "A", "Pa", "1"])
+@pytest.mark.parametrize("unit", [*_TABLE])
 def test_an_si_unit_is_itself(unit):
     assert to_si(unit) == (1.0, unit)
+
+
+def test_every_spelling_of_the_table_is_found():
+    """A key that `_simplify` changes, like rad/s^2, could never match."""
+    assert [each for each in _SPELLINGS if to_si(each) != _SPELLINGS[each]] == []
+    assert [each for each in _SPELLINGS if _simplify(each) != each] == []
+
+
+@pytest.mark.parametrize("unit", ["%", "count", "ratio", "-", "1", "V", "mV/V"])
+def test_a_ratio_a_count_or_a_voltage_is_no_strain(unit):
+    assert si_unit(unit) != "strain"
+
+
+@pytest.mark.parametrize("unit", ["m/m", "mm/m"])
+def test_what_may_be_a_slope_is_no_strain(unit):
+    with pytest.raises(InputError, match="not known"):
+        to_si(unit)
 
 
 @pytest.mark.parametrize(

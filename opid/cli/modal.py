@@ -129,8 +129,8 @@ def modes(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     """Find linear modes from impacts or random forces: frequencies, damping, and mass-normalised shapes.
 
     Each log is a record that begins at rest and has decayed at its end, in which one force drives the structure. All
-    channels in m/s^2, g or m/s are sensors. Several logs of one drive point are averaged; several drive points separate
-    modes of nearly one frequency.
+    channels that read a motion (g, mm/s, mm) or a strain (ustrain) are sensors. Several logs of one drive point are
+    averaged; several drive points separate modes of nearly one frequency.
     """
     from opid.modal.linear.modes_file import write_modes
 

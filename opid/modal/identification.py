@@ -23,7 +23,7 @@ from opid.modal.forced.system import correct_modes
 from opid.modal.forced.system_fit import SystemFit, fit_system
 from opid.modal.joint_terms import ModalJoint
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, with_sensors
+from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, weighted_shapes, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
 from opid.modal.power_laws import hold_unstable, list_held
@@ -84,7 +84,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         decays=decays,
         shifts=shifts,
         condition_number=condition_number(study.modes),
-        auto_mac=modal_assurance(study.modes.shapes),
+        auto_mac=modal_assurance(weighted_shapes(study.modes)),
         warnings=(
             *of_records,
             *_warn_of_modes(study.modes),
@@ -172,7 +172,7 @@ def warn_of_records(study: ModalStudy) -> Iterator[str]:
                 f"({', '.join(repr(name) for name in missing[:6])}): its modes are filtered with the condition number "
                 f"{condition_number(with_sensors(test.modes, test.sensors)):.1f}"
             )
-        channels = inspect(test.recording, thorough=False).channels
+        channels = inspect(test.readings, thorough=False).channels
         clipped = {channel.name: channel.clipped_fraction for channel in channels if channel.clipped_fraction > 0}
         if clipped:
             worst = max(clipped, key=lambda name: clipped[name])

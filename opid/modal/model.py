@@ -101,9 +101,9 @@ class TruthTest:
     Args:
         name: the name of the test.
         band_hz: the band that is compared, Hz; None for all frequencies.
-        measured: measured accelerations at the sensors, m/s^2.
-        nonlinear: accelerations of the nonlinear modal model, with the same channels, m/s^2.
-        linear: accelerations of the linear model, with the same channels, m/s^2.
+        measured: measured accelerations at the sensors, m/s^2, and second derivatives of strains, strain/s^2.
+        nonlinear: accelerations of the nonlinear modal model, with the same channels, in the same units.
+        linear: accelerations of the linear model, with the same channels, in the same units.
         sensors: the comparison at each sensor, by its name.
     """
 
@@ -146,12 +146,12 @@ def simulate(
         velocity: (n_modes,) modal velocity at the first sample, m/s kg^1/2; zero where left out.
 
     Returns:
-        Channels with the names of the sensors, m/s^2.
+        Channels with the names and the units of the sensors, m/s^2, or strain/s^2 at strain gauges.
 
     Raises:
-        InputError: no such sensor, a force that is not a series of finite numbers or has not one column for each
-            drive point, an initial condition that has not one number for each mode, or a response that grows without
-            bound.
+        InputError: no such sensor or a strain gauge as drive point, a force that is not a series of finite numbers or
+            has not one column for each drive point, an initial condition that has not one number for each mode, or a
+            response that grows without bound.
 
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
     >>> response = simulate(NonlinearModalModel(modes), np.sin(np.arange(256) / 4), fs=1024.0, drive_point="a")
@@ -160,7 +160,7 @@ def simulate(
     """
     motion = modal_response(model, force, fs=fs, drive_point=drive_point, displacement=displacement, velocity=velocity)
     accelerations = motion.acceleration @ model.modes.shapes.T
-    channels = tuple(Channel(name, "m/s^2") for name in model.modes.sensors)
+    channels = tuple(map(Channel, model.modes.sensors, model.modes.units))
     return Recording(accelerations, fs=fs, channels=channels, history=("simulated by a modal model",))
 
 

@@ -45,6 +45,8 @@ class ModalThresholds:
     third_harmonic: float = 3.1
     # a mode without tests of its own is fitted to those that reach this fraction of its largest amplitude
     part_of_largest: float = 0.1
+    # half of the swing of a strain above which its unit is wrong: metals yield at 0.002 and carbon tears at 0.02
+    most_strain: float = 0.05
     most_outside: float = 0.5  # rms fraction of the motion that no shapes make: a test with more is refused ...
     warned_outside: float = 0.1  # ... and a test with more than this gets a warning
     # fraction of the motion of the mode under test, rms of modal accelerations, from which another mode is named as

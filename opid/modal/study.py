@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from opid.errors import nearest, refuse
 from opid.modal.couplings import DEGREES, Product
-from opid.modal.linear.modes import LinearModes, ModalTest
+from opid.modal.linear.modes import ACCELERATION, LinearModes, ModalTest, with_units
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.resonance.curves import ResponseCurve
 from opid.result import first_lines
@@ -48,7 +48,8 @@ class ModalStudy:
 
     Args:
         title: the title of the study.
-        modes: linear modes of the structure, on which the model is built.
+        modes: linear modes of the structure, on which the model is built; their sensors have the units that they have
+            in the tests.
         nonlinear: numbers of the nonlinear modes, from 1; where empty, those that the level tests show.
         tests: the tests, each with the linear modes that belong to it.
         drive_point: the sensor where the force acts in tests that name none of their own; the first one by which a
@@ -90,6 +91,8 @@ class ModalStudy:
         if self.drive_point is None:
             points = [point for each in self.tests for point in each.test.drive_points]
             object.__setattr__(self, "drive_point", points[0] if points else None)
+        units = {name: each.test.modes.unit(name) for each in self.tests for name in each.test.sensors}
+        object.__setattr__(self, "modes", with_units(self.modes, units))
         refuse(list(_find_faults(self)), self.source)
 
     def find_couplings(self, mode: int) -> tuple[Product, ...]:
@@ -162,6 +165,13 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
             yield f"test {name!r} is for mode {each.mode}, give a number from 1 to {study.modes.n_modes}"
         elif each.mode is not None and each.mode not in study.nonlinear and study.nonlinear:
             yield f"test {name!r} is for mode {each.mode}, which is none of nonlinear = {list(study.nonlinear)}"
+        for sensor in each.test.sensors:
+            own = each.test.modes.unit(sensor)
+            if sensor in study.modes.sensors and own != study.modes.unit(sensor):
+                yield (
+                    f"sensor {sensor!r} is in {own} in test {name!r} and in {study.modes.unit(sensor)} in another one: "
+                    "give it the unit that belongs to its row of the shapes"
+                )
         if each.test.modes.n_modes != study.modes.n_modes:
             yield (
                 f"test {name!r} has {each.test.modes.n_modes} modes of its own and the study {study.modes.n_modes}: "
@@ -175,6 +185,8 @@ def _find_curve_faults(study: ModalStudy) -> Iterator[str]:
     for each in study.curves:
         if each.sensor not in study.modes.sensors:
             yield f"curve {each.name!r} is of {each.sensor!r}, {nearest(each.sensor, study.modes.sensors)}"
+        elif study.modes.unit(each.sensor) != ACCELERATION:
+            yield f"curve {each.name!r} is of {each.sensor!r}, which reads a strain: give one of a sensor of motion"
         if each.mode is not None and not 1 <= each.mode <= study.modes.n_modes:
             yield f"curve {each.name!r} is of mode {each.mode}, give a number from 1 to {study.modes.n_modes}"
         elif each.mode is not None and not study.modes.elastic[each.mode - 1]:

@@ -17,6 +17,7 @@ from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
 from opid.modal.forced.system_fit import LawTrial, SystemFit
+from opid.modal.linear.modes import ACCELERATION
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
 from opid.modal.resonance.curve_fit import CurveFit
@@ -321,7 +322,7 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
         ax.set_yscale("log")
         ax.set_ylim(bottom=max(1e-6 * float(heights.max()), 0.5 * float(heights[heights > 0].min())))
         _label_levels(ax)
-        ax.set(ylabel="acceleration [m/s²]", title=f"Harmonics at {sensor}")
+        ax.set(ylabel=_name_reading(appropriation.modes.unit(sensor)), title=f"Harmonics at {sensor}")
         thicken(ax.legend(loc="best", fontsize=7.5, ncols=2))
     return ax
 
@@ -463,6 +464,11 @@ def _format_unit(unit: str) -> str:
     return unit.replace("kg^1/2", "√kg").replace("^2", "²")
 
 
+def _name_reading(unit: str) -> str:
+    """The label of a sensor's axis: of a strain the second derivative is drawn."""
+    return f"{'acceleration' if unit == ACCELERATION else 'second derivative'} [{_format_unit(unit)}]"
+
+
 # ---- truth tests ------------------------------------------------------------------------------------
 
 
@@ -484,7 +490,7 @@ def truth_test(
         grid = panels(axes, len(sensors), 3, height_in=0.6 + 2.4 * len(sensors), width_in=9.4)
         for row, sensor in zip(grid, sensors, strict=True):
             _draw_sensor(row, test, sensor, nonlinear_hz)
-            row[0].set(ylabel="acceleration [m/s²]", title=sensor)
+            row[0].set(ylabel=_name_reading(test.measured.unit(sensor)), title=sensor)
             figures = test.sensors[sensor]
             peak = f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}"
             error = (
@@ -551,7 +557,7 @@ def _draw_sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Se
     spectrum.set_yscale("log")
     top = float(compute_fourier_amplitude(measured - measured.mean(), fs)[1].max())
     spectrum.set_ylim(LEAST_SHOWN * top, 4 * top)
-    spectrum.set_ylabel("Fourier amplitude [m/s²/Hz]", fontsize=8.5)
+    spectrum.set_ylabel(f"Fourier amplitude [{_format_unit(test.measured.unit(sensor))}/Hz]", fontsize=8.5)
     # a linear model that overshoots by far would flatten the other two
     highest = ROOM * max(float(np.abs(values[close]).max()) for values in (measured, test.nonlinear.channel(sensor)))
     near.set_ylim(max(near.get_ylim()[0], -highest), min(near.get_ylim()[1], highest))

@@ -8,7 +8,8 @@ from typing import Any
 from opid.errors import list_names
 from opid.estimate import Estimate, format_number, format_percent, rounded
 from opid.modal.linear.fitted_modes import FittedModes
-from opid.modal.linear.frequency_response import cmif
+from opid.modal.linear.frequency_response import cmif, weigh_response
+from opid.modal.linear.modes import ACCELERATION
 from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings
 
 MODES_IN_A_TABLE = 5
@@ -61,6 +62,8 @@ def _say_basis(result: FittedModes) -> str:
 def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
     """Yield the shapes, some modes beside each other in a table."""
     n = len(result.frequency_hz)
+    gauges = [name for name, unit in zip(result.sensors, result.units, strict=True) if unit != ACCELERATION]
+    of_strains = f" (of the strains {list_names(map(repr, gauges))} 1/m kg^-1/2)" if gauges else ""
     for first in range(0, n, MODES_IN_A_TABLE):
         some = range(first, min(first + MODES_IN_A_TABLE, n))
         yield Table(
@@ -69,7 +72,7 @@ def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
                 (name, *(rounded(float(result.shapes[row, k]), float(result.shape_std[row, k])) for k in some))
                 for row, name in enumerate(result.sensors)
             ),
-            title="Mass-normalised shapes, kg^-1/2" if first == 0 else "",
+            title=f"Mass-normalised shapes, kg^-1/2{of_strains}" if first == 0 else "",
             legend="" if some.stop < n else "They are rounded by their standard deviations.",
         )
 
@@ -89,9 +92,12 @@ def _build_figure(result: FittedModes) -> Figure:
     def draw() -> Any:
         from opid import plots
 
-        measured = {"measured": cmif(result.responses)}
+        responses, fitted = (
+            [weigh_response(each, result.modes) for each in several] for several in (result.responses, result.fitted)
+        )
+        measured = {"measured": cmif(responses)}
         marked = {number: each.value or 0.0 for number, each in enumerate(result.frequency_hz, start=1)}
-        return plots.mode_indicators(measured, cmif(result.fitted), marked=marked, title="Modes by number")
+        return plots.mode_indicators(measured, cmif(fitted), marked=marked, title="Modes by number")
 
     return Figure(
         "mode_indicator",

@@ -15,7 +15,14 @@ from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import SystemFit
 from opid.modal.joint_terms import joint_rows
-from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
+from opid.modal.linear.frequency_response import (
+    ModeIndicator,
+    cmif,
+    measured_response,
+    resynthesised,
+    weigh_response,
+)
+from opid.modal.linear.modes import ACCELERATION
 from opid.modal.model import TruthTest
 from opid.modal.power_laws import unit_of
 from opid.modal.result import ModalIdentification
@@ -439,7 +446,8 @@ def _draw_indicators(result: ModalIdentification) -> Any:
     top = ABOVE_MODES * float(result.modes.frequency_hz.max())
     elastic = result.modes.frequency_hz[result.modes.elastic]
     frequency = np.linspace(0.5 * float(elastic.min()), top, N_LINES)
-    made = cmif([resynthesised(result.modes, np.union1d(frequency, elastic), str(result.drive_point))])
+    response = resynthesised(result.modes, np.union1d(frequency, elastic), str(result.drive_point))
+    made = cmif([weigh_response(response, result.modes)])
     marked = {mode: float(result.modes.frequency_hz[mode - 1]) for mode in sorted(result.model.laws)}
     zoomed = list(marked)[:MOST_ZOOMED] if measured else []
     return plots.mode_indicators(measured, made, marked=marked, zoomed=zoomed)
@@ -450,13 +458,14 @@ def _compute_measured_indicators(result: ModalIdentification) -> dict[str, ModeI
     # A response belongs to one force.
     single = [test for test in result.tests if test.name in names and len(test.forces) == 1]
     tests = sorted(single, key=lambda test: float(np.abs(test.forces[0].samples).max()))
-    return {test.name: cmif([measured_response([test])]) for test in tests}
+    return {test.name: cmif([weigh_response(measured_response([test]), test.modes)]) for test in tests}
 
 
 def _choose_sensors(result: ModalIdentification, test: TruthTest) -> list[str]:
     """The drive point, the sensor that moves most in the model, and the one with the largest error."""
     names = list(test.sensors)
-    moves_most = max(names, key=lambda name: float(np.abs(test.nonlinear.channel(name)).max()))
+    moving = [name for name in names if test.nonlinear.unit(name) == ACCELERATION] or names
+    moves_most = max(moving, key=lambda name: float(np.abs(test.nonlinear.channel(name)).max()))
     drive = [result.drive_point] if result.drive_point in names else []
     return list(dict.fromkeys([*drive, moves_most, test.worst_sensors[0]]))[:N_SENSORS_SHOWN]
 

@@ -23,6 +23,9 @@ from opid.signals.recording import FloatArray
 IntegrationMethod = Literal["spectral", "zero_phase", "mean_removed"]
 METHODS: tuple[IntegrationMethod, ...] = ("spectral", "zero_phase", "mean_removed")
 
+DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}
+"""SI units of a motion, and the number of the derivative of the displacement that each belongs to."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -99,15 +102,17 @@ def integrate(
     return _integrate_zero_phase(samples, fs=fs, high_pass_hz=high_pass_hz)
 
 
-def differentiate(samples: ArrayLike, *, fs: float) -> FloatArray:
-    """Return the time derivative of a signal, exact for all frequencies below half of the rate.
+def differentiate(samples: ArrayLike, *, fs: float, times: Literal[1, 2] = 1) -> FloatArray:
+    """Return the first or second time derivative of a signal, exact for all frequencies below half of the rate.
 
     The signal minus the straight line through both ends is a sine series over the record, whose derivative is a cosine
-    series.
+    series. The second derivative is again a sine series: if the first one were differentiated like a signal, its noise
+    at both ends would become steps, which have low frequencies, too.
 
     Args:
         samples: (n,) samples, two or more.
         fs: sampling rate, Hz.
+        times: 1 for the first derivative, 2 for the second.
 
     >>> t = np.arange(200) / 100
     >>> bool(np.allclose(differentiate(np.sin(9 * t), fs=100.0)[5:-5], 9 * np.cos(9 * t)[5:-5], atol=0.02))
@@ -119,6 +124,8 @@ def differentiate(samples: ArrayLike, *, fs: float) -> FloatArray:
     left = values - values[0] - slope * np.arange(n)
     odd = np.concatenate([left, -left[-2:0:-1]])
     omega = 2j * np.pi * np.fft.rfftfreq(odd.size)
+    if times == 2:
+        return np.asarray(np.fft.irfft(np.fft.rfft(odd) * omega**2, odd.size)[:n]) * fs**2
     omega[-1] = 0.0  # at half of the rate the phase is not known
     return np.asarray(np.fft.irfft(np.fft.rfft(odd) * omega, odd.size)[:n] + slope) * fs
 

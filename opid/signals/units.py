@@ -57,13 +57,16 @@ _TABLE: dict[str, dict[str, float]] = {
     "Hz": _list_prefixed("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "dps": math.pi / 180, "°/s": math.pi / 180},
-    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180},
+    "rad/s^2": {"rad/s2": 1.0, "deg/s2": math.pi / 180, "°/s2": math.pi / 180},
     "V": _list_prefixed("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
     "A": _list_prefixed("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
     "Pa": _list_prefixed("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},
     "degC": dict.fromkeys(("degC", "°C"), 1.0),
-    "1": dict.fromkeys(("1", "-", "ratio", "count", "counts"), 1.0)
-    | {"%": 1e-2, "percent": 1e-2, "strain": 1.0, "ustrain": 1e-6, "ue": 1e-6},
+    # A strain is a quantity of its own, so that no ratio or count is taken for one. m/m and mm/m may be slopes.
+    "strain": dict.fromkeys(("strain", "ε"), 1.0)
+    | dict.fromkeys(("ustrain", "microstrain", "ue", "uε", "um/m", "uin/in"), 1e-6),
+    "strain/s^2": {"strain/s2": 1.0, "ustrain/s2": 1e-6},
+    "1": dict.fromkeys(("1", "-", "ratio", "count", "counts"), 1.0) | {"%": 1e-2, "percent": 1e-2},
 }
 
 _SPELLINGS: dict[str, tuple[float, str]] = {
@@ -71,7 +74,10 @@ _SPELLINGS: dict[str, tuple[float, str]] = {
 }
 
 # These are suggested where a unit is not known.
-_USUAL = ("m/s^2", "g", "mg", "mm/s^2", "in/s^2", "m/s", "mm/s", "m", "mm", "in", "N", "kN", "lbf", "s", "ms", "V", "%")
+_USUAL = (
+    *("m/s^2", "g", "mg", "mm/s^2", "in/s^2", "m/s", "mm/s", "m", "mm", "in", "N", "kN", "lbf", "s", "ms", "V", "%"),
+    "ustrain",
+)
 
 
 def _simplify(unit: str) -> str:

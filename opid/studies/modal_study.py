@@ -8,6 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from opid.errors import InputError, nearest, refuse
 from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.linear.modes_file import read_modes, write_modes
@@ -206,16 +208,18 @@ def write_files(study: ModalStudy, directory: Path) -> str:
     values = sum(each.test.recording.samples.size for each in study.tests)
     ending = ".h5" if values > LARGEST_CSV and find_spec("h5py") is not None else ".csv"
     write_modes(study.modes, directory / "modes.npz")
-    files = {id(study.modes): "modes.npz"}
+    written = {"modes.npz": study.modes}
     entries = []
     for each in study.tests:
         test = each.test
-        if id(test.modes) not in files:
-            files[id(test.modes)] = f"modes_{test.name}.npz"
-            write_modes(test.modes, directory / files[id(test.modes)])
+        file = next((file for file, modes in written.items() if _is_same(modes, test.modes)), None)
+        if file is None:
+            file = f"modes_{test.name}.npz"
+            written[file] = test.modes
+            write_modes(test.modes, directory / file)
         log = f"{test.name}{ending}"
-        write_log(test.recording, directory / log)
-        own = None if test.modes is study.modes else files[id(test.modes)]
+        write_log(test.readings, directory / log)
+        own = None if file == "modes.npz" else file
         points = _list_forces(test)
         force = next(iter(points)) if len(points) == 1 else None
         point = points[force] if force is not None and points[force] != study.drive_point else None
@@ -230,6 +234,12 @@ def write_files(study: ModalStudy, directory: Path) -> str:
         curves.append(entry)
     named = recast(_Modes, study, file="modes.npz")
     return format_toml(_Study(title=study.title, modes=named, tests=tuple(entries), curves=tuple(curves)))
+
+
+def _is_same(one: LinearModes, other: LinearModes) -> bool:
+    """Return whether one file can hold both; the units of their sensors are in the logs."""
+    names = ("frequency_hz", "damping_ratio", "shapes", "sensors")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------
@@ -340,7 +350,8 @@ def _require_alive(recording: Recording, modes: LinearModes) -> None:
         samples = recording.channel(name)
         if name in modes.sensors and samples.min() == samples.max():
             raise InputError(
-                f"sensor {name!r} is mute, all samples lie at {samples[0]:.4g} m/s^2: leave its row out of the shapes"
+                f"sensor {name!r} is mute, all samples lie at {samples[0]:.4g} {recording.unit(name)}: leave its row "
+                "out of the shapes"
             )
 
 

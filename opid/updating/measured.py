@@ -17,13 +17,14 @@ from opid.errors import InputError, nearest
 from opid.provenance import ReadFile, read_file
 from opid.signals.files import write_whole
 from opid.signals.frequency_tables import FREQUENCY_NAMES, find_frequency, read_table
+from opid.signals.motion import DERIVATIVES
 from opid.signals.recording import FloatArray
 from opid.signals.units import split_unit, to_si
 
 LEAST_POINTS = 3  # points of a backbone: fewer do not make a curve
 
-DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}  # units of motion, and the number of the derivative of the displacement
-NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")  # units of columns that are left out: force, voltage, current, phase
+# units of columns that are left out: force, voltage, current, phase, strain
+NO_MOTION = ("N", "V", "A", "rad", "1", "strain", "N*m")
 
 
 @dataclass(frozen=True, eq=False)

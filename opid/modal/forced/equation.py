@@ -139,7 +139,6 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     k0, c0 = float(test.modes.stiffness()[index]), float(test.modes.damping()[index])
     finer = int(np.ceil(24 * natural_hz / test.fs))  # a period then has 24 samples or more
     stiffness, damping = (_transform_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
-    quiet = find_quiet_lines(test.modes, frequency)
     return ModeLines(
         test=test.name,
         frequency_hz=frequency[inside],
@@ -148,8 +147,8 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         inertia=of_acceleration[inside],
         force=of_force[inside],
         left_side=of_force[inside] - of_acceleration[inside] - (c0 * damping[:, 0] + k0 * stiffness[:, 0]),
-        noise_force=_find_noise_std(of_force, quiet),
-        noise_inertia=_find_noise_std(of_acceleration, quiet),
+        noise_force=_find_noise_std(of_force, of_force[find_quiet_lines(test.modes, frequency)]),
+        noise_inertia=_find_noise_std(of_acceleration, transform_noise(test, mode, fade)),
         indices=np.flatnonzero(inside),
         q=q,
         v=v,
@@ -170,6 +169,23 @@ def find_quiet_lines(modes: LinearModes, frequency_hz: FloatArray) -> NDArray[np
     """Return the lines of a test that hold mainly noise: those above all modes, or all where these are few."""
     above = frequency_hz > 1.3 * modes.frequency_hz.max()
     return above if above.sum() >= 50 else frequency_hz > 0
+
+
+def transform_noise(test: ModalTest, mode: int, fade: FloatArray | float = 1.0) -> ComplexArray:
+    """Return the quiet lines of a modal acceleration, as if their noise were that at the natural frequency of the mode.
+
+    The noise of a reading grows with the frequency where it was differentiated, once or twice.
+
+    Args:
+        test: a test.
+        mode: number of the mode, from 1.
+        fade: (n,) factor of the samples.
+    """
+    frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
+    quiet = find_quiet_lines(test.modes, frequency)
+    slope = test.modes.frequency_hz[test.modes.index(mode)] / frequency[quiet]
+    parts = test.split_acceleration(mode).items()
+    return np.sum([slope**times * fft.rfft(fade * part)[quiet] for times, part in parts], axis=0)
 
 
 def find_noise_power(lines: ComplexArray) -> FloatArray:
@@ -241,7 +257,7 @@ def _transform_powers(motion: FloatArray, taper: float, finer: int) -> ComplexAr
     return np.stack([each[: n // 2 + 1] / finer for each in powers], axis=1)
 
 
-def _find_noise_std(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
+def _find_noise_std(spectrum: ComplexArray, quiet: ComplexArray) -> float:
     # Simulated tests without noise need finite weights, too.
     least = 1e-7 * float(np.abs(spectrum).max())
-    return max(float(np.sqrt(find_noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)
+    return max(float(np.sqrt(find_noise_power(quiet))), least, np.finfo(float).tiny)

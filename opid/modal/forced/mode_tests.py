@@ -17,7 +17,7 @@ from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product
 from opid.modal.forced.equation import ModeLines, find_noise_power, find_quiet_lines, integrate_mode
 from opid.modal.linear.frequency_response import accelerance
-from opid.modal.linear.modes import LinearModes, ModalTest, with_sensors
+from opid.modal.linear.modes import LinearModes, ModalTest, weigh_sensors, weighted_shapes, with_sensors
 from opid.modal.settings import MODAL
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
@@ -99,19 +99,23 @@ def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Ch
 def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
     """Return the fraction of the motion that no sum of the shapes can make, and a clause on its most likely cause.
 
-    The fraction is |x - Phi pinv(Phi) x| / |x| over the lines of a band, without the part of the sensors' noise; it is
-    0 where there are no more sensors than modes. The clause names the sensor whose sign is wrong, or the two whose rows
-    are exchanged; it is "" where no such cause stands out.
+    The fraction is |x - Phi pinv(Phi) x| / |x| over the lines of a band, without the part of the sensors' noise, and
+    with strains weighted as in the modal filter; it is 0 where there are no more sensors than modes. The clause names
+    the sensor whose sign is wrong, or the two whose rows are exchanged; it is "" where no such cause stands out.
     """
     sensors = test.sensors
-    shapes = with_sensors(test.modes, sensors).shapes
+    modes = with_sensors(test.modes, sensors)
+    shapes = weighted_shapes(modes)
     n_sensors, n_modes = shapes.shape
     if n_sensors <= n_modes:
         return 0.0, ""
-    spectrum = fft.rfft(test.at_sensors, axis=0)
+    spectrum = fft.rfft(test.at_sensors * weigh_sensors(modes), axis=0)
     frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
     lines = spectrum[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
-    noise = float(np.mean(find_noise_power(spectrum[find_quiet_lines(test.modes, frequency)])))
+    quiet = find_quiet_lines(test.modes, frequency)
+    # Derivatives raise the noise above the band.
+    slope = np.sqrt(band_hz[0] * band_hz[1]) / frequency[quiet, None]
+    noise = float(np.mean(find_noise_power(spectrum[quiet] * slope ** np.array(test.times_differentiated))))
 
     def outside(shapes: FloatArray) -> float:
         remainder = lines - lines @ np.linalg.pinv(shapes).T @ shapes.T

@@ -12,7 +12,7 @@ from scipy import fft
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product, expand_joint
-from opid.modal.forced.equation import Powers, find_noise_power, find_quiet_lines
+from opid.modal.forced.equation import Powers, find_noise_power, transform_noise
 from opid.modal.joint_terms import JointTerms, ModalJoint
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.model import NonlinearModalModel
@@ -269,7 +269,7 @@ def make_system(
         half = resampled(series, 2 * steps * test.fs).samples[: 2 * (n - 1) * steps + 1]
         frequency = fft.rfftfreq(n, 1 / test.fs)
         spectrum = fft.rfft(test.acceleration[:, indices], axis=0)
-        noise = np.sqrt(find_noise_power(spectrum[find_quiet_lines(test.modes, frequency)]))
+        noise = [float(np.sqrt(find_noise_power(transform_noise(test, number)))) for number in numbers]
         lines = [
             np.flatnonzero((frequency >= low) & (frequency <= high)).astype(np.int64) for low, high in bands_hz.values()
         ]
@@ -279,7 +279,7 @@ def make_system(
             SystemTest(
                 test.name, test.fs, n, steps, half, tuple(lines),
                 tuple(spectrum[own, index] for index, own in enumerate(lines)),
-                tuple(noise.tolist()), int(np.ceil(2 * n / max(float(lasting), 1.0))),
+                tuple(noise), int(np.ceil(2 * n / max(float(lasting), 1.0))),
             )
         )  # fmt: skip
     return System(modes, numbers, np.array([largest[number] for number in numbers]), tuple(ready))

@@ -11,7 +11,7 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.modal.linear.frequency_response import FrequencyResponse
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, with_units
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
@@ -27,9 +27,10 @@ class FittedModes(Result):
         frequency_hz: natural frequency of each mode, Hz.
         damping_ratio: its fraction of critical damping.
         modal_mass_kg: its modal mass where its shape is 1 at the drive point; that at which it moves most clearly.
-        shapes: (n_sensors, n_modes) mass-normalised shapes, kg^-1/2.
+        shapes: (n_sensors, n_modes) mass-normalised shapes, kg^-1/2; that of a strain gauge is 1/m kg^-1/2.
         shape_std: their standard deviations, without that of the calibrations.
         sensors: names of the sensors.
+        units: unit of the second derivative of each sensor's reading, m/s^2, or strain/s^2 of a strain gauge.
         band_hz: the band of the fit.
         delay_s: delay of the accelerations behind the force.
         unexplained: rms fraction of each response that the modes leave, by drive point.
@@ -46,6 +47,7 @@ class FittedModes(Result):
     shapes: FloatArray
     shape_std: FloatArray
     sensors: tuple[str, ...]
+    units: tuple[str, ...]
     band_hz: tuple[float, float]
     delay_s: Estimate
     unexplained: tuple[float, ...]
@@ -61,7 +63,8 @@ class FittedModes(Result):
         frequency_hz, damping = (
             np.array([each.value for each in several]) for several in (self.frequency_hz, self.damping_ratio)
         )
-        return LinearModes(frequency_hz, damping, self.shapes, self.sensors)
+        known = LinearModes(frequency_hz, damping, self.shapes, self.sensors)
+        return with_units(known, dict(zip(self.sensors, self.units, strict=True)))
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return frequency, damping ratio and modal mass of each mode."""
@@ -77,7 +80,7 @@ class FittedModes(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, which docs/schemas/modes-1.schema.json describes."""
-        found = {name: getattr(self, name) for name in ("band_hz", "sensors", "unexplained", "warnings")}
+        found = {name: getattr(self, name) for name in ("band_hz", "sensors", "units", "unexplained", "warnings")}
         for name in ("frequency_hz", "damping_ratio", "modal_mass_kg"):
             found[name] = [asdict(each) for each in getattr(self, name)]
         found["delay_s"] = asdict(self.delay_s)

@@ -1,4 +1,4 @@
-"""Frequency responses of accelerations to a force, measured or made from the linear modes, and a mode indicator."""
+"""Frequency responses of sensors to a force, measured or made from the linear modes, and a mode indicator."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ from scipy import fft
 
 from opid.errors import InputError, nearest
 from opid.mechanics.structure import ComplexArray
-from opid.modal.linear.modes import LinearModes, ModalTest, check_force, with_accelerations
+from opid.modal.linear.modes import (
+    ACCELERATION,
+    READINGS,
+    LinearModes,
+    ModalTest,
+    check_force,
+    check_reading,
+    weigh_sensors,
+    with_accelerations,
+)
 from opid.modal.settings import MODAL
 from opid.provenance import ReadFile
 from opid.signals.recording import FloatArray, Recording
@@ -24,13 +33,15 @@ class FrequencyResponse:
 
     Args:
         frequency_hz: (n,) lines, Hz.
-        value: (n, n_sensors) complex accelerance, m/s^2/N; nan at a line without any force.
+        value: (n, n_sensors) complex accelerance, m/s^2/N, or strain/s^2/N of a strain gauge; nan at a line without any
+            force.
         sensors: names of the columns.
         drive_point: the sensor where and in whose direction the force acts.
         n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
         coherence: (n, n_sensors) coherence, 0 .. 1; None where nothing was averaged, as it would be 1 by construction.
         left_at_end: motion at the end of the records that were transformed whole, over the largest one, rms.
         level_ratio: largest peak of the force in a record over the smallest.
+        units: unit of the second derivative of each sensor's reading; all are "m/s^2" where empty.
     """
 
     frequency_hz: FloatArray
@@ -41,6 +52,7 @@ class FrequencyResponse:
     coherence: FloatArray | None = None
     left_at_end: float = 0.0
     level_ratio: float = 1.0
+    units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +63,8 @@ class ForcedRecord:
         name: the name of the test.
         fs: sampling rate, Hz.
         force: (n,) force at the drive point, N.
-        at_sensors: (n, n_sensors) accelerations, m/s^2.
+        at_sensors: (n, n_sensors) accelerations, m/s^2, and second derivatives of strains, strain/s^2.
+        units: their units.
         sensors: names of their columns.
         drive_point: the sensor where and in whose direction the force acts.
         files: the files that it was read from.
@@ -61,6 +74,7 @@ class ForcedRecord:
     fs: float
     force: FloatArray
     at_sensors: FloatArray
+    units: tuple[str, ...]
     sensors: tuple[str, ...]
     drive_point: str
     files: tuple[ReadFile, ...] = ()
@@ -74,29 +88,41 @@ class ForcedRecord:
 
 
 def forced_record(recording: Recording, *, name: str, force: str, drive_point: str) -> ForcedRecord:
-    """Return a recording as that of a structure driven at one point; its sensors are all channels that read a motion.
+    """Return a recording as that of a structure driven at one point; all channels that read a motion are its sensors.
+
+    Strain gauges are sensors, too.
 
     Args:
-        recording: a recording with the force in N and accelerations in m/s^2; velocities are differentiated.
+        recording: a recording with the force in N and accelerations in m/s^2; velocities are differentiated once,
+            displacements and strains twice.
         name: the name of the test.
         force: channel of the force.
         drive_point: the sensor where and in whose direction the force acts.
 
     Raises:
-        InputError: no such channel, a force in another unit or none, or no sensor.
+        InputError: no such channel, a force in another unit or none, no sensor, a strain gauge as drive point, or a
+            strain that no structure bears.
     """
-    sensors = [each for each in recording.names if recording.unit(each) in ("m/s^2", "m/s")]
+    sensors = [each for each in recording.names if recording.unit(each) in READINGS]
     for what, wanted, known in (("force", force, recording.names), ("sensor", drive_point, sensors)):
         if wanted not in known:
             raise InputError(f"test {name!r} has no {what} {wanted!r}: {nearest(wanted, known)}")
     check_force(recording, force, name)
+    for each in sensors:
+        check_reading(recording, each, name)
     accelerations = with_accelerations(recording, sensors)
+    if accelerations.unit(drive_point) != ACCELERATION:
+        raise InputError(
+            f"the force of test {name!r} acts at {drive_point!r}, which reads a strain: name a sensor that reads the "
+            "motion there, which gives the modal masses"
+        )
     columns = [accelerations.index(each) for each in sensors]
     return ForcedRecord(
         name,
         recording.fs,
         recording.channel(force),
         accelerations.samples[:, columns],
+        tuple(accelerations.unit(each) for each in sensors),
         tuple(sensors),
         drive_point,
         recording.files,
@@ -156,7 +182,9 @@ def measured_response(
     left = 0.0 if nperseg is not None else max(_measure_end(motion) for _, motion in records)
     peaks = [float(np.abs(force).max()) for force, _ in records]
     ratio = max(peaks) / max(min(peaks), 1e-300)
-    return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence, left, ratio)
+    return FrequencyResponse(
+        frequency_hz, value, sensors, drive_point, n_averages, coherence, left, ratio, tests[0].units
+    )
 
 
 def _measure_end(motion: FloatArray) -> float:
@@ -194,7 +222,18 @@ def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str)
             "leave out the line"
         )
     value = (single * modes.row(drive_point)) @ modes.shapes.T
-    return FrequencyResponse(lines, value, modes.sensors, drive_point, n_averages=0)
+    return FrequencyResponse(lines, value, modes.sensors, drive_point, n_averages=0, units=modes.units)
+
+
+def weigh_response(response: FrequencyResponse, modes: LinearModes) -> FrequencyResponse:
+    """Return a response whose strains have the weights by which the modal filter of some modes takes them for motions.
+
+    Args:
+        response: a response.
+        modes: modes that have its sensors.
+    """
+    weights = dict(zip(modes.sensors, weigh_sensors(modes), strict=True))
+    return replace(response, value=response.value * np.array([weights[sensor] for sensor in response.sensors]))
 
 
 def accelerance(modes: LinearModes, frequency_hz: FloatArray) -> ComplexArray:
@@ -213,7 +252,8 @@ def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
     """Return the complex mode indicator function: singular values of the responses (sensors x drive points), by line.
 
     A mode shows as a peak of the largest singular value. With two drive points or more, two modes at nearly one
-    frequency show as peaks of two values (Shih et al., Mechanical Systems and Signal Processing 2, 1988).
+    frequency show as peaks of two values (Shih et al., Mechanical Systems and Signal Processing 2, 1988). Strains count
+    like motions if `weigh_response` has weighted them.
 
     Args:
         responses: one response for each drive point, at the same lines and sensors.

@@ -11,8 +11,18 @@ from scipy import fft
 
 from opid.errors import InputError, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
-from opid.signals.motion import differentiate
+from opid.modal.settings import MODAL
+from opid.signals.motion import DERIVATIVES, differentiate
 from opid.signals.recording import Channel, FloatArray, Recording
+
+ACCELERATION, STRAIN_ACCELERATION = "m/s^2", "strain/s^2"  # units of the second derivatives of what sensors read
+
+READINGS = {
+    **{unit: (2 - number, ACCELERATION) for unit, number in DERIVATIVES.items()},
+    "strain": (2, STRAIN_ACCELERATION),
+    STRAIN_ACCELERATION: (0, STRAIN_ACCELERATION),
+}
+"""Units in which sensors read, how often each is differentiated, and the unit that it has then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,12 +32,14 @@ class LinearModes:
     Args:
         frequency_hz: (n_modes,) natural frequencies, Hz; 0 for a rigid-body mode.
         damping_ratio: (n_modes,) fraction of critical damping; that of a rigid-body mode has no effect.
-        shapes: (n_sensors, n_modes), one mass-normalised shape a column, kg^-1/2, so that x = shapes q.
+        shapes: (n_sensors, n_modes), one mass-normalised shape a column, kg^-1/2, so that x = shapes q; the row of a
+            strain gauge is the strain for each modal coordinate, 1/m kg^-1/2.
         sensors: names of the sensors, one a row of `shapes`.
+        strains: names of the sensors that are strain gauges; `modal_test` and `ModalStudy` take them from the channels.
 
     Raises:
         InputError: counts that do not match, values that are not finite, a negative frequency, a damping ratio outside
-            0 .. 1, a mode that no sensor sees, or a repeated sensor.
+            0 .. 1, a mode that no sensor sees, a repeated sensor, or a strain of no sensor.
 
     >>> modes = LinearModes([0.0, 25.0], [0.0, 0.004], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
     >>> modes.n_modes, modes.row("left").tolist()
@@ -38,6 +50,7 @@ class LinearModes:
     damping_ratio: FloatArray
     shapes: FloatArray
     sensors: tuple[str, ...]
+    strains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, n_axes in (("frequency_hz", 1), ("damping_ratio", 1), ("shapes", 2)):
@@ -52,6 +65,7 @@ class LinearModes:
         if isinstance(self.sensors, str):
             raise InputError(f"sensors is {self.sensors!r}: give a sequence of names, one for each row of shapes")
         object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(self, "strains", tuple(self.strains))
         _require_counts(self)
         if self.frequency_hz.min() < 0:
             raise InputError(f"frequency_hz holds {self.frequency_hz.min():g} Hz: give 0 for rigid-body modes")
@@ -81,6 +95,16 @@ class LinearModes:
             raise InputError(f"there is no sensor {sensor!r} among the shapes: {nearest(sensor, self.sensors)}")
         return self.shapes[self.sensors.index(sensor)]
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the second derivative of what each sensor reads: m/s^2, or strain/s^2 of a strain gauge."""
+        return tuple(STRAIN_ACCELERATION if name in self.strains else ACCELERATION for name in self.sensors)
+
+    def unit(self, sensor: str) -> str:
+        """Unit of the second derivative of what a sensor reads; InputError names the nearest sensor."""
+        self.row(sensor)
+        return self.units[self.sensors.index(sensor)]
+
     def stiffness(self) -> FloatArray:
         """(n_modes,) k0 = omega^2, 1/s^2 (Pacini eq. 5)."""
         return (2 * np.pi * self.frequency_hz) ** 2
@@ -102,8 +126,32 @@ class LinearModes:
         return float(below.max(initial=0.0)), float(above.min(initial=np.inf))
 
 
+def weigh_sensors(modes: LinearModes) -> FloatArray:
+    """Return the weights of the sensors by which strains count as much as motions, (n_sensors,); 1 where all are alike.
+
+    The shapes of strain gauges get the rms that those of the other sensors have over the elastic modes, and so do their
+    readings: noise of the same fraction of the readings is then the same in all weighted rows. Rigid-body modes do not
+    count, for they strain nothing.
+
+    >>> modes = LinearModes([0, 9], [0, 0], [[0.4, 0.5], [0.4, -0.5], [0, 0.02]], ("a", "b", "gauge"), ("gauge",))
+    >>> weigh_sensors(modes).tolist()
+    [1.0, 1.0, 25.0]
+    """
+    shapes = modes.shapes[:, modes.elastic] if modes.elastic.any() else modes.shapes
+    kinds = sorted(set(modes.units))  # accelerations come first
+    rms = {unit: float(np.sqrt(np.mean(shapes[np.equal(modes.units, unit)] ** 2))) or 1.0 for unit in kinds}
+    return np.array([rms[kinds[0]] / rms[unit] for unit in modes.units])
+
+
+def weighted_shapes(modes: LinearModes) -> FloatArray:
+    """Return the shapes, (n_sensors, n_modes), with each row times its weight of `weigh_sensors`."""
+    return modes.shapes * weigh_sensors(modes)[:, np.newaxis]
+
+
 def modal_filter(modes: LinearModes) -> FloatArray:
     """Return pinv(Phi), (n_modes, n_sensors): accelerations at the sensors -> modal accelerations (Pacini eq. 2).
+
+    Where there are strain gauges, the rows of Phi have the weights W of `weigh_sensors`: it is pinv(W Phi) W.
 
     Args:
         modes: linear modes with at least as many sensors as modes.
@@ -116,16 +164,17 @@ def modal_filter(modes: LinearModes) -> FloatArray:
     True
     """
     n_sensors, n_modes = modes.shapes.shape
+    shapes = weighted_shapes(modes)
     if n_sensors < n_modes:
         raise InputError(
             f"{n_sensors} sensor(s) cannot separate {n_modes} modes: add sensors, or leave out modes that do not move"
         )
-    if np.linalg.matrix_rank(modes.shapes) < n_modes:
+    if np.linalg.matrix_rank(shapes) < n_modes:
         raise InputError(
             f"the {n_modes} shapes depend on each other at these {n_sensors} sensors: leave out modes, or add "
             "sensors where their shapes differ"
         )
-    return np.asarray(np.linalg.pinv(modes.shapes), dtype=np.float64)
+    return np.asarray(np.linalg.pinv(shapes) * weigh_sensors(modes), dtype=np.float64)
 
 
 def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:
@@ -133,18 +182,28 @@ def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:
 
     Args:
         modes: linear modes of the structure.
-        drive_point: name of the sensor where and in whose direction the force acts; InputError for another name.
+        drive_point: name of the sensor where and in whose direction the force acts.
+
+    Raises:
+        InputError: no such sensor, or a strain gauge, whose row does not say how the point moves.
     """
+    if modes.unit(drive_point) != ACCELERATION:
+        raise InputError(
+            f"the force acts at {drive_point!r}, which reads a strain: name a sensor that reads the motion there, or "
+            "add its row to the shapes (it needs no channel)"
+        )
     return modes.row(drive_point).copy()
 
 
 def condition_number(modes: LinearModes) -> float:
     """Return the condition number of the shapes of `modes`: the modal filter amplifies noise and wrong shapes by it.
 
+    Rows of strain gauges are weighted as in the filter.
+
     >>> round(condition_number(LinearModes([1, 2], [0, 0], [[1, 0], [0, 0.5]], ("a", "b"))), 6)
     2.0
     """
-    return float(np.linalg.cond(modes.shapes))
+    return float(np.linalg.cond(weighted_shapes(modes)))
 
 
 def modes_of_structure(structure: Structure, sensors: ArrayLike, names: Sequence[str]) -> LinearModes:
@@ -170,9 +229,18 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
     unseen = np.flatnonzero(~shapes.any(axis=0))
     if unseen.size:
         raise InputError(
-            f"mode {unseen[0] + 1} does not move the sensors {list_names(map(repr, sensors))}: name one that it moves"
+            f"mode {unseen[0] + 1} does not move the sensors {list_names(map(repr, sensors))}: name one that it moves, "
+            "or leave the mode out"
         )
-    return replace(modes, shapes=shapes, sensors=tuple(sensors))
+    strains = tuple(name for name in sensors if name in modes.strains)
+    return replace(modes, shapes=shapes, sensors=tuple(sensors), strains=strains)
+
+
+def with_units(modes: LinearModes, units: Mapping[str, str]) -> LinearModes:
+    """Return the `modes` with the `units` of some sensors by their names; the same modes where nothing changes."""
+    known = dict(zip(modes.sensors, modes.units, strict=True)) | {**units}
+    strains = tuple(name for name in modes.sensors if known[name] == STRAIN_ACCELERATION)
+    return modes if {*strains} == {*modes.strains} else replace(modes, strains=strains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +264,12 @@ class ModalTest:
 
     Args:
         name: the name of the test.
-        recording: the recording of the sensors and, where there is one, of the force.
+        recording: the recording of the sensors and, where there is one, of the force; velocities, displacements and
+            strains in it are differentiated.
         acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
         forces: the forces that act, one for each shaker; none in a free decay.
         modes: linear modes that belong to this test.
+        readings: the recording before that.
     """
 
     name: str
@@ -207,6 +277,7 @@ class ModalTest:
     acceleration: FloatArray
     forces: tuple[AppliedForce, ...]
     modes: LinearModes
+    readings: Recording
 
     @property
     def force(self) -> FloatArray | None:
@@ -234,13 +305,32 @@ class ModalTest:
         return tuple(sensor for sensor in self.modes.sensors if sensor in self.recording.names)
 
     @property
+    def times_differentiated(self) -> tuple[int, ...]:
+        """How often the reading of each of `sensors` was differentiated."""
+        return tuple(READINGS[self.readings.unit(sensor)][0] for sensor in self.sensors)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of `at_sensors`."""
+        return tuple(self.recording.unit(sensor) for sensor in self.sensors)
+
+    @property
     def at_sensors(self) -> FloatArray:
-        """(n, n_sensors) accelerations at `sensors`, m/s^2."""
+        """(n, n_sensors) accelerations at `sensors`, m/s^2, and second derivatives of strains, strain/s^2."""
         return self.recording.samples[:, [self.recording.index(sensor) for sensor in self.sensors]]
 
     def modal_acceleration(self, mode: int) -> FloatArray:
         """(n,) q'' of a mode counted from 1, m/s^2 kg^1/2."""
         return self.acceleration[:, self.modes.index(mode)]
+
+    def split_acceleration(self, mode: int) -> dict[int, FloatArray]:
+        """Return the parts of a modal acceleration by how often their sensors' readings were differentiated."""
+        kinds = sorted(set(self.times_differentiated))
+        if len(kinds) == 1:
+            return {kinds[0]: self.modal_acceleration(mode)}
+        row = modal_filter(with_sensors(self.modes, self.sensors))[self.modes.index(mode)]
+        of_kind = {times: np.equal(self.times_differentiated, times) for times in kinds}
+        return {times: self.at_sensors @ np.where(own, row, 0.0) for times, own in of_kind.items()}
 
     def modal_force(self, mode: int) -> FloatArray:
         """(n,) f_q of a mode counted from 1, N/kg^1/2: the sum of phi_d f over the forces; zero in a free decay."""
@@ -271,8 +361,9 @@ def modal_test(
     """Return a recording in modal coordinates.
 
     Args:
-        recording: a recording with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are
-            ignored. Sensors that it lacks are left out of the shapes, too, if the others can still separate the modes.
+        recording: a recording with a channel for each sensor of the modes, in m/s^2, m/s, m or strain (or strain/s^2);
+            velocities are differentiated once, displacements and strains twice. Further channels are ignored. Sensors
+            that it lacks are left out of the shapes, too, if the others can still separate the modes.
         modes: linear modes that describe the structure during this test.
         name: the name of the test.
         force: channel of the force, in N; None for a free decay. Of several forces, the sensor where and in whose
@@ -280,8 +371,9 @@ def modal_test(
         drive_point: the sensor where and in whose direction a single force acts; needed with the name of its channel.
 
     Raises:
-        InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force channel with
-            another unit or without any force, no drive point, or fewer sensors than modes.
+        InputError: no channel for any sensor, one that reads neither a motion nor a strain, a strain that no structure
+            bears, a force channel with another unit or without any force, no drive point or a strain gauge as one, or
+            fewer sensors than modes.
 
     >>> from opid.signals.recording import recording_from_arrays
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
@@ -296,15 +388,12 @@ def modal_test(
             f"{list_names(map(repr, recording.names))}; give the channels the names that the sensors have in the shapes"
         )
     for sensor in sensors:
-        if recording.unit(sensor) not in ("m/s^2", "m/s"):
-            raise InputError(
-                f"channel {sensor!r} of test {name!r} is in {recording.unit(sensor) or 'no unit'} where an "
-                "acceleration or a velocity is needed: give its unit in [channels]"
-            )
-    recording = with_accelerations(recording, sensors)
+        check_reading(recording, sensor, name)
+    readings, recording = recording, with_accelerations(recording, sensors)
+    modes = with_units(modes, {sensor: recording.unit(sensor) for sensor in sensors})
     points = _place_forces(name, force, drive_point)
     for channel, point in points.items():
-        modes.row(point)
+        force_projection(modes, point)
         check_force(recording, channel, name)
     accelerations = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
     return ModalTest(
@@ -313,6 +402,7 @@ def modal_test(
         acceleration=accelerations @ modal_filter(with_sensors(modes, sensors)).T,
         forces=tuple(AppliedForce(each, point, recording.channel(each)) for each, point in points.items()),
         modes=modes,
+        readings=readings,
     )
 
 
@@ -351,6 +441,9 @@ def _require_counts(modes: LinearModes) -> None:
         raise InputError(f"{n_modes} columns in shapes, {listed}: give one value for each mode{turned}")
     if len(modes.sensors) != n_sensors:
         raise InputError(f"{n_sensors} rows in shapes and {len(modes.sensors)} names of sensors: give one for each row")
+    for name in modes.strains:
+        if name not in modes.sensors:
+            raise InputError(f"strains names {name!r}, no sensor of the shapes: {nearest(name, modes.sensors)}")
     for name in modes.sensors:
         if modes.sensors.count(name) > 1:
             raise InputError(f"the sensor {name!r} is named {modes.sensors.count(name)} times: rename one")
@@ -359,21 +452,58 @@ def _require_counts(modes: LinearModes) -> None:
 def with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
     """Return the recording with velocities (of a laser vibrometer, say) differentiated to accelerations.
 
+    Displacements and strains are differentiated twice.
+
     Args:
         recording: a recording.
-        sensors: its channels that read a motion.
+        sensors: its channels that read a motion or a strain, see `READINGS`.
     """
-    velocities = [sensor for sensor in sensors if recording.unit(sensor) == "m/s"]
-    if not velocities:
+    found: dict[str, list[str]] = {}
+    for sensor in sensors:
+        found.setdefault(recording.unit(sensor), []).append(sensor)
+    steps = (
+        ("m/s", "velocities differentiated to accelerations"),
+        ("m", "displacements differentiated to accelerations"),
+        ("strain", "strains differentiated twice"),
+    )
+    done = [(unit, step) for unit, step in steps if unit in found]
+    if not done:
         return recording
-    samples = recording.samples.copy()
-    channels = list(recording.channels)
-    for sensor in velocities:
-        column = recording.index(sensor)
-        samples[:, column] = differentiate(samples[:, column], fs=recording.fs)
-        channels[column] = Channel(sensor, "m/s^2")
-    history = (*recording.history, f"{', '.join(velocities)}: velocities differentiated to accelerations")
+    samples, channels = recording.samples.copy(), list(recording.channels)
+    for unit, _ in done:
+        times, derivative = READINGS[unit]
+        for sensor in found[unit]:
+            column = recording.index(sensor)
+            samples[:, column] = differentiate(samples[:, column], fs=recording.fs, times=2 if times == 2 else 1)
+            channels[column] = Channel(sensor, derivative)
+    history = (*recording.history, *(f"{', '.join(found[unit])}: {step}" for unit, step in done))
     return replace(recording, samples=samples, channels=tuple(channels), history=history)
+
+
+def check_reading(recording: Recording, sensor: str, name: str) -> None:
+    """Refuse a channel of a sensor that reads neither a motion nor a strain, or a strain that no structure bears.
+
+    Args:
+        recording: a recording.
+        sensor: the channel.
+        name: the name of the test.
+
+    Raises:
+        InputError: another unit than those of `READINGS`, or a strain above `most_strain` of the settings.
+    """
+    unit = recording.unit(sensor)
+    if unit not in READINGS:
+        raise InputError(
+            f"channel {sensor!r} of test {name!r} is in {unit or 'no unit'} where an acceleration, a velocity, a "
+            "displacement or a strain is needed: give its unit in [channels]"
+        )
+    # The bridge of a gauge need not be balanced, so that its mean tells nothing.
+    largest = float(np.ptp(recording.channel(sensor))) / 2 if unit == "strain" else 0.0
+    if largest > MODAL.most_strain:
+        raise InputError(
+            f"channel {sensor!r} of test {name!r} swings by a strain of {largest:.3g}, and more than "
+            f"{MODAL.most_strain:g} breaks a structure: give its true unit in [channels], like ustrain"
+        )
 
 
 def _place_forces(name: str, force: str | Mapping[str, str] | None, drive_point: str | None) -> Mapping[str, str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, meant_by, nearest, require
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
 from opid.signals.files import read_table_text, write_whole
 from opid.signals.recording import FloatArray
@@ -111,6 +111,8 @@ def looks_unit_normalised(modes: LinearModes) -> str:
         return ""
     # Files carry four digits or more, and rigid-body modes often come from another source.
     shapes = modes.shapes[:, modes.elastic] if modes.elastic.sum() > 1 else modes.shapes
+    is_motion = np.equal(modes.units, ACCELERATION)  # the size of a strain depends on the thickness of the structure
+    shapes = shapes[is_motion] if is_motion.any() else shapes
     if np.allclose(np.abs(shapes).max(axis=0), 1, rtol=0, atol=1e-4):
         return "the largest value of every shape is 1"
     if np.allclose(np.linalg.norm(shapes, axis=0), 1, rtol=0, atol=1e-4):

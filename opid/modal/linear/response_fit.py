@@ -25,6 +25,7 @@ from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
 from opid.modal.linear.fitted_modes import FittedModes
 from opid.modal.linear.frequency_response import FrequencyResponse
+from opid.modal.linear.modes import ACCELERATION
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -180,6 +181,12 @@ class _Data:
         """Row of the sensor at each drive point."""
         sensors = self.responses[0].sensors
         return [d * len(sensors) + sensors.index(each.drive_point) for d, each in enumerate(self.responses)]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the second derivative of each sensor's reading."""
+        first = self.responses[0]
+        return first.units or (ACCELERATION,) * len(first.sensors)
 
 
 def _find_poles(data: _Data, settings: ResponseFitSettings) -> FloatArray:
@@ -367,11 +374,12 @@ class _Fit:
         return np.asarray(1 / np.sqrt(np.maximum(variance / 2, 1e-300)))
 
     def unexplained(self) -> tuple[float, ...]:
-        """Return the rms fraction of the responses that is left, for each drive point."""
+        """Return the rms fraction of the responses that is left, for each drive point; strains count like motions."""
         left = np.abs(self.data.value - _join(self.shape @ self.residues.T).T) ** 2
         n = len(self.data.responses)
+        kinds = [np.equal(self.data.units, unit) for unit in dict.fromkeys(self.data.units)]
         return tuple(
-            float(np.sqrt(one.sum() / (np.abs(of) ** 2).sum()))
+            float(np.sqrt(np.mean([one[kind].sum() / (np.abs(of[kind]) ** 2).sum() for kind in kinds])))
             for one, of in zip(np.split(left, n), np.split(self.data.value, n), strict=True)
         )
 
@@ -449,12 +457,13 @@ class _Fit:
             shapes,
             shape_std,
             sensors,
+            data.units,
             data.band_hz,
             Estimate.normal(self.delay_s, DELAY_S * float(np.sqrt(covariance[-1, -1]))),
             left,
             data.responses,
             tuple(
-                FrequencyResponse(each.frequency_hz, value, sensors, each.drive_point, n_averages=0)
+                FrequencyResponse(each.frequency_hz, value, sensors, each.drive_point, n_averages=0, units=data.units)
                 for each, value in zip(data.responses, values, strict=True)
             ),
             tuple(_list_warnings(self, kept, unlike, settings)),

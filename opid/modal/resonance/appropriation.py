@@ -16,7 +16,7 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import Rig, find_harmonics
 from opid.mechanics.structure import ComplexArray, modal_assurance
 from opid.modal.linear.frequency_response import accelerance
-from opid.modal.linear.modes import LinearModes, modal_filter
+from opid.modal.linear.modes import LinearModes, modal_filter, weigh_sensors, weighted_shapes
 from opid.modal.resonance.phase_lock import (
     N_HARMONICS,
     Controller,
@@ -45,7 +45,7 @@ class AppropriationLevel:
         phase_error_deg: phase of the drive-point acceleration over the force, less 90 degrees, in the record.
         unsteadiness: standard deviation of the fundamental at the drive point from period to period, over its mean.
         force: (5,) harmonics of the force, N.
-        sensors: (n_sensors, 5) harmonics of the accelerations, m/s^2.
+        sensors: (n_sensors, 5) harmonics of the accelerations, m/s^2, and of second derivatives of strains, strain/s^2.
         modal: (n_modes, 5) harmonics of the modal accelerations, m/s^2 kg^1/2.
         text: a warning about this level, "" if there is none.
     """
@@ -359,7 +359,8 @@ def modal_interaction(
     amplitude = np.abs(appropriation.modal)
     fractions = amplitude / amplitude[:, target, :1, np.newaxis]
     driven = _drive_modes(appropriation, known) / np.maximum(amplitude, np.finfo(float).tiny)
-    assurance = np.stack([modal_assurance(known.shapes, of_level) for of_level in appropriation.sensors])
+    shapes, weights = weighted_shapes(known), weigh_sensors(known)[:, np.newaxis]
+    assurance = np.stack([modal_assurance(shapes, weights * of_level) for of_level in appropriation.sensors])
     holds = (fractions > least_fraction) & (assurance >= least_assurance) & (driven <= most_driven)
     holds &= locked[:, np.newaxis, np.newaxis]
     # Harmonics begin at 2, and a rigid-body mode has no resonance that a harmonic could meet.

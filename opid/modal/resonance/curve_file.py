@@ -16,13 +16,12 @@ from opid.provenance import read_file
 from opid.signals.files import write_whole
 from opid.signals.frequency_tables import find_frequency, read_table
 from opid.signals.log import ChannelSettings
+from opid.signals.motion import DERIVATIVES
 from opid.signals.recording import FloatArray
 from opid.signals.units import si_unit, split_unit
 
 HEADER = ("frequency_hz", "amplitude [m/s^2]", "phase [deg]", "force [N]")
 """The header of a file that `write_curve` writes."""
-
-MOTIONS = {"m": 0, "m/s": 1, "m/s^2": 2}  # units of motion, and the number of the derivative of the displacement
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def read_curve(
         header, values = read_table(source, ",".join(HEADER))
         table = _Table(tuple(header), values)
         hz = find_frequency(header, values)[0] if columns.frequency is None else table.read_frequency(columns.frequency)
-        amplitude, unit = table.read("amplitude", columns.amplitude, tuple(MOTIONS))
+        amplitude, unit = table.read("amplitude", columns.amplitude, tuple(DERIVATIVES))
         phase, _ = table.read("phase", columns.phase, ("rad",))
         force: FloatArray | float
         if force_n is None:
@@ -93,7 +92,7 @@ def read_curve(
             raise InputError("it has a number and a column for its force: give one of them")
         else:
             force = force_n
-        motion = amplitude * np.exp(1j * phase) * (2j * np.pi * hz) ** (2 - MOTIONS[unit])
+        motion = amplitude * np.exp(1j * phase) * (2j * np.pi * hz) ** (2 - DERIVATIVES[unit])
         curve = ResponseCurve(
             name=source.stem if name is None else name,
             sensor=sensor,

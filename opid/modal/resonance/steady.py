@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.mechanics.structure import ComplexArray
-from opid.modal.linear.modes import ModalTest, modal_filter, with_sensors
+from opid.modal.linear.modes import ModalTest, modal_filter, weigh_sensors, weighted_shapes, with_sensors
 from opid.modal.resonance.appropriation import AppropriationLevel
 from opid.modal.resonance.phase_lock import N_HARMONICS, find_resonance_error
 from opid.modal.resonance.settings import ResonanceSettings
@@ -41,7 +41,8 @@ class SteadyState:
         motion_error: the same of the motion.
         pole_std: standard deviation of real and imaginary part of the pole, 1/s.
         spread: variance of the amplitude over the window in which it was measured, over its square.
-        outside: rms of the motion at the fundamental that no shape makes, over that of the sensors, beyond the noise.
+        outside: rms of the motion at the fundamental that no shape makes, over that of the sensors, beyond the noise;
+            strains are weighted as in the modal filter.
     """
 
     source: str
@@ -263,7 +264,9 @@ def _measure_stretch(
     error = fit.std / np.maximum(np.abs(found[:, 0]), np.finfo(float).tiny)
     sensors = found[2 : 2 + at_sensors.shape[1]]
     modal = project @ sensors
-    outside = _find_outside(sensors[:, 0], modes.shapes @ modal[:, 0], fit.std[2 : 2 + len(sensors)])
+    weights = weigh_sensors(modes)
+    by_shapes = weighted_shapes(modes) @ modal[:, 0]
+    outside = _find_outside(weights * sensors[:, 0], by_shapes, weights * fit.std[2 : 2 + len(sensors)])
     numbers = np.arange(1, N_HARMONICS + 1)
     displacement = found[0] / (1j * omega * numbers) ** 2
     displacement[0] = found[0, 0] / pole**2
