@@ -30,8 +30,8 @@ class SpikeSettings:
             samples passes for a spike. At 0.35 noise hides 1 of 1000 spikes that just stand out, and none of 14 million
             samples of dry friction behind a sharp anti-alias filter is called a spike.
         reach: so many samples after a spike are as smooth as those beside it. A structure that was struck rings on, and
-            with 2 of them each of its first periods may look like a spike; with 9 noise hides more of the spikes that
-            just stand out. What rattled before a spike does not count.
+            with 2 of them each of its first periods may look like a spike; spikes of a storm that are nearer to each
+            other hide each other. What rattled before a spike does not count.
         quiet_ratio: a bin counts as at least this fraction as loud as the whole run, because a standstill has hardly
             any departures.
         least_moving: number of nonzero departures that show what is usual in a bin. A value that is held or clipped
@@ -40,7 +40,7 @@ class SpikeSettings:
 
     least_sigma: float = 10.0
     most_left: float = 0.35
-    reach: int = 8
+    reach: int = 6
     quiet_ratio: float = 0.1
     least_moving: int = 16
 
@@ -55,7 +55,7 @@ _MOST_CANDIDATES = 50000  # number of candidates that are kept
 def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
     """Replace single samples that stand far out by the cubic through their four neighbours.
 
-    The first 3 and the last 9 samples stay as they are, for a spike is recognised by those around it.
+    The first 3 and the last 7 samples stay as they are, for a spike is recognised by those around it.
 
     Args:
         samples: (n,) one channel.
