@@ -243,7 +243,7 @@ def backbones(
         )  # fmt: skip
         say("the files")
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
-        truth = UpdatingTruth(UPDATED, true.law(theta), description, settings)
+        truth = UpdatingTruth(UPDATED, true.laws(system.joints, theta), description, settings)
         path = write_field_test(study, truth, output.folder)
         if matrices != "npz":
             replace_matrices(structure, output.folder, matrices)
@@ -263,7 +263,7 @@ def _measure_by_continuation(
     from opid.mechanics.backbones.quadrature_curves import Specimen
     from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENDING_MODES, virtual_backbones
 
-    specimen = Specimen(system, true.law(theta), DAMPING_RATIO, DRIVE)
+    specimen = Specimen(system, tuple(true.laws(system.joints, theta).values()), DAMPING_RATIO, DRIVE)
     measured: list[MeasuredBackbone] = []
     for mode, amplitude, wanted in zip(BENDING_MODES, AMPLITUDE_M, curves, strict=True):
         reached, reason = 0, ""

@@ -144,12 +144,12 @@ def family_evaluator(
     sensor: str,
     amplitude: ArrayLike,
     harmonics: Sequence[int] = (1,),
+    joints: Sequence[Sequence[str]] = (),
 ) -> Callable[[ArrayLike], BackboneFamily]:
-    """Return a function from coefficients of a law to the backbones of one mode, which prepares everything else once.
+    """Return a function from coefficients of laws to the backbones of one mode, which prepares everything else once.
 
-    The law is the same at all joints. The function takes (n_samples, n_parameters) values of all parameters of all
-    kinds, in their order and SI units, and returns a `BackboneFamily`; with kinds of one coefficient there is one
-    column for each kind.
+    The function takes (n_samples, n_parameters) values of all parameters of all kinds, in their order and SI units, and
+    returns a `BackboneFamily`; with kinds of one coefficient there is one column for each kind.
 
     Args:
         system: the linear structure by its modes.
@@ -158,10 +158,12 @@ def family_evaluator(
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
         harmonics: harmonics of the motion, see `backbone`.
+        joints: for each kind, the names of the joints that have it, all where empty; all joints have all kinds where
+            left out. The joints of one kind share its coefficients; a kind may be given once for each group of them.
 
     Raises:
-        InputError: what `backbone` refuses, or an unknown kind; the returned function refuses coefficients of the wrong
-            shape.
+        InputError: what `backbone` refuses, an unknown kind, or an unknown joint; the returned function refuses
+            coefficients of the wrong shape.
 
     >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
     >>> solve = family_evaluator(one, ("cubic_stiffness",), mode=1, sensor="mass", amplitude=[1e-3])
@@ -173,10 +175,9 @@ def family_evaluator(
             raise InputError(f"there is no law {kind!r}: {nearest(kind, LAWS)}")
     positions = [(row, column) for row, kind in enumerate(kinds) for column in range(len(LAWS[kind].parameters))]
     rows, columns = np.array(positions, dtype=np.int64).reshape(-1, 2).T
-    terms = tuple(Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds)
-    n_joints = len(system.joints)
-    codes = np.array([code_of(kind) for kind in kinds], dtype=np.int64)
-    spans = (np.zeros(n_joints, dtype=np.int64), np.full(n_joints, len(kinds), dtype=np.int64), codes)
+    placed, spans = _place_terms(system, kinds, joints or ((),) * len(kinds))
+    every = [Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds]
+    terms = tuple(every[row] for row in placed)
     curves = _prepare_curves(system, terms, spans, mode, sensor, amplitude, harmonics)
 
     def evaluate(coefficients: ArrayLike) -> BackboneFamily:
@@ -188,12 +189,33 @@ def family_evaluator(
             )
         values = np.ones((len(given), len(kinds), 3))
         values[:, rows, columns] = given
-        eigenvalue, shapes, _ = curves.solve(values)
+        eigenvalue, shapes, _ = curves.solve(values[:, placed])
         return BackboneFamily(
             mode, sensor, curves.amplitude, curves.harmonics, eigenvalue, shapes, np.isfinite(eigenvalue)
         )
 
     return evaluate
+
+
+def _place_terms(
+    system: JointedModes, kinds: Sequence[str], joints: Sequence[Sequence[str]]
+) -> tuple[list[int], tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+    """Return the terms of all joints, one joint after the other, and for each joint its first and last one, and codes.
+
+    Terms that all joints have are there once, and all joints share them.
+    """
+    for name in (name for at in joints for name in at):
+        if name not in system.joints:
+            raise InputError(f"there is no joint {name!r}: {nearest(name, system.joints)}")
+    own = [[row for row, at in enumerate(joints) if not at or joint in at] for joint in system.joints]
+    if all(len(each) == len(kinds) for each in own):
+        rows, first = [*range(len(kinds))], np.zeros(len(own), dtype=np.int64)
+        last = np.full(len(own), len(kinds), dtype=np.int64)
+    else:
+        rows = [row for each in own for row in each]
+        ends = np.cumsum([0, *map(len, own)])
+        first, last = ends[:-1], ends[1:]
+    return rows, (first, last, np.array([code_of(kinds[row]) for row in rows], dtype=np.int64))
 
 
 def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:

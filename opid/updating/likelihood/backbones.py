@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError, nearest
-from opid.mechanics.backbones.family import family_evaluator
+from opid.mechanics.backbones.family import BackboneFamily, family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.checks import joint_fault, sensor_faults
@@ -316,16 +316,11 @@ def make_curves(data: BackboneData, mode: ModeData, model_class: ModelClass) -> 
     another mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
     """
     system = without_interactions(data, mode)
-    solvers = [
-        family_evaluator(
-            system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics
-        )
-        for sensor, amplitude in mode.parts
-    ]
+    solvers = [make_solver(data, model_class, system, mode.mode, sensor, amplitude) for sensor, amplitude in mode.parts]
     middle = mode.shapes.mean(axis=0)
 
     def curves(theta: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-        found = [solve(model_class.coefficients(theta)) for solve in solvers]
+        found = [solve(theta) for solve in solvers]
         lost = np.zeros(len(theta), dtype=bool)
         whole = []
         for each in found:
@@ -344,6 +339,17 @@ def make_curves(data: BackboneData, mode: ModeData, model_class: ModelClass) -> 
         return values[..., 0], shapes / size[..., None], missing, lost
 
     return curves
+
+
+def make_solver(
+    data: BackboneData, model_class: ModelClass, system: JointedModes, mode: int, sensor: str, amplitude: FloatArray
+) -> Callable[[FloatArray], BackboneFamily]:
+    """Return theta (n, n_parameters) -> the backbones of a mode of `system`, with the laws of a class at its joints."""
+    solve = family_evaluator(
+        system, model_class.kinds, mode=mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics,
+        joints=model_class.joints,
+    )  # fmt: skip
+    return lambda theta: solve(model_class.coefficients(theta))
 
 
 def find_met_modes(data: BackboneData, mode: ModeData) -> IntArray:
@@ -384,7 +390,7 @@ def describe_interactions(data: BackboneData, model_class: ModelClass, theta: Ar
     Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
     solution for theta, (n_parameters,), or one that differs by more than the expected noise of a point (`point_noise`).
     """
-    coefficients = model_class.coefficients(np.asarray(theta, dtype=np.float64)[np.newaxis])
+    one = np.asarray(theta, dtype=np.float64)[np.newaxis]
     clauses = []
     for mode in data.modes:
         met = find_met_modes(data, mode)
@@ -393,12 +399,9 @@ def describe_interactions(data: BackboneData, model_class: ModelClass, theta: Ar
         for sensor, _ in mode.parts:
             amplitude = np.unique(mode.amplitude[mode.sensor == sensor])
             whole, smooth = (
-                family_evaluator(
-                    system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude,
-                    harmonics=data.harmonics,
-                )(coefficients).frequency_hz[0]
+                make_solver(data, model_class, system, mode.mode, sensor, amplitude)(one).frequency_hz[0]
                 for system in (data.system, without_interactions(data, mode))
-            )  # fmt: skip
+            )
             off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
             if off.any():
                 clauses.append(
