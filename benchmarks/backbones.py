@@ -19,7 +19,7 @@ from shooting import shoot
 from opid.mechanics.backbones.continuation import continued_backbone
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.laws.law import Law, Term
-from opid.updating.structure.reduction import craig_bampton, modes_of
+from opid.updating.structure.reduction import craig_bampton, modes_of, reduce
 from opid.virtual.backbone_tests.wing_engine import UPDATED, WingEngine, wing_engine_structure
 
 SENSOR = "10"
@@ -114,6 +114,65 @@ def accuracy(system):
             print(f"{kind}, harmonics {harmonics}: frequency at the largest amplitude off by {worst:.1e}")
 
 
+def slopes(harmonics):
+    """Print time and error of the derivatives by two stiffness factors and by cubic and quintic terms of two pylons."""
+    structure, step = wing_engine_structure(), 1e-7
+
+    def system_at(**moved):
+        return reduce(structure, {name: UPDATED[name] * (1 + moved.get(name, 0.0)) for name in UPDATED})
+
+    system = system_at()
+    half = len(system.joints) // 2
+    groups = (system.joints[:half], system.joints[half:])
+    kinds = ("cubic_stiffness", "quintic_stiffness") * 2
+    joints = (groups[0], groups[0], groups[1], groups[1])
+    base = np.array([COEFFICIENTS["cubic_stiffness"], 1e12, 0.8 * COEFFICIENTS["cubic_stiffness"], 1.5e12])
+    coefficients = np.linspace(0.5, 1.5, N_SAMPLES)[:, np.newaxis] * base
+
+    def evaluators_of(system):
+        return [
+            family_evaluator(
+                system, kinds, mode=mode, sensor=SENSOR, amplitude=amplitude, harmonics=harmonics, joints=joints
+            )
+            for mode, amplitude in MODES.items()
+        ]
+
+    evaluators, moved = evaluators_of(system), [system_at(**{name: step}) for name in UPDATED]
+
+    def with_slopes():
+        found = [evaluate(coefficients) for evaluate in evaluators]
+        return [
+            each.find_slopes(coefficients, one, moved, step)[0] for each, one in zip(evaluators, found, strict=True)
+        ]
+
+    with_slopes()
+    alone_s, _ = best_of(N_REPEATS, lambda: [evaluate(coefficients) for evaluate in evaluators])
+    whole_s, by_parameters = best_of(N_REPEATS, with_slopes)
+    worst = []
+    picked = coefficients[[0, N_SAMPLES // 2, -1]]
+    rows = [0, N_SAMPLES // 2, -1]
+    for column in range(base.size):
+        change = 1e-5 * picked[:, [column]] * np.eye(base.size)[column]
+        for evaluate, slope in zip(evaluators, by_parameters, strict=True):
+            up, down = (evaluate(picked + side * change).eigenvalue for side in (1, -1))
+            numeric = (up - down) / (2 * change[:, [column]])
+            worst.append(np.abs(slope[rows, :, column] - numeric).max() / np.abs(numeric).max())
+    for number, name in enumerate(UPDATED):
+        up, down = (
+            [evaluate(picked).eigenvalue for evaluate in evaluators_of(system_at(**{name: side * 1e-4}))]
+            for side in (1, -1)
+        )
+        for above, below, slope in zip(up, down, by_parameters, strict=True):
+            numeric = (above - below) / 2e-4
+            found = slope[rows, :, base.size + number]
+            worst.append(np.abs(found - numeric).max() / np.abs(numeric).max())
+    print(
+        f"harmonics {harmonics}: derivatives by 4 coefficients of two groups of joints and 2 stiffness factors: "
+        f"{1e3 * whole_s / N_SAMPLES:.3f} ms with and {1e3 * alone_s / N_SAMPLES:.3f} ms without them, "
+        f"{whole_s / alone_s:.2f} times the time; error against differences {max(worst):.1e}"
+    )
+
+
 def interaction():
     system = modes_of(craig_bampton(wing_engine_structure(WingEngine(leaf_asymmetry=0.05)), UPDATED))
     seconds, curve = cpu_seconds(
@@ -141,6 +200,7 @@ def main():
     )
     for harmonics in ((1,), (1, 3)):
         speed(reduced, system, harmonics)
+        slopes(harmonics)
     accuracy(system)
     interaction()
     print(f"peak memory {peak_mib():.0f} MiB")

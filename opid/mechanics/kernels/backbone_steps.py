@@ -170,9 +170,32 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
 
 
 @part(inline=False)
+def _compute_force_changes(law, sample, transform, columns, z, changed, work):  # type: ignore[no-untyped-def]
+    """Compute harmonics of the derivatives of forces by coefficients, whose numbers `columns` holds, -1 for none."""
+    first_rows, last_rows, codes, _, values, _ = law
+    cosines, weights, _ = transform
+    motion, by_value, _ = work
+    changed[:] = 0.0
+    n_harmonics, n_joints = changed.shape[1:]
+    for j in range(n_joints):
+        _compute_motion_of_joint(z, n_joints, j, cosines, motion)
+        for row in range(first_rows[j], last_rows[j]):
+            amplitude, a, b = values[sample, row, 0], values[sample, row, 1], values[sample, row, 2]
+            for inner in range(3):
+                column = columns[row, inner]
+                if column < 0:
+                    continue
+                for t in range(motion.size):
+                    shape, _, _, by_a, by_b = evaluate(codes[row], motion[t], 0.0, a, b)
+                    by_value[t] = shape if inner == 0 else amplitude * (by_a if inner == 1 else by_b)
+                for k in range(n_harmonics):
+                    changed[column, k, j] += _sum_weighted(weights, k, by_value)
+
+
+@part(inline=False)
 def _eliminate(matrix):  # type: ignore[no-untyped-def]
-    """Solve in place, with pivots; the solution is the last column. False where the matrix is singular."""
-    n = matrix.shape[0]
+    """Solve in place, with pivots; the solutions are the columns after a square. False where that is singular."""
+    n, n_columns = matrix.shape
     for step in range(n):
         pivot = step
         for row in range(step + 1, n):
@@ -181,17 +204,18 @@ def _eliminate(matrix):  # type: ignore[no-untyped-def]
         if not abs(matrix[pivot, step]) > 0.0:
             return False
         if pivot != step:
-            for column in range(step, n + 1):
+            for column in range(step, n_columns):
                 matrix[step, column], matrix[pivot, column] = matrix[pivot, column], matrix[step, column]
         inverse = 1.0 / matrix[step, step]
         for row in range(step + 1, n):
             factor = matrix[row, step] * inverse
-            for column in range(step + 1, n + 1):
+            for column in range(step + 1, n_columns):
                 matrix[row, column] -= factor * matrix[step, column]
-    for step in range(n - 1, -1, -1):
-        for column in range(step + 1, n):
-            matrix[step, n] -= matrix[step, column] * matrix[column, n]
-        matrix[step, n] /= matrix[step, step]
+    for solution in range(n, n_columns):
+        for step in range(n - 1, -1, -1):
+            for column in range(step + 1, n):
+                matrix[step, solution] -= matrix[step, column] * matrix[column, solution]
+            matrix[step, solution] /= matrix[step, step]
     return True
 
 
@@ -382,3 +406,120 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
             for k in range(n - 1):
                 extension[sample, point, k] = y[k]
     return eigenvalue, shapes, extension
+
+
+@part(inline=False)
+def _list_shape_slopes(system, sensors, y, force, first, by_force, by_eigenvalue, seen):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the first harmonic at all sensors, for those of the forces and of the eigenvalue."""
+    own, _, others, _, _, _ = system
+    own_sensors, others_sensors, others_joints, at_sensor = sensors
+    q = 0.0
+    for s in range(seen.size):
+        seen[s] = 0.0
+    for i in range(others.size):
+        away = others[i] - y[y.size - 1]
+        pushed, changed = 0.0, 0.0
+        for j in range(force.shape[1]):
+            pushed += others_joints[i, j] * force[first, j]
+            changed += others_joints[i, j] * by_force[j]
+        changed = (changed + pushed * by_eigenvalue / away) / away
+        q += at_sensor[i] * changed
+        for s in range(seen.size):
+            seen[s] -= others_sensors[i, s] * changed
+    q /= own[1]
+    for s in range(seen.size):
+        seen[s] += own_sensors[s] * q
+
+
+@part(inline=False)
+def _choose_system(systems, index):  # type: ignore[no-untyped-def]
+    """Return one of several systems, whose arrays are stacked."""
+    own, own_joints, others, others_products, eigenvalue, products = systems
+    return own[index], own_joints[index], others[index], others_products[index], eigenvalue[index], products[index]
+
+
+@part(inline=False)
+def _choose_sensors(sensors, index):  # type: ignore[no-untyped-def]
+    """Return the sensors of one of several systems, whose arrays are stacked."""
+    own_sensors, others_sensors, others_joints, at_sensor = sensors
+    return own_sensors[index], others_sensors[index], others_joints[index], at_sensor[index]
+
+
+@kernel()
+def backbone_slopes(  # type: ignore[no-untyped-def]
+    systems, sensors, step, harmonics, law, transform, columns, amplitudes, eigenvalue, extension
+):
+    """Return the derivatives of eigenvalue and shapes of solved points by implicit differentiation.
+
+    They are those by the coefficients that `columns` numbers, then by each linear parameter: the first of the stacked
+    systems is the one that was solved, and in each other one a parameter is larger by `step`.
+    """
+    system, seen_by = _choose_system(systems, 0), _choose_sensors(sensors, 0)
+    n_samples, n_points = eigenvalue.shape
+    n_joints, n_harmonics, n_times = system[1].size, transform[0].shape[0], transform[0].shape[1]
+    n, n_sensors, n_moved = n_harmonics * n_joints + 1, seen_by[0].size, systems[0].shape[0] - 1
+    n_columns = columns.max() + 1
+    n_all = n_columns + n_moved
+    of_eigenvalue = np.full((n_samples, n_points, n_all), np.nan)
+    of_shapes = np.full((n_samples, n_points, n_sensors, n_all), np.nan)
+    force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
+    alone = np.zeros((n_joints, n_harmonics, n_harmonics))
+    first = 0
+    for k in range(n_harmonics):
+        first = k if harmonics[k] == 1 else first
+        alone[:, k, k] = 1.0
+    changed = np.empty((n_columns, n_harmonics, n_joints))
+    once, twice = np.empty(systems[3].shape[2]), np.empty(systems[3].shape[2])
+    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
+    matrix, by_forces, whole = np.empty((n, n + 1)), np.empty((n, n + 1)), np.empty((n, n + n_all))
+    y, seen, moved_seen, by_force = np.empty(n), np.empty(n_sensors), np.empty(n_sensors), np.empty(n_joints)
+    for sample in range(n_samples):
+        for point in range(n_points):
+            if not eigenvalue[sample, point] > 0.0:
+                continue
+            amplitude = amplitudes[point]
+            for k in range(n - 1):
+                y[k] = extension[sample, point, k]
+            y[n - 1] = eigenvalue[sample, point]
+            _transform_forces(law, sample, transform, y, force, slope, work)
+            _compute_force_changes(law, sample, transform, columns, y, changed, work)
+            _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix)
+            for row in range(n):
+                for column in range(n):
+                    whole[row, column] = matrix[row, column]
+            # With forces that are their own slopes, the matrix is that of the equations by the forces.
+            _fill(system, harmonics, amplitude, y, force, alone, once, twice, by_forces)
+            for row in range(n):
+                if row < n - 1:
+                    by_forces[row, row] -= 1.0
+                for column in range(n_columns):
+                    total = 0.0
+                    for k in range(n_harmonics):
+                        for j in range(n_joints):
+                            total += by_forces[row, k * n_joints + j] * changed[column, k, j]
+                    whole[row, n + column] = total
+            for moved in range(n_moved):
+                other = _choose_system(systems, moved + 1)
+                _fill(other, harmonics, amplitude, y, force, alone, once, twice, by_forces)
+                for row in range(n):
+                    whole[row, n + n_columns + moved] = (by_forces[row, n] - matrix[row, n]) / step
+            if not _eliminate(whole):
+                continue
+            _list_shapes(system, seen_by, amplitude, y, force, first, seen)
+            for column in range(n_all):
+                by_eigenvalue = -whole[n - 1, n + column]
+                for j in range(n_joints):
+                    by_force[j] = changed[column, first, j] if column < n_columns else 0.0
+                    for k in range(n_harmonics):
+                        by_force[j] -= slope[j, first, k] * whole[k * n_joints + j, n + column]
+                of_eigenvalue[sample, point, column] = by_eigenvalue
+                _list_shape_slopes(system, seen_by, y, force, first, by_force, by_eigenvalue, moved_seen)
+                for s in range(n_sensors):
+                    of_shapes[sample, point, s, column] = moved_seen[s]
+                if column >= n_columns:
+                    moved = column - n_columns + 1
+                    other, its_sensors = _choose_system(systems, moved), _choose_sensors(sensors, moved)
+                    _list_shapes(other, its_sensors, amplitude, y, force, first, moved_seen)
+                    for s in range(n_sensors):
+                        of_shapes[sample, point, s, column] += (moved_seen[s] - seen[s]) / step
+    return of_eigenvalue, of_shapes
