@@ -8,6 +8,7 @@ and one by one. Accuracy is that of the frequency against shooting in time.
 import resource
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from shooting import shoot
 from opid.mechanics.backbones.continuation import continued_backbone
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.laws.law import Law, Term
-from opid.updating.structure.reduction import craig_bampton, modes_of, reduce
+from opid.updating.structure.reduction import craig_bampton, find_couplings, modes_of
 from opid.virtual.backbone_tests.wing_engine import UPDATED, WingEngine, wing_engine_structure
 
 SENSOR = "10"
@@ -116,12 +117,9 @@ def accuracy(system):
 
 def slopes(harmonics):
     """Print time and error of the derivatives by two stiffness factors and by cubic and quintic terms of two pylons."""
-    structure, step = wing_engine_structure(), 1e-7
-
-    def system_at(**moved):
-        return reduce(structure, {name: UPDATED[name] * (1 + moved.get(name, 0.0)) for name in UPDATED})
-
-    system = system_at()
+    structure = wing_engine_structure()
+    reduced = craig_bampton(structure, UPDATED)
+    system, couplings = modes_of(reduced), find_couplings(structure, reduced)
     half = len(system.joints) // 2
     groups = (system.joints[:half], system.joints[half:])
     kinds = ("cubic_stiffness", "quintic_stiffness") * 2
@@ -137,35 +135,34 @@ def slopes(harmonics):
             for mode, amplitude in MODES.items()
         ]
 
-    evaluators, moved = evaluators_of(system), [system_at(**{name: step}) for name in UPDATED]
+    evaluators = evaluators_of(system)
 
     def with_slopes():
-        found = [evaluate(coefficients) for evaluate in evaluators]
-        return [
-            each.find_slopes(coefficients, one, moved, step)[0] for each, one in zip(evaluators, found, strict=True)
-        ]
+        return [each.find_slopes(coefficients, each(coefficients), couplings)[0] for each in evaluators]
 
     with_slopes()
     alone_s, _ = best_of(N_REPEATS, lambda: [evaluate(coefficients) for evaluate in evaluators])
     whole_s, by_parameters = best_of(N_REPEATS, with_slopes)
-    worst = []
-    picked = coefficients[[0, N_SAMPLES // 2, -1]]
     rows = [0, N_SAMPLES // 2, -1]
+    worst, picked = [], coefficients[rows]
+
+    def compare(found, up, down, change):
+        numeric = (up.eigenvalue - down.eigenvalue) / (2 * change)
+        worst.append(np.abs(found[rows] - numeric).max() / np.abs(numeric).max())
+
     for column in range(base.size):
-        change = 1e-5 * picked[:, [column]] * np.eye(base.size)[column]
-        for evaluate, slope in zip(evaluators, by_parameters, strict=True):
-            up, down = (evaluate(picked + side * change).eigenvalue for side in (1, -1))
-            numeric = (up - down) / (2 * change[:, [column]])
-            worst.append(np.abs(slope[rows, :, column] - numeric).max() / np.abs(numeric).max())
-    for number, name in enumerate(UPDATED):
+        change = 1e-6 * picked[:, [column]]
+        moved = change * np.eye(base.size)[column]
+        for evaluate, found in zip(evaluators, by_parameters, strict=True):
+            compare(found[..., column], evaluate(picked + moved), evaluate(picked - moved), change)
+    for number, part in enumerate(structure.parts.values()):
+        stiffness = reduced.basis.T @ (part @ reduced.basis)
         up, down = (
-            [evaluate(picked).eigenvalue for evaluate in evaluators_of(system_at(**{name: side * 1e-4}))]
+            evaluators_of(modes_of(replace(reduced, stiffness=reduced.stiffness + side * 1e-6 * stiffness)))
             for side in (1, -1)
         )
-        for above, below, slope in zip(up, down, by_parameters, strict=True):
-            numeric = (above - below) / 2e-4
-            found = slope[rows, :, base.size + number]
-            worst.append(np.abs(found - numeric).max() / np.abs(numeric).max())
+        for above, below, found in zip(up, down, by_parameters, strict=True):
+            compare(found[..., base.size + number], above(picked), below(picked), 1e-6)
     print(
         f"harmonics {harmonics}: derivatives by 4 coefficients of two groups of joints and 2 stiffness factors: "
         f"{1e3 * whole_s / N_SAMPLES:.3f} ms with and {1e3 * alone_s / N_SAMPLES:.3f} ms without them, "

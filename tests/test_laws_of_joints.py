@@ -4,6 +4,7 @@ import made_backbones as made
 import numpy as np
 import pytest
 from made_chain import small_chain
+from scipy import linalg
 
 from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone, family_evaluator
@@ -51,6 +52,44 @@ def test_backbones_of_joints_with_their_own_laws_are_those_of_one_law_for_each()
     assert np.abs(found.frequency_hz[1] / found.frequency_hz[0] - 1).max() > 1e-3
     with pytest.raises(InputError, match="there is no joint 'middle'"):
         family_evaluator(system, kinds[:1], mode=2, sensor="left", amplitude=amplitude, joints=(("middle",),))
+
+
+@pytest.mark.parametrize("harmonics", [(1,), (1, 3)])
+@pytest.mark.parametrize(
+    ("kinds", "joints", "values"),
+    [
+        (("cubic_stiffness",), ((),), (6.8e7,)),
+        (("signed_power_stiffness",), ((),), (1e6, 2.5)),
+        (
+            ("cubic_stiffness", "quadratic_stiffness", "arctan_displacement"),
+            (("left",), ("right",), ()),
+            (6.8e7, 2e5, 0.3, 8e-4),
+        ),
+    ],
+)
+def test_slopes_of_backbones_are_those_of_differences(kinds, joints, values, harmonics):
+    """By each coefficient, and by factors of two parts of the stiffness."""
+    own: dict = {"mode": 2, "sensor": "left", "amplitude": np.linspace(2e-4, 2e-3, 6)}
+    own |= {"harmonics": harmonics, "joints": joints}
+    _, *parts = made.parts()
+    stiffness = sum(made.parts())
+    _, shapes = linalg.eigh(stiffness, made.MASS)
+    evaluate, given = family_evaluator(made.system(), kinds, **own), np.array([values])
+    found = evaluate(given)
+    by_eigenvalue, by_shapes = evaluate.find_slopes(given, found, [shapes.T @ part @ shapes for part in parts])
+    for number, change in enumerate(np.eye(len(values) + len(parts))):
+        law, factors = change[: len(values)], 1e-6 * change[len(values) :]
+        step = 1e-6 * values[number] if number < len(values) else 1e-6
+        up, down = (
+            family_evaluator(made.system(*(1 + side * factors)), kinds, **own)(given + side * step * law)
+            for side in (1, -1)
+        )
+        for slope, above, below in (
+            (by_eigenvalue, up.eigenvalue, down.eigenvalue),
+            (by_shapes, up.shapes, down.shapes),
+        ):
+            numeric = (above - below) / (2 * step)
+            assert np.abs(slope[..., number] - numeric).max() < 1e-6 * np.abs(numeric).max()
 
 
 @pytest.mark.parametrize("seed", range(3))

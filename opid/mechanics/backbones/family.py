@@ -219,31 +219,31 @@ class FamilyEvaluator:
         )  # fmt: skip
 
     def find_slopes(
-        self, coefficients: ArrayLike, found: BackboneFamily, moved: Sequence[JointedModes] = (), step: float = 1.0
+        self, coefficients: ArrayLike, found: BackboneFamily, couplings: ArrayLike = ()
     ) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives of eigenvalue and shapes of backbones that were found, by implicit differentiation.
 
         Args:
             coefficients: (n_samples, n_coefficients) coefficients of the laws.
             found: the backbones for them.
-            moved: the structure with one linear parameter larger by `step`, for each of them; alike in everything else.
-            step: that step; small, for it makes a relative error of its own size.
+            couplings: (n_linear, n_modes, n_modes) change of the stiffness between the modal coordinates for a unit of
+                each linear parameter, Phi^T dK Phi, 1/s^2.
 
         Returns:
             (n_samples, n_points, n) and (n_samples, n_points, n_sensors, n), by each coefficient, then by each linear
             parameter; nan where there is no solution.
         """
-        systems, curves = [self.system, *moved], self.curves
-        mask = _list_moved(self.system)
-        each = [_condense(one, one.index(self.mode), one.sensor(self.sensor), mask) for one in systems]
-        condensed, seen = (
-            tuple(np.stack(arrays) for arrays in zip(*part, strict=True)) for part in zip(*each, strict=True)
-        )
+        system, curves = self.system, self.curves
+        n = system.n_modes
+        modes = (
+            system.eigenvalue, np.ascontiguousarray(system.at_joints.T), np.ascontiguousarray(system.at_sensors.T),
+            system.index(self.mode), system.sensor(self.sensor),
+        )  # fmt: skip
         values = self._place_values(coefficients)
         law = (*curves.spans, curves.powers, values, values[:, :, 0])
         slopes = backbone_slopes(
-            condensed, seen, step, curves.arguments[2], law, curves.over_period, self.place[list(self.placed)],
-            found.amplitude, found.eigenvalue, found.extension,
+            curves.arguments[0], modes, np.asarray(couplings, dtype=np.float64).reshape(-1, n, n), curves.arguments[2],
+            law, curves.over_period, self.place[list(self.placed)], found.amplitude, found.eigenvalue, found.extension,
         )  # fmt: skip
         return slopes[0], slopes[1]
 
@@ -344,7 +344,7 @@ def _prepare_curves(
     nothing = np.empty((1, 0))
     over_period = _multiply_out(period_transform(terms, used))
     transform = _multiply_out(Transform(nothing, nothing, nothing[0])) if closed else over_period
-    condensed, seen = _condense(system, system.index(mode), system.sensor(sensor), _list_moved(system))
+    condensed, seen = _condense(system, system.index(mode), system.sensor(sensor))
     return _Curves(
         amplitude=prescribed,
         harmonics=used,
@@ -368,18 +368,12 @@ def _multiply_out(transform: Transform) -> tuple[FloatArray, FloatArray, FloatAr
     return transform.cosines, transform.weights, products.reshape(n**2, -1 if products.size else 0)
 
 
-def _list_moved(system: JointedModes) -> NDArray[np.bool_]:
-    """Return which modes move a joint."""
-    size = np.linalg.norm(system.at_joints, axis=0)
-    return np.asarray(size > NOTHING * size.max(initial=0.0))
-
-
-def _condense(
-    system: JointedModes, m: int, a: int, moved: NDArray[np.bool_]
-) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _condense(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Return the modes in the form that the kernel takes, without those that no joint moves."""
     refuse_unseen(system, m, a)
     psi, phi = system.at_joints.T, system.at_sensors.T
+    size = np.linalg.norm(psi, axis=1)
+    moved = size > NOTHING * size.max(initial=0.0)
     others = moved.copy()
     others[m] = False
     # The equation of the sensor replaces the coordinate q of the mode.

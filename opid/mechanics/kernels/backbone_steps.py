@@ -121,7 +121,7 @@ def _compute_receptance(eigenvalue, products, square, at, once, twice):  # type:
 
 
 @part(inline=False)
-def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  # type: ignore[no-untyped-def]
+def _fill(system, harmonics, amplitude, y, force, slope, onces, twices, matrix):  # type: ignore[no-untyped-def]
     """Fill Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
 
     The sensor's equation replaces the coordinate of the target mode, q = (A + r F_1) / phi_m(a) with
@@ -137,6 +137,7 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
     for k in range(n_harmonics):
         square = float(harmonics[k] * harmonics[k])
         first = harmonics[k] == 1
+        once, twice = onces[k], twices[k]
         if first:
             _compute_receptance(others, others_products, square, at, once, twice)
         else:
@@ -167,6 +168,25 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
             # Division by the eigenvalue makes all rows of similar size.
             matrix[n - 1, n] = (own[0] / at - 1.0) * seen / own[1] + pushed / at
             matrix[n - 1, n - 1] = (-seen / at + (own[0] / at - 1.0) * seen_slope) / own[1]
+
+
+@part(inline=False)
+def _compute_value_changes(system, harmonics, at, changed, onces, values):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the equations' values for those of the forces."""
+    own, own_joints, _, _, _, _ = system
+    n_harmonics, n_joints = changed.shape
+    for k in range(n_harmonics):
+        for j in range(n_joints):
+            total = 0.0
+            for i in range(n_joints):
+                total += onces[k, j * n_joints + i] * changed[k, i]
+            values[k * n_joints + j] = total
+        if harmonics[k] == 1:
+            total = 0.0
+            for i in range(n_joints):
+                by_force = (own[0] / at - 1.0) * onces[k, n_joints * n_joints + i] / own[1] + own_joints[i] / at
+                total += by_force * changed[k, i]
+            values[values.size - 1] = total
 
 
 @part(inline=False)
@@ -365,7 +385,7 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
     shapes = np.full((n_samples, n_points, sensors[0].size), np.nan)
     extension = np.full((n_samples, n_points, n - 1), np.nan)
     force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
-    once, twice = np.empty(others_products.shape[1]), np.empty(others_products.shape[1])
+    once, twice = np.empty((n_harmonics, others_products.shape[1])), np.empty((n_harmonics, others_products.shape[1]))
     work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
     rooms = (force, slope, once, twice, np.empty((n, n + 1)), work, np.empty(n))
     y, seen = np.empty(n), np.empty(sensors[0].size)
@@ -409,70 +429,100 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
 
 
 @part(inline=False)
-def _list_shape_slopes(system, sensors, y, force, first, by_force, by_eigenvalue, seen):  # type: ignore[no-untyped-def]
-    """Compute the derivatives of the first harmonic at all sensors, for those of the forces and of the eigenvalue."""
-    own, _, others, _, _, _ = system
-    own_sensors, others_sensors, others_joints, at_sensor = sensors
-    q = 0.0
+def _compute_modal_motion(modes, harmonics, amplitude, y, force, motion):  # type: ignore[no-untyped-def]
+    """Compute the harmonics of all modal coordinates; that of the target mode follows from the sensor."""
+    eigenvalue, at_joints, at_sensors, target, sensor = modes
+    n_joints = force.shape[1]
+    for k in range(harmonics.size):
+        square = float(harmonics[k] * harmonics[k])
+        left = amplitude
+        for i in range(eigenvalue.size):
+            if i == target and harmonics[k] == 1:
+                continue
+            pushed = 0.0
+            for j in range(n_joints):
+                pushed += at_joints[i, j] * force[k, j]
+            motion[k, i] = -pushed / (eigenvalue[i] - square * y[y.size - 1])
+            left -= at_sensors[i, sensor] * motion[k, i]
+        if harmonics[k] == 1:
+            motion[k, target] = left / at_sensors[target, sensor]
+
+
+@part(inline=False)
+def _compute_pushed_values(modes, harmonics, y, pushes, values):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the equations' values for those of the forces on the modal coordinates."""
+    eigenvalue, at_joints, at_sensors, target, sensor = modes
+    n_joints, at = at_joints.shape[1], y[y.size - 1]
+    values[:] = 0.0
+    for k in range(harmonics.size):
+        square = float(harmonics[k] * harmonics[k])
+        seen = 0.0
+        for i in range(eigenvalue.size):
+            if i == target and harmonics[k] == 1:
+                continue
+            moved = pushes[k, i] / (eigenvalue[i] - square * at)
+            seen += at_sensors[i, sensor] * moved
+            for j in range(n_joints):
+                values[k * n_joints + j] += at_joints[i, j] * moved
+        if harmonics[k] == 1:
+            own = at_sensors[target, sensor]
+            for j in range(n_joints):
+                values[k * n_joints + j] -= seen / own * at_joints[target, j]
+            values[y.size - 1] = (eigenvalue[target] / at - 1.0) * seen / own + pushes[k, target] / at
+
+
+@part(inline=False)
+def _list_shape_slopes(modes, y, motion, pushes, by_force, by_eigenvalue, seen):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the first harmonic at all sensors, for those of forces and eigenvalue.
+
+    `motion` is that of the modal coordinates, `by_force` are the derivatives of the joints' forces, and `pushes` those
+    of forces on the modal coordinates.
+    """
+    eigenvalue, at_joints, at_sensors, target, sensor = modes
+    left = 0.0
     for s in range(seen.size):
         seen[s] = 0.0
-    for i in range(others.size):
-        away = others[i] - y[y.size - 1]
-        pushed, changed = 0.0, 0.0
-        for j in range(force.shape[1]):
-            pushed += others_joints[i, j] * force[first, j]
-            changed += others_joints[i, j] * by_force[j]
-        changed = (changed + pushed * by_eigenvalue / away) / away
-        q += at_sensor[i] * changed
+    for i in range(eigenvalue.size):
+        if i == target:
+            continue
+        away = eigenvalue[i] - y[y.size - 1]
+        changed = pushes[i] - motion[i] * by_eigenvalue
+        for j in range(by_force.size):
+            changed += at_joints[i, j] * by_force[j]
+        changed /= away
+        left += at_sensors[i, sensor] * changed
         for s in range(seen.size):
-            seen[s] -= others_sensors[i, s] * changed
-    q /= own[1]
+            seen[s] -= at_sensors[i, s] * changed
     for s in range(seen.size):
-        seen[s] += own_sensors[s] * q
-
-
-@part(inline=False)
-def _choose_system(systems, index):  # type: ignore[no-untyped-def]
-    """Return one of several systems, whose arrays are stacked."""
-    own, own_joints, others, others_products, eigenvalue, products = systems
-    return own[index], own_joints[index], others[index], others_products[index], eigenvalue[index], products[index]
-
-
-@part(inline=False)
-def _choose_sensors(sensors, index):  # type: ignore[no-untyped-def]
-    """Return the sensors of one of several systems, whose arrays are stacked."""
-    own_sensors, others_sensors, others_joints, at_sensor = sensors
-    return own_sensors[index], others_sensors[index], others_joints[index], at_sensor[index]
+        seen[s] += at_sensors[target, s] / at_sensors[target, sensor] * left
 
 
 @kernel()
 def backbone_slopes(  # type: ignore[no-untyped-def]
-    systems, sensors, step, harmonics, law, transform, columns, amplitudes, eigenvalue, extension
+    system, modes, couplings, harmonics, law, transform, columns, amplitudes, eigenvalue, extension
 ):
     """Return the derivatives of eigenvalue and shapes of solved points by implicit differentiation.
 
-    They are those by the coefficients that `columns` numbers, then by each linear parameter: the first of the stacked
-    systems is the one that was solved, and in each other one a parameter is larger by `step`.
+    They are those by the coefficients that `columns` numbers, then by each linear parameter, whose change of the
+    stiffness between modal coordinates `couplings` holds: it acts like forces on these coordinates.
     """
-    system, seen_by = _choose_system(systems, 0), _choose_sensors(sensors, 0)
     n_samples, n_points = eigenvalue.shape
     n_joints, n_harmonics, n_times = system[1].size, transform[0].shape[0], transform[0].shape[1]
-    n, n_sensors, n_moved = n_harmonics * n_joints + 1, seen_by[0].size, systems[0].shape[0] - 1
-    n_columns = columns.max() + 1
-    n_all = n_columns + n_moved
+    n_modes, n_sensors = modes[2].shape
+    n, n_columns = n_harmonics * n_joints + 1, columns.max() + 1
+    n_all = n_columns + couplings.shape[0]
     of_eigenvalue = np.full((n_samples, n_points, n_all), np.nan)
     of_shapes = np.full((n_samples, n_points, n_sensors, n_all), np.nan)
     force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
-    alone = np.zeros((n_joints, n_harmonics, n_harmonics))
     first = 0
     for k in range(n_harmonics):
         first = k if harmonics[k] == 1 else first
-        alone[:, k, k] = 1.0
-    changed = np.empty((n_columns, n_harmonics, n_joints))
-    once, twice = np.empty(systems[3].shape[2]), np.empty(systems[3].shape[2])
+    changed, pushes = np.empty((n_columns, n_harmonics, n_joints)), np.zeros((n_all, n_harmonics, n_modes))
+    n_products = system[3].shape[1]
+    once, twice = np.empty((n_harmonics, n_products)), np.empty((n_harmonics, n_products))
     work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
-    matrix, by_forces, whole = np.empty((n, n + 1)), np.empty((n, n + 1)), np.empty((n, n + n_all))
-    y, seen, moved_seen, by_force = np.empty(n), np.empty(n_sensors), np.empty(n_sensors), np.empty(n_joints)
+    matrix, whole, values = np.empty((n, n + 1)), np.empty((n, n + n_all)), np.empty(n)
+    y, seen, by_force, motion = np.empty(n), np.empty(n_sensors), np.empty(n_joints), np.empty((n_harmonics, n_modes))
     for sample in range(n_samples):
         for point in range(n_points):
             if not eigenvalue[sample, point] > 0.0:
@@ -487,25 +537,20 @@ def backbone_slopes(  # type: ignore[no-untyped-def]
             for row in range(n):
                 for column in range(n):
                     whole[row, column] = matrix[row, column]
-            # With forces that are their own slopes, the matrix is that of the equations by the forces.
-            _fill(system, harmonics, amplitude, y, force, alone, once, twice, by_forces)
-            for row in range(n):
-                if row < n - 1:
-                    by_forces[row, row] -= 1.0
-                for column in range(n_columns):
-                    total = 0.0
+            _compute_modal_motion(modes, harmonics, amplitude, y, force, motion)
+            for column in range(n_all):
+                if column < n_columns:
+                    _compute_value_changes(system, harmonics, y[n - 1], changed[column], once, values)
+                else:
+                    coupling = couplings[column - n_columns]
                     for k in range(n_harmonics):
-                        for j in range(n_joints):
-                            total += by_forces[row, k * n_joints + j] * changed[column, k, j]
-                    whole[row, n + column] = total
-            for moved in range(n_moved):
-                other = _choose_system(systems, moved + 1)
-                _fill(other, harmonics, amplitude, y, force, alone, once, twice, by_forces)
+                        for i in range(n_modes):
+                            pushes[column, k, i] = _sum_weighted(coupling, i, motion[k])
+                    _compute_pushed_values(modes, harmonics, y, pushes[column], values)
                 for row in range(n):
-                    whole[row, n + n_columns + moved] = (by_forces[row, n] - matrix[row, n]) / step
+                    whole[row, n + column] = values[row]
             if not _eliminate(whole):
                 continue
-            _list_shapes(system, seen_by, amplitude, y, force, first, seen)
             for column in range(n_all):
                 by_eigenvalue = -whole[n - 1, n + column]
                 for j in range(n_joints):
@@ -513,13 +558,7 @@ def backbone_slopes(  # type: ignore[no-untyped-def]
                     for k in range(n_harmonics):
                         by_force[j] -= slope[j, first, k] * whole[k * n_joints + j, n + column]
                 of_eigenvalue[sample, point, column] = by_eigenvalue
-                _list_shape_slopes(system, seen_by, y, force, first, by_force, by_eigenvalue, moved_seen)
+                _list_shape_slopes(modes, y, motion[first], pushes[column, first], by_force, by_eigenvalue, seen)
                 for s in range(n_sensors):
-                    of_shapes[sample, point, s, column] = moved_seen[s]
-                if column >= n_columns:
-                    moved = column - n_columns + 1
-                    other, its_sensors = _choose_system(systems, moved), _choose_sensors(sensors, moved)
-                    _list_shapes(other, its_sensors, amplitude, y, force, first, moved_seen)
-                    for s in range(n_sensors):
-                        of_shapes[sample, point, s, column] += (moved_seen[s] - seen[s]) / step
+                    of_shapes[sample, point, s, column] = seen[s]
     return of_eigenvalue, of_shapes
