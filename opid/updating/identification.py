@@ -23,9 +23,10 @@ from opid.updating.likelihood.backbones import (
     make_solver,
     without_interactions,
 )
+from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_errors
-from opid.updating.linear_updating import growth_of_linear_error, update_linear
+from opid.updating.linear_updating import update_linear
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.posterior import update_class
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating

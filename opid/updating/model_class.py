@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from opid.errors import InputError, nearest
@@ -236,6 +236,11 @@ class ModelClass:
         )
 
     @property
+    def is_unknown(self) -> NDArray[np.bool_]:
+        """(n,) whether each parameter of all terms is unknown."""
+        return np.array([prior is not None for each in self.terms for prior in each.priors])
+
+    @property
     def priors(self) -> tuple[Prior, ...]:
         """The prior of each unknown parameter."""
         return tuple(each.prior for each in self.parameters)
@@ -262,9 +267,8 @@ class ModelClass:
         """Parameters of all terms in their units, (..., n), for unknown ones theta, (..., n_parameters)."""
         unknown = np.asarray(theta, dtype=np.float64)
         scales = np.array([scale for each in self.terms for scale in each.scales])
-        is_unknown = np.array([prior is not None for each in self.terms for prior in each.priors])
         values = np.broadcast_to(scales, (*unknown.shape[:-1], scales.size)).copy()
-        values[..., is_unknown] *= unknown
+        values[..., self.is_unknown] *= unknown
         return values
 
     def law(self, joint: str, theta: Sequence[float] | FloatArray) -> Law:
