@@ -13,7 +13,6 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from multiprocessing import get_context
 from time import perf_counter, process_time
 
@@ -28,12 +27,12 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.identification import predict, update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data, likelihood_function
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, UncertainTerm
+from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior
 from opid.updating.posterior import update_class
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.measured import synthetic_backbones
-from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, laws_of_pylons, wing_engine_structure
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
@@ -138,23 +137,14 @@ def coverage_study(seed: int, form: str, errors: str, linear: str) -> Figures:
     return figures
 
 
-def on_pylons(name: str, left: UncertainTerm, right: UncertainTerm) -> ModelClass:
-    """A class with a law of each pylon, each of which has a front and a back joint."""
-    joints = system().joints
-    half = len(joints) // 2
-    return ModelClass(name, (replace(left, joints=joints[:half]), replace(right, joints=joints[half:])))
-
-
 def pylons(seed: int, errors: str) -> Figures:
     """One pylon is cubic and the other quadratic; seven classes, in which they share a law or do not."""
-    (quadratic,), (cubic,) = CLASSES[0].terms, CLASSES[1].terms
-    apart = on_pylons("cubic and quadratic", cubic, quadratic)
+    quadratic, cubic = CLASSES[:2]
+    apart = laws_of_pylons(cubic, quadratic)
     others = (
         *CLASSES[:2],
-        ModelClass("the same sum of both", (cubic, quadratic)),
-        on_pylons("quadratic and cubic", quadratic, cubic),
-        on_pylons("cubic and another cubic", cubic, cubic),
-        on_pylons("quadratic and another quadratic", quadratic, quadratic),
+        ModelClass("the same sum of both", (*cubic.terms, *quadratic.terms)),
+        *(laws_of_pylons(*pair) for pair in ((quadratic, cubic), (cubic, cubic), (quadratic, quadratic))),
     )
     rng = np.random.default_rng(seed)
     measured = synthetic_backbones(system(), apart, PYLONS, rng=rng, linear_error=0.004, **ERRORS[errors])

@@ -174,12 +174,20 @@ def _tabulate_coefficients(result: Updating, truth: UpdatingTruth | None) -> Tab
 
 def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Row]:
     own = posterior.model_class
-    formulas = " + ".join(LAWS[each.kind].latex for each in own.terms)
+    several = len(own.terms) > 1
+    formulas: dict[tuple[str, ...], list[str]] = {}
+    for number, term in enumerate(own.terms, start=1):
+        latex = LAWS[term.kind].latex.replace("k", f"k{number}", 1) if several else LAWS[term.kind].latex
+        formulas.setdefault(term.joints, []).append(latex)
+    laws = (
+        embed_formula(f"f(z) = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")
+        for joints, each in formulas.items()
+    )
     scales = (
         f"{name} x {format_number(each.scale, 4)} {each.own.unit}"
         for name, each in zip(posterior.estimates, own.parameters, strict=True)
     )
-    yield (f"{own.name}: {embed_formula(f'f(z) = {formulas}')}, {', '.join(scales)}",)
+    yield (f"{own.name}: {'; '.join(laws)}; {', '.join(scales)}",)
     true = find_true_theta(posterior, truth)
     of_theta = zip(posterior.estimates.items(), posterior.coefficients.items(), true, strict=True)
     for (name, estimate), (parameter, coefficient), value in of_theta:
