@@ -397,7 +397,9 @@ def main() -> None:
     begun = perf_counter()
     structure = wing_engine_structure(WingEngine(leaf_asymmetry=args.leaf_asymmetry))
     reduced = craig_bampton(structure, UPDATED)
-    specimen = Specimen(modes_of(reduced), TRUTH.law(PAPER_THETA[TRUTH.name]), DAMPING_RATIO, DRIVE)
+    system = modes_of(reduced)
+    laws = tuple(TRUTH.laws(system.joints, PAPER_THETA[TRUTH.name]).values())
+    specimen = Specimen(system, laws, DAMPING_RATIO, DRIVE)
     curves = list(measured(specimen, args.seed))
     measuring = perf_counter() - begun
     say(f"{len(curves)} curves in {measuring:.0f} s")

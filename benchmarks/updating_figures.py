@@ -4,7 +4,8 @@ Run `python benchmarks/updating_figures.py`; in parts `--rows classes,coverage -
 and none is dropped. The synthetic sets are those of `synthetic_backbones` on the wing-engine structure, 14 curves of
 its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" errors have offsets of 0.35 % a curve and
 0.1 % a point, "small" ones those of a virtual measurement (0.05 and 0.15 % a curve, 0.01 % a point). The linear error
-of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). Rows "coverage study" run
+of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
+cubic and the other quadratic. Rows "coverage study" run
 both phases from nominal moduli; the other ones of coverage take the structure with its linear error as it is.
 """
 
@@ -26,15 +27,16 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.identification import predict, update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data, likelihood_function
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import PAPER_CLASSES, Prior
+from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior
 from opid.updating.posterior import update_class
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.measured import synthetic_backbones
-from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, laws_of_pylons, wing_engine_structure
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
+PYLONS = (1.58, 1.2)  # theta of a cubic and of a quadratic pylon
 ERRORS = {
     "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
     "small": {},
@@ -135,6 +137,32 @@ def coverage_study(seed: int, form: str, errors: str, linear: str) -> Figures:
     return figures
 
 
+def pylons(seed: int, errors: str) -> Figures:
+    """One pylon is cubic and the other quadratic; seven classes, in which they share a law or do not."""
+    quadratic, cubic = CLASSES[:2]
+    apart = laws_of_pylons(cubic, quadratic)
+    others = (
+        *CLASSES[:2],
+        ModelClass("the same sum of both", (*cubic.terms, *quadratic.terms)),
+        *(laws_of_pylons(*pair) for pair in ((quadratic, cubic), (cubic, cubic), (quadratic, quadratic))),
+    )
+    rng = np.random.default_rng(seed)
+    measured = synthetic_backbones(system(), apart, PYLONS, rng=rng, linear_error=0.004, **ERRORS[errors])
+    data = prepared(measured, "recommended")
+    found = [update_class(data, each, rng=np.random.default_rng(seed), n_samples=2200) for each in (apart, *others)]
+    best = max(found, key=lambda each: each.log_evidence)
+    second = max(each.log_evidence for each in found[1:])
+    figures = {
+        "true class first": float(best is found[0]),
+        "log evidence above the next": found[0].log_evidence - second,
+    }
+    for name, estimate, true in zip(("cubic", "quadratic"), found[0].estimates.values(), PYLONS, strict=True):
+        figures[f"95 % interval of the {name} one holds"] = float(estimate.holds(true))
+        figures[f"error of the {name} one, %"] = 100 * (estimate.value / true - 1)
+        figures[f"standard deviation of the {name} one, %"] = 100 * estimate.std / true
+    return figures
+
+
 def bands(seed: int, form: str, errors: str) -> Figures:
     measured = backbones(seed, errors)
     data = prepared(measured, form)
@@ -179,6 +207,7 @@ ROWS: dict[str, Row] = {
        for form in FORMS for errors in ERRORS for linear in ("mode", "moduli", "none")},
     **{f"coverage study {form} {errors} {linear}": (coverage_study, (form, errors, linear), 200)
        for form in ("recommended", "paper") for errors in ERRORS for linear in ("mode", "moduli")},
+    **{f"pylons {errors}": (pylons, (errors,), 60) for errors in ERRORS},
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
     **{f"times {form}": (times, (form,), 3) for form in FORMS[:2]},

@@ -14,6 +14,7 @@ import opid
 from opid.updating import (
     ModelClass,
     Prior,
+    UncertainTerm,
     UpdatingStudy,
     read_backbone,
     read_structure,
@@ -25,9 +26,13 @@ from opid.virtual import UPDATED, synthetic_backbones, wing_engine_structure
 
 # f(z) = theta scale z^3, z in m and f in N, the same at all joints; and one with a quintic term beside
 PRIOR = Prior("uniform", 0.0, 10.0)
-CUBIC = ModelClass("cubic", ("cubic_stiffness",), (6.8e7,), (PRIOR,))
+CUBIC = ModelClass("cubic", (UncertainTerm("cubic_stiffness", (6.8e7,), (PRIOR,)),))
 BOTH = ModelClass(
-    "cubic and quintic", ("cubic_stiffness", "quintic_stiffness"), (6.8e7, 8.4e11), (PRIOR, Prior("uniform", -10, 10))
+    "cubic and quintic",
+    (
+        UncertainTerm("cubic_stiffness", (6.8e7,), (PRIOR,)),
+        UncertainTerm("quintic_stiffness", (8.4e11,), (Prior("uniform", -10, 10),)),
+    ),
 )
 
 

@@ -8,7 +8,7 @@ from scipy import sparse
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
 from opid.updating.likelihood.backbones import likelihood_function
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure
 from opid.virtual.backbone_tests.measured import synthetic_backbones
 
@@ -18,13 +18,14 @@ ARMS = np.array([[1.0, 0.55, 0.5], [1.0, 0.55, -0.5]])
 TIPS = (3, 4)
 MODES, AMPLITUDE_M = (2, 3), ((2e-4, 2e-3), (2e-4, 1.5e-3))
 SENSORS = ("plate", "bend", "twist", "left", "right")
-CUBIC = ModelClass("cubic", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0.0, 10.0),))
-QUADRATIC = ModelClass("quadratic", ("quadratic_stiffness",), (2.16e5,), (Prior("uniform", 0.0, 10.0),))
+CUBIC = ModelClass("cubic", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior("uniform", 0.0, 10.0),)),))
+QUADRATIC = ModelClass("quadratic", (UncertainTerm("quadratic_stiffness", (2.16e5,), (Prior("uniform", 0.0, 10.0),)),))
 BOTH = ModelClass(
     "cubic and quintic",
-    ("cubic_stiffness", "quintic_stiffness"),
-    (7.48e7, -8.4e11),
-    (Prior("uniform", 0.0, 10.0), Prior("uniform", -40.0, 40.0)),
+    (
+        UncertainTerm("cubic_stiffness", (7.48e7,), (Prior("uniform", 0.0, 10.0),)),
+        UncertainTerm("quintic_stiffness", (-8.4e11,), (Prior("uniform", -40.0, 40.0),)),
+    ),
 )
 TRUTH = 1.58
 

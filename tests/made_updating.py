@@ -9,7 +9,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.truth import UpdatingTruth
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.result import BackboneBand, ClassPosterior, LinearMode, LinearPosterior, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -20,10 +20,14 @@ CUBIC = 6.8e7 * 1.58
 """N/m^3: the true law."""
 THETA = {"class 1": (1.2,), "class 2": (1.58,), "class 4": (1.71, 0.6)}
 CLASSES = (
-    ModelClass("class 1", ("quadratic_stiffness",), (2.16e5,), (Prior(),)),
-    ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior(),)),
+    ModelClass("class 1", (UncertainTerm("quadratic_stiffness", (2.16e5,), (Prior(),)),)),
+    ModelClass("class 2", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior(),)),)),
     ModelClass(
-        "class 4", ("cubic_stiffness", "quartic_stiffness"), (6.8e7, -2.7e9), (Prior(), Prior("uniform", -9, 9))
+        "class 4",
+        (
+            UncertainTerm("cubic_stiffness", (6.8e7,), (Prior(),)),
+            UncertainTerm("quartic_stiffness", (-2.7e9,), (Prior("uniform", -9, 9),)),
+        ),
     ),
 )
 
@@ -154,4 +158,5 @@ def small_updating(**changes):
 def small_truth():
     """As `opid simulate backbones` would write it."""
     law = Law((Term("cubic_stiffness", (CUBIC,)),))
-    return UpdatingTruth({"E_aluminium": 0.88, "E_steel": 0.31}, law, "a small wing", {"seed": 1})
+    laws = dict.fromkeys(small_system().joints, law)
+    return UpdatingTruth({"E_aluminium": 0.88, "E_steel": 0.31}, laws, "a small wing", {"seed": 1})

@@ -27,7 +27,7 @@ def test_bands_hold_the_measured_points_and_the_true_backbone(predicted):
         assert (band.amplitude[0], band.amplitude[-1]) == pytest.approx((seen.min(), seen.max()))
         # not all that is possible: a few offsets of 0.3 %
         assert ((band.high_hz - band.low_hz) / band.frequency_hz).max() < 0.05
-        law = made.CUBIC.law([made.TRUTH])
+        law = made.CUBIC.law("left", [made.TRUTH])
         true = backbone(made.system(), law, mode=band.mode, sensor="left", amplitude=band.amplitude).frequency_hz
         assert ((band.low_hz < true) & (true < band.high_hz)).all()
 

@@ -16,9 +16,9 @@ def test_laws_have_short_and_full_names_and_scales_have_units():
     table = {"law": "cubic+quartic", "scale": ("0.0884 N/mm^3", "-0.0027 N/mm4")}
     found = ClassTable(**table).model
     assert found.name == "cubic+quartic"
-    np.testing.assert_allclose(found.scales, [8.84e7, -2.7e9], rtol=1e-12)
+    np.testing.assert_allclose([each.scale for each in found.parameters], [8.84e7, -2.7e9], rtol=1e-12)
     assert found.priors == (Prior(), Prior())
-    assert ClassTable(law="quadratic", scale="0.216 kN / m^2").model.scales == (216.0,)
+    assert ClassTable(law="quadratic", scale="0.216 kN / m^2").model.terms[0].scales == (216.0,)
     assert tabulate_class(found).model == replace(found, name="cubic+quartic")
 
 
@@ -26,16 +26,16 @@ def test_laws_have_short_and_full_names_and_scales_have_units():
     ("table", "words"),
     [
         ({"law": "cubik", "scale": 1}, "did you mean 'cubic'"),
-        ({"law": "cubic + quintic", "scale": (1,)}, "2 term(s) and 1 scale(s)"),
+        ({"law": "cubic + quintic", "scale": (1,)}, "1 scale(s): give 2, one for each of stiffness_n_per_m3 (N/m^3)"),
         ({"law": "cubic", "scale": "0.068 N/mm^2"}, "its unit is N/m^3"),
         ({"law": "cubic", "scale": "much"}, "give a number in N/m^3"),
         ({"law": "cubic", "scale": 0}, "other than 0"),
         ({"law": "cubic", "scale": 1, "prior": ("flat", 0, 1)}, "no prior 'flat'"),
         ({"law": "cubic", "scale": 1, "prior": ("uniform", 5, 0)}, "lower end first"),
-        ({"law": "cubic + quintic", "scale": 1, "prior": (("uniform", 0, 1),)}, "2 term(s) and 1 prior(s)"),
+        ({"law": "cubic + quintic", "scale": 1, "prior": (("uniform", 0, 1),)}, "1 prior(s): give 2"),
         ({"law": "cubic + cubic", "scale": 1}, "twice"),
-        ({"law": "signed power", "scale": 1}, "not a spring with one coefficient"),
-        ({"law": "cubic damping", "scale": 1}, "not a spring"),
+        ({"law": "signed power", "scale": (1,)}, "1 scale(s): give 2"),
+        ({"law": "cubic damping", "scale": 1}, "depends on the rate"),
     ],
 )
 def test_a_class_that_cannot_be_is_refused(table, words):

@@ -176,9 +176,9 @@ def test_a_step_is_drawn_with_its_time_every_second_and_with_a_bar_where_it_is_c
     *lines, end = lines_drawn(shown)
     assert end == "done"
     assert shown.count("\n") == 1  # The line of progress is drawn over and leaves nothing.
-    assert list(dict.fromkeys(line for line in lines if line.endswith("law search"))) == [
-        f"00:0{second} law search" for second in range(3)
-    ]
+    seconds = [*dict.fromkeys(line for line in lines if line.endswith("law search"))]
+    # A busy machine may leave out the second in between.
+    assert [line for line in seconds if line != "00:01 law search"] == ["00:00 law search", "00:02 law search"]
     bars = [line for line in lines if "class 1" in line]
     assert re.fullmatch(r"00:00   0%\| {20}\| \? left: class 1", bars[0])
     assert re.fullmatch(r"00:01  50%\|█{10} {10}\| 00:0[12] left: class 1", bars[-1])

@@ -156,7 +156,9 @@ def test_a_simulation_writes_a_study_and_its_truth(simulated):
         assert max(curve.controlled_amplitude[-1] for curve in curves) == pytest.approx(highest_m, rel=0.05)
     truth = read_truth(simulated / "truth.json", UpdatingTruth)
     assert truth.linear == {"E_aluminium": 0.88, "E_steel": 0.31}
-    assert truth.law.parameters == {"cubic_stiffness": {"stiffness_n_per_m3": pytest.approx(1.58 * 6.8e7)}}
+    assert len(truth.laws) == 4
+    for own in truth.laws.values():
+        assert own.parameters == {"cubic_stiffness": {"stiffness_n_per_m3": pytest.approx(1.58 * 6.8e7)}}
     assert truth.settings["curves"] == [4, 3]
 
 

@@ -31,7 +31,7 @@ def by_loops(measured, theta, form, cov, sigma_fraction=None):
     system, total = made.system(), 0.0
     for one in measured:
         solved = backbone(
-            system, made.CUBIC.law([theta]), mode=one.mode, sensor="left", amplitude=one.controlled_amplitude
+            system, made.CUBIC.law("left", [theta]), mode=one.mode, sensor="left", amplitude=one.controlled_amplitude
         )
         model = (2 * np.pi * solved.frequency_hz) ** 2
         r_m = system.eigenvalue[one.mode - 1] - one.eigenvalue[0]
@@ -108,7 +108,8 @@ def test_units_and_order_of_curves_change_nothing(measured, form):
         for each in (measured, measured[::-1])
     ]
     assert in_turn[0] == pytest.approx(in_turn[1], abs=1e-6)
-    scaled = replace(made.CUBIC, scales=(2 * made.CUBIC.scales[0],))
+    (term,) = made.CUBIC.terms
+    scaled = replace(made.CUBIC, terms=(replace(term, scales=(2 * term.scales[0],)),))
     data = backbone_data(made.system(), measured, form=form, harmonics=(1,))
     assert made.log_likelihood(data, scaled, THETA / 2) == pytest.approx(in_turn[0], abs=1e-6)
 

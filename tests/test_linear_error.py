@@ -7,7 +7,7 @@ from scipy import sparse
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.laws.law import Law, Term
-from opid.updating.linear_updating import growth_of_linear_error
+from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.structure.affine import AffineStructure
 

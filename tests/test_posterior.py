@@ -59,7 +59,7 @@ def test_twice_the_prior_costs_the_logarithm_of_two(cubic):
 
 @pytest.mark.parametrize(("low", "high", "side"), [(0.0, 1.2, "upper end 1.2"), (2.0, 10.0, "lower end 2")])
 def test_a_prior_that_is_pressed_against_is_told_with_its_side(data, low, high, side):
-    narrow = replace(made.CUBIC, priors=(Prior("uniform", low, high),))
+    narrow = made.CUBIC.with_prior(0, Prior("uniform", low, high))
     found = update_class(data, narrow, rng=np.random.default_rng(0), n_samples=1100)
     assert any(side in each for each in found.warnings)
     # the wide prior lets the likelihood rise beyond the bound

@@ -56,10 +56,13 @@ def test_the_text_holds_the_numbers_within_eighty_columns(result):
 
 
 def test_coefficients_are_in_si_units_whatever_the_sign_of_the_scale(result):
-    cubic, unit = result.classes[1].coefficients["cubic_stiffness"]
-    assert (cubic.value, cubic.std, unit) == (pytest.approx(CUBIC), pytest.approx(0.04 * 6.8e7), "N/m^3")
-    quartic, unit = result.classes[2].coefficients["quartic_stiffness"]
-    assert unit == "N/m^4"
+    ((of_cubic, cubic),) = result.classes[1].coefficients.items()
+    assert (cubic.value, cubic.std) == (pytest.approx(CUBIC), pytest.approx(0.04 * 6.8e7))
+    _, (of_quartic, quartic) = result.classes[2].coefficients.items()
+    assert [(each.key, each.own.unit) for each in (of_cubic, of_quartic)] == [
+        ("cubic_stiffness", "N/m^3"),
+        ("quartic_stiffness", "N/m^4"),
+    ]
     assert quartic.value == pytest.approx(-2.7e9 * 0.6)
     assert quartic.std > 0
     assert quartic.interval95[0] < quartic.value < quartic.interval95[1]
@@ -104,14 +107,15 @@ def test_json_has_the_schema_and_is_strict(result):
     assert document["schema"] == "opid.updating/1"
     assert document["best_class"] == "class 2"
     second = document["classes"][1]
-    assert (second["name"], second["law"], second["kinds"]) == ("class 2", "cubic", ["cubic_stiffness"])
+    assert (second["name"], second["law"]) == ("class 2", "cubic")
     assert (second["log_evidence"], second["log_evidence_std"]) == (360.2, 0.0)
     assert [each["method"] for each in second["evidences"]] == ["laplace", "transitional", "quadrature"]
     assert second["parameters"]["theta_1"]["mean"] == 1.58
     assert second["parameters"]["theta_1"]["interval95"] == pytest.approx([1.5016, 1.6584])
     assert second["coefficients"]["cubic_stiffness"]["mean"] == pytest.approx(CUBIC)
     assert second["coefficients"]["cubic_stiffness"]["unit"] == "N/m^3"
-    assert second["priors"] == [{"family": "uniform", "first": 0.0, "second": 10.0}]
+    prior = {"family": "uniform", "first": 0.0, "second": 10.0}
+    assert second["terms"] == [{"kind": "cubic_stiffness", "scales": [6.8e7], "priors": [prior], "joints": []}]
     assert set(second["diagnostics"]) == {
         *("sampler", "n_samples", "n_evaluations", "acceptance", "effective_samples", "r_hat"),
     }
@@ -340,9 +344,9 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path.write_text(json.dumps(tabulate_truth(small_truth())), encoding="utf-8")
     assert read_truth(path, UpdatingTruth) == small_truth()
     for text, words in (
-        ('{"schema": "opid.truth/1"}', "where 'opid.updating-truth/1' is needed"),
+        ('{"schema": "opid.truth/1"}', "where 'opid.updating-truth/2' is needed"),
         (
-            '{"schema": "opid.updating-truth/1", "linear": {}, "law": {"a": "x"}}',
+            '{"schema": "opid.updating-truth/2", "linear": {}, "laws": {"a": "x"}}',
             "not the truth of simulated backbones",
         ),
         ("[1]", "not the truth of simulated backbones"),

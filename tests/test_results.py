@@ -354,9 +354,9 @@ def test_what_is_no_result_is_refused(tmp_path):
 
 def test_a_truth_is_refused_where_nothing_is_compared_with_it():
     with pytest.raises(InputError, match="a result of type Health is compared with no truth: leave it out"):
-        opid.text(sound_health(), UpdatingTruth({}, law("linear")))
+        opid.text(sound_health(), UpdatingTruth({}, {}))
     with pytest.raises(InputError, match="ModalIdentification is compared with a ModalTruth, not with a Updating"):
-        opid.text(small_result(), UpdatingTruth({}, law("linear")))
+        opid.text(small_result(), UpdatingTruth({}, {}))
 
 
 @pytest.mark.parametrize("maker", [bench, flights, campaign, health, modal, updating], ids=lambda maker: maker.__name__)

@@ -13,7 +13,7 @@ from opid.errors import InputError
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.checks import backbone_faults, nominal_modes, sensor_faults, warn_of_overlaps
 from opid.updating.likelihood.noise import NoiseSettings
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import structure_faults
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
@@ -144,7 +144,7 @@ def test_curves_of_a_mode_have_the_same_sensors():
         UpdatingStudy("x", small_chain(), (whole, fewer), (made.CUBIC,))
 
 
-EVEN = ModelClass("uneven", ("even_quadratic_stiffness",), (1e5,), (Prior(),))
+EVEN = ModelClass("uneven", (UncertainTerm("even_quadratic_stiffness", (1e5,), (Prior(),)),))
 OF_MODE_2 = NoiseSettings(cov={2: 0.01})
 TWICE = (curve_of(), curve_of(name="b"))
 APART = (curve_of(), curve_of(name="b", factor=1.001))

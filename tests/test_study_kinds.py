@@ -21,7 +21,7 @@ from opid.studies.study_file import KINDS
 from opid.studies.suspension_study import find_log_readings
 from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run, Study, study_of_gear
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.study import UpdatingStudy
 from opid.virtual.taxi_tests.taxiing import taxi_study
 
@@ -71,7 +71,7 @@ def backbone_study():
         title="a chain",
         structure=small_chain(),
         backbones=(curve_of(),),
-        classes=(ModelClass("cubic", ("cubic_stiffness",), (6.8e7,), (Prior(),)),),
+        classes=(ModelClass("cubic", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior(),)),)),),
     )
 
 

@@ -209,6 +209,6 @@ def test_everything_wrong_is_said_at_once():
 
 
 def test_classes_that_cannot_be_told_apart_are_doubted():
-    twin = ModelClass("the same", made.CUBIC.kinds, made.CUBIC.scales, made.CUBIC.priors)
+    twin = ModelClass("the same", made.CUBIC.terms)
     found = update_study(study(classes=(made.CUBIC, twin)))
     assert any("cannot distinguish them" in each for each in found.warnings)

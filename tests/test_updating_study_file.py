@@ -11,7 +11,7 @@ from opid.provenance import read_file
 from opid.studies.study_file import read_study, write_study
 from opid.updating.checks import nominal_modes
 from opid.updating.measured import write_backbone
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.matrices_file import write_structure
 
 STUDY = """
@@ -71,7 +71,8 @@ def test_a_study_is_read_as_it_is_written(place):
     assert study.structure.sensors == DOFS
     assert dict(study.structure.joints) == {"end": ("c", "tip")}
     assert list(study.structure.parts) == ["E"]
-    assert study.classes[0] == ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0, 5),))
+    cubic = UncertainTerm("cubic_stiffness", (6.8e7,), (Prior("uniform", 0, 5),))
+    assert study.classes[0] == ModelClass("class 2", (cubic,))
     assert study.classes[1].priors == (Prior(), Prior("normal", 0, 3))
     assert study.backbones[0].name == "first"
     read = [read_file(place / name) for name in ("study.toml", "structure.npz", "first.csv")]

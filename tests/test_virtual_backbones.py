@@ -7,13 +7,13 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.quadrature_curves import Specimen
 from opid.mechanics.laws.law import law
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise
 from opid.virtual.backbone_tests.measured import AMPLITUDE_M, synthetic_backbones, virtual_backbones
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
-CLASS_2 = ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0, 10),))
+CLASS_2 = ModelClass("class 2", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior("uniform", 0, 10),)),))
 CUBIC = law("cubic_stiffness", stiffness_n_per_m3=1.58 * 6.8e7)
 NONE = {"offset_fraction": 0.0, "point_noise": 0.0, "shape_noise": 0.0, "linear_error": 0.0}
 

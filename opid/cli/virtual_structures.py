@@ -161,6 +161,12 @@ def resonance_logs(
     help="Number of the law, 1 to 5 in the paper.",
 )
 @click.option(
+    "--other-class",
+    type=click.IntRange(1, 5),
+    metavar="N",
+    help="Number of the law of the second pylon.  [default: that of the first]",
+)
+@click.option(
     "--points", type=click.IntRange(min=3), default=20, show_default=True, metavar="N", help="Points of each curve."
 )
 @click.option(
@@ -192,6 +198,7 @@ def backbones(
     by: str,
     seed: int,
     true_class: int,
+    other_class: int | None,
     points: int,
     curves: tuple[int, int],
     linear_error: float,
@@ -201,7 +208,7 @@ def backbones(
     """Write backbones of the wing-engine structure, with known truth, into the directory OUT.
 
     Makes the nominal matrices with two factors to update, one CSV file a curve, study.toml for `opid update` with the
-    five classes of the paper, and truth.json.
+    five classes of the paper, or with those in which the pylons share a law or do not, and truth.json.
     """
     import numpy as np
 
@@ -213,7 +220,12 @@ def backbones(
     from opid.updating.structure.reduction import reduce
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones
-    from opid.virtual.backbone_tests.wing_engine import UPDATED, replace_matrices, wing_engine_structure
+    from opid.virtual.backbone_tests.wing_engine import (
+        UPDATED,
+        laws_of_pylons,
+        replace_matrices,
+        wing_engine_structure,
+    )
     from opid.virtual.truth_file import write_field_test
 
     if by == "continuation" and points < FEWEST_CONTROLLED:
@@ -226,6 +238,14 @@ def backbones(
     settings |= {"linear_error_percent": linear_error} if by == "synthetic" else {"damping_ratio": DAMPING_RATIO}
     true = PAPER_CLASSES[true_class - 1]
     theta = PAPER_THETA[true.name]
+    classes: tuple[ModelClass, ...] = PAPER_CLASSES
+    if other_class is not None:
+        settings["other_class"] = other_class
+        other = PAPER_CLASSES[other_class - 1]
+        theta += PAPER_THETA[other.name]
+        pairs = [(true, other), (other, true)] if other is not true else [(true, true)]
+        classes = (*dict.fromkeys((true, other)), *(laws_of_pylons(*pair) for pair in pairs))
+        true = laws_of_pylons(true, other)
     with output.progress() as say:
         say("the structure")
         structure = wing_engine_structure()
@@ -238,12 +258,12 @@ def backbones(
         else:
             measured = _measure_by_continuation(system, true, theta, rng, points, curves, say)
         study = UpdatingStudy(
-            f"Virtual backbones of a wing-engine structure, seed {seed}", structure, measured, PAPER_CLASSES,
+            f"Virtual backbones of a wing-engine structure, seed {seed}", structure, measured, classes,
             parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), seed=seed,
         )  # fmt: skip
         say("the files")
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
-        truth = UpdatingTruth(UPDATED, true.law(theta), description, settings)
+        truth = UpdatingTruth(UPDATED, true.laws(system.joints, theta), description, settings)
         path = write_field_test(study, truth, output.folder)
         if matrices != "npz":
             replace_matrices(structure, output.folder, matrices)
@@ -263,7 +283,7 @@ def _measure_by_continuation(
     from opid.mechanics.backbones.quadrature_curves import Specimen
     from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENDING_MODES, virtual_backbones
 
-    specimen = Specimen(system, true.law(theta), DAMPING_RATIO, DRIVE)
+    specimen = Specimen(system, tuple(true.laws(system.joints, theta).values()), DAMPING_RATIO, DRIVE)
     measured: list[MeasuredBackbone] = []
     for mode, amplitude, wanted in zip(BENDING_MODES, AMPLITUDE_M, curves, strict=True):
         reached, reason = 0, ""

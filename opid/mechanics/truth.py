@@ -153,13 +153,13 @@ class UpdatingTruth:
 
     Args:
         linear: factors of the linear structure by name.
-        law: law of the joints.
+        laws: law of each joint by its name.
         structure: the tested structure in a sentence.
         settings: settings of the simulation.
     """
 
     linear: Mapping[str, float]
-    law: Law
+    laws: Mapping[str, Law]
     structure: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
 

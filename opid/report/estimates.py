@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from opid.estimate import Estimate, format_number, rounded
-from opid.mechanics.laws.kinds import Parameter
 from opid.mechanics.laws.law import Law, unit_of_parameter
 from opid.mechanics.truth import Truth
 from opid.report.document import Row, Table, build_columns
@@ -87,18 +86,4 @@ def list_law_rows(
             if known is not None and parameter.role == "amplitude":
                 known *= true_scale
             unit, found = unit_of_parameter(parameter, per_mass=per_mass), estimates[term.name][parameter.name]
-            yield build_estimate_row(format_label(parameter), unit, found, known)
-
-
-def format_label(parameter: Parameter) -> str:
-    """Return the name of a parameter of a law in words, without its unit.
-
-    >>> from opid.mechanics.laws.law import LAWS
-    >>> [format_label(each) for each in LAWS["gas_column"].parameters]
-    ['static force', 'gas length', 'exponent']
-    """
-    name = parameter.name
-    if parameter.role == "amplitude":
-        # the unit begins at the first _n of amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3
-        name = name.split("_n")[0]
-    return name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
+            yield build_estimate_row(parameter.words, unit, found, known)

@@ -156,8 +156,8 @@ def sketch_joints(result: Updating) -> Sketch | None:
         return None
     words = [f"f(z): {best.model_class.law_in_words} ({result.best_class})"]
     words += [
-        f"{kind.replace('_stiffness', '')}: {with_std(estimate.value, estimate.std)} {format_units(unit)}"
-        for kind, (estimate, unit) in best.coefficients.items()
+        f"{each.words}: {with_std(estimate.value, estimate.std)} {format_units(each.own.unit)}"
+        for each, estimate in best.coefficients.items()
     ]
     linear = {} if result.linear is None else result.linear.estimates
     words += [_write_equation(name, estimate, "of nominal") for name, estimate in linear.items()]

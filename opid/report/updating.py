@@ -28,7 +28,7 @@ from opid.report.document import (
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.formulas import embed_formula
 from opid.report.sketch import sketch_joints
-from opid.updating.model_class import short_kind
+from opid.updating.model_class import group_joints
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -174,22 +174,26 @@ def _tabulate_coefficients(result: Updating, truth: UpdatingTruth | None) -> Tab
 
 def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> Iterator[Row]:
     own = posterior.model_class
-    several = len(own.kinds) > 1
-    names = [f"k{number}" if several else "k" for number in range(1, len(own.kinds) + 1)]
-    terms = (LAWS[kind].latex.replace("k", name, 1) for kind, name in zip(own.kinds, names, strict=True))
-    scales = ", ".join(
-        f"{name} = theta x {format_number(scale, 4)}" for name, scale in zip(names, own.scales, strict=True)
+    several = len(own.terms) > 1
+    formulas: dict[tuple[str, ...], list[str]] = {}
+    for number, term in enumerate(own.terms, start=1):
+        latex = LAWS[term.kind].latex.replace("k", f"k{number}", 1) if several else LAWS[term.kind].latex
+        formulas.setdefault(term.joints, []).append(latex)
+    laws = (
+        embed_formula(f"f(z) = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")
+        for joints, each in formulas.items()
     )
-    formula = embed_formula("f(z) = " + " + ".join(terms))
-    yield (f"{own.name}: {formula}, {scales}",)
+    scales = (
+        f"{name} x {format_number(each.scale, 4)} {each.own.unit}"
+        for name, each in zip(posterior.estimates, own.parameters, strict=True)
+    )
+    yield (f"{own.name}: {'; '.join(laws)}; {', '.join(scales)}",)
     true = find_true_theta(posterior, truth)
-    coefficients = posterior.coefficients
-    for number, (name, estimate) in enumerate(posterior.estimates.items()):
-        kind, value = own.kinds[number], true[number]
+    of_theta = zip(posterior.estimates.items(), posterior.coefficients.items(), true, strict=True)
+    for (name, estimate), (parameter, coefficient), value in of_theta:
         yield build_estimate_row(name, "1", estimate, value)
-        coefficient, unit = coefficients[kind]
-        known = None if value is None else value * own.scales[number] + 0.0
-        yield build_estimate_row(short_kind(kind), unit, coefficient, known)
+        known = None if value is None else value * parameter.scale + 0.0
+        yield build_estimate_row(parameter.words, parameter.own.unit, coefficient, known)
 
 
 def _tabulate_linear(result: Updating, truth: UpdatingTruth | None) -> Table:
@@ -446,13 +450,18 @@ def _list_all_class_figures(result: Updating, truth: UpdatingTruth | None) -> It
         "its prior.",
         lambda: plots.log_evidences(result),
     )
-    yield Figure(
-        "joint_forces",
-        "What the classes make of the joints",
-        "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
-        "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be distinguished by these data.",
-        lambda: _draw_forces(result, truth),
-    )
+    groups = group_joints([each.model_class for each in result.classes], result.system.joints)
+    for number, group in enumerate(groups, start=1):
+        yield Figure(
+            "joint_forces" if len(groups) == 1 else f"joint_forces_{number}",
+            f"What the classes make of the joints{'' if len(groups) == 1 else ' ' + ', '.join(group)}",
+            "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
+            "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be distinguished by these "
+            "data."
+            if number == 1
+            else "",
+            lambda joint=group[0]: _draw_forces(result, truth, joint),  # type: ignore[misc]
+        )
 
 
 def _build_samples_figure(
@@ -499,29 +508,40 @@ def _build_predicted_figure(result: Updating, mode: int, *, is_first: bool) -> F
 def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[float | None]:
     """Return the true value of each parameter of a class; None for all if the class lacks a part of the true law."""
     own = posterior.model_class
-    law = {term.name: term.amplitude for term in truth.law.terms} if truth else None
-    if law is None or not set(law) <= set(own.kinds):
+    if truth is None:
         return [None] * own.n_parameters
-    return [law.get(kind, 0.0) / scale + 0.0 for kind, scale in zip(own.kinds, own.scales, strict=True)]
+    true: list[float | None] = []
+    for each in own.parameters:
+        held = set()
+        for joint in each.term.joints or truth.laws:
+            terms = truth.laws[joint].parameters
+            if not set(terms) <= {term.kind for term in own.terms if term.acts_at(joint)}:
+                return [None] * own.n_parameters
+            # A term that a joint does not have has the amplitude 0 and any inner parameters.
+            missing = {LAWS[each.term.kind].parameters[0].name: 0.0}
+            held.add(terms.get(each.term.kind, missing).get(each.own.name))
+        value = held.pop() if len(held) == 1 else None
+        true.append(None if value is None else value / each.scale + 0.0)
+    return true
 
 
-def _draw_forces(result: Updating, truth: UpdatingTruth | None) -> Any:
+def _draw_forces(result: Updating, truth: UpdatingTruth | None, joint: str) -> Any:
     reached = result.reached_extension
     # the laws of joints that no test extends are drawn, too
     extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
     return plots.joint_forces(
         extension,
-        [_compute_force_band(each, extension) for each in result.classes],
+        [_compute_force_band(each, joint, extension) for each in result.classes],
         best=result.best_class,
-        truth=truth.law.force(extension, 0.0) if truth else None,
+        truth=truth.laws[joint].force(extension, 0.0) if truth else None,
         reached=reached,
     )
 
 
-def _compute_force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
+def _compute_force_band(posterior: ClassPosterior, joint: str, extension: FloatArray) -> Any:
     own = posterior.model_class
     thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
-    draws = np.array([own.law(theta).force(extension, 0.0) for theta in thinned])
+    draws = np.array([own.law(joint, theta).force(extension, 0.0) for theta in thinned])
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
 

@@ -317,10 +317,15 @@ def format_toml(record: Any) -> str:
 
 
 def _format_entry(name: str, entry: Mapping[str, Any]) -> str:
-    """Return one table of a list of tables as text; a table inside it has the name of the list in its header."""
+    """Return one table of a list of tables as text; tables inside it have the name of the list in their header."""
     inside = {key: value for key, value in entry.items() if isinstance(value, dict)}
-    text = tomli_w.dumps({key: value for key, value in entry.items() if key not in inside})
-    return text + "".join("\n" + tomli_w.dumps({name: {key: value}}) for key, value in inside.items())
+    lists = {
+        key: value for key, value in entry.items() if isinstance(value, list) and value and isinstance(value[0], dict)
+    }
+    text = tomli_w.dumps({key: value for key, value in entry.items() if key not in {*inside, *lists}})
+    text += "".join("\n" + tomli_w.dumps({name: {key: value}}) for key, value in inside.items())
+    rows = ((key, each) for key, value in lists.items() for each in value)
+    return text + "".join(f"\n[[{name}.{key}]]\n{tomli_w.dumps(each)}" for key, each in rows)
 
 
 def _make_plain(value: Any) -> Any:

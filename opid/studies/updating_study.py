@@ -6,18 +6,19 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from opid.errors import InputError, nearest, refuse
-from opid.mechanics.laws.kinds import LAWS
+from opid.mechanics.laws.kinds import LAWS, Parameter
 from opid.progress import Say
 from opid.provenance import read_file
+from opid.signals.units import to_si
 from opid.studies.schema import Document, collect_faults, derive_record, format_toml, read_tables
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
-from opid.updating.model_class import Family, ModelClass, Prior
+from opid.updating.model_class import Family, ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import checked_structure, write_structure
 from opid.updating.study import UpdatingSettings, UpdatingStudy
@@ -68,29 +69,85 @@ class _Log:
     unit: str
 
 
+Scales = Annotated[
+    float | str | tuple[float | str, ...], 'a number in SI units, text like "0.068 N/mm^3" or "2 mm", or a list of such'
+]
+Priors = Annotated[
+    PriorRow | tuple[PriorRow | Literal["known"], ...], f'{PRIOR}, or one such list or "known" for each parameter'
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawTable:
+    """A table of [[classes.laws]]: the law of some joints of a class.
+
+    Args:
+        law: kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +.
+        scale: one for each parameter of the kinds, in SI units or with the unit in a text; one for all if it is alone.
+        prior: one for each parameter, "known" for one that keeps its scale; one for all if it is alone, uniform from 0
+            to 10 where left out.
+        joints: names of the joints that have this law, with the same values; all where left out.
+    """
+
+    law: str
+    scale: Scales
+    prior: Priors | None = None
+    joints: Annotated[tuple[_Dof, ...], "a list of names of joints"] = ()
+
+    @property
+    def words(self) -> str:
+        """The law as it is written, and where it acts."""
+        return f"{self.law} at {', '.join(map(str, self.joints))}" if self.joints else self.law
+
+    @property
+    def terms(self) -> tuple[UncertainTerm, ...]:
+        """The terms that the table describes."""
+        kinds = [find_spring(part) for part in self.law.split("+")]
+        parameters = [parameter for kind in kinds for parameter in LAWS[kind].parameters]
+        scales = self.scale if isinstance(self.scale, tuple) else (self.scale,) * len(parameters)
+        prior = astuple(Prior()) if self.prior is None else self.prior
+        is_list = bool(prior) and (isinstance(prior[0], tuple) or "known" in prior)
+        rows = prior if is_list else (prior,) * len(parameters)
+        for what, given in (("scale", scales), ("prior", rows)):
+            if len(given) != len(parameters):
+                raise InputError(
+                    f"the law {self.law!r} has {len(given)} {what}(s): give {len(parameters)}, one for each of "
+                    f"{', '.join(f'{each.name} ({each.unit})' for each in parameters)}"
+                )
+        values = [_read_scale(scale, parameter) for scale, parameter in zip(scales, parameters, strict=True)]
+        priors = [None if row == "known" else Prior(*row) for row in rows]
+        found, first = [], 0
+        for kind in kinds:
+            own = slice(first, first + len(LAWS[kind].parameters))
+            found.append(UncertainTerm(kind, tuple(values[own]), tuple(priors[own]), tuple(map(str, self.joints))))
+            first = own.stop
+        return tuple(found)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ClassTable:
-    """A table of [[classes]].
+    """A table of [[classes]], with one law at all joints, or with laws of its own for groups of joints.
 
     Args:
         name: of the class; the law where left out.
-        law: kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +.
-        scale: one for all terms or one each, in SI units or with the unit in a text.
-        prior: one for all terms or one each; uniform from 0 to 10 where left out.
+        law: the law of all joints, see `LawTable`, which explains `scale` and `prior`, too.
+        scale: the scales of that law.
+        prior: the priors of that law.
+        laws: the laws of groups of joints, instead of one for all; a joint in none of them has no law.
 
     Raises:
-        InputError: an unknown law, a scale in no unit of its term, a prior that is none, or counts that do not match.
+        InputError: an unknown law, a scale in no unit of its parameter, a prior that is none, counts that do not match,
+            or neither one law nor several.
 
-    >>> ClassTable(law="cubic + quintic", scale=("0.0748 N/mm^3", -8.4e11)).model.scales
-    (74800000.0, -840000000000.0)
+    >>> [term.scales for term in ClassTable(law="cubic + quintic", scale=("0.0748 N/mm^3", -8.4e11)).model.terms]
+    [(74800000.0,), (-840000000000.0,)]
     """
 
     name: str | None = None
-    law: str
-    scale: Annotated[
-        float | str | tuple[float | str, ...], 'a number in SI units, text like "0.068 N/mm^3", or a list of such'
-    ]
-    prior: Annotated[PriorRow | tuple[PriorRow, ...] | None, f"{PRIOR}, or one such list for each term"] = None
+    law: str | None = None
+    scale: Scales | None = None
+    prior: Priors | None = None
+    laws: tuple[LawTable, ...] = ()
 
     def __post_init__(self) -> None:
         _ = self.model  # So the faults are reported when the table is read.
@@ -98,16 +155,23 @@ class ClassTable:
     @property
     def model(self) -> ModelClass:
         """The class that the table describes."""
-        kinds = tuple(find_spring(part) for part in self.law.split("+"))
-        name = self.law if self.name is None else self.name
-        scales = self.scale if isinstance(self.scale, tuple) else (self.scale,) * len(kinds)
-        prior = astuple(Prior()) if self.prior is None else self.prior
-        rows = prior if prior and isinstance(prior[0], tuple) else (prior,) * len(kinds)
-        for what, given in (("scale", scales), ("prior", rows)):
-            if len(given) != len(kinds):
-                raise InputError(f"class {name!r} has {len(kinds)} term(s) and {len(given)} {what}(s): give one a term")
-        values = tuple(_read_scale(scale, kind) for scale, kind in zip(scales, kinds, strict=True))
-        return ModelClass(name, kinds, values, tuple(Prior(*row) for row in rows))
+        stated = [each for each in (self.law, self.scale, self.prior) if each is not None]
+        if bool(stated) == bool(self.laws):
+            raise InputError(
+                f"class {self.name or self.law!r} has {'law and laws' if stated else 'no law'}: give law and scale for "
+                "one at all joints, or [[classes.laws]] for groups of joints"
+            )
+        tables = self.laws
+        if not tables:
+            if self.law is None or self.scale is None:
+                raise InputError(f"class {self.name or self.law!r} lacks {'law' if self.law is None else 'scale'!r}")
+            tables = (LawTable(law=self.law, scale=self.scale, prior=self.prior),)
+        name = self.name or " + ".join(each.words for each in tables)
+        try:
+            terms = tuple(term for each in tables for term in each.terms)
+        except InputError as error:
+            raise InputError(f"class {name!r}: {error}") from None
+        return ModelClass(name, terms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,21 +330,27 @@ def find_spring(text: str) -> str:
     raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, springs)}")
 
 
-def _read_scale(given: float | str, kind: str) -> float:
-    """Return the scale of a term in SI units."""
-    unit = LAWS[kind].parameters[0].unit
+def _read_scale(given: float | str, parameter: Parameter) -> float:
+    """Return the scale of a parameter in SI units."""
+    name, unit = parameter.name, parameter.unit
     if not isinstance(given, str):
         return float(given)
+    number, _, own_unit = given.strip().partition(" ")
     found = _WITH_UNIT.fullmatch(given)
     try:
-        number, force, length, power = found.groups() if found else ("", "", "m", "")
-        value = float(number)
+        value = float(found.group(1) if found else number)
     except ValueError:
         raise InputError(
-            f'the scale of {kind} is {given!r}: give a number in {unit}, or text like "0.068 N/mm^3"'
+            f'the scale of {name} is {given!r}: give a number in {unit}, or text like "0.068 N/mm^3" or "2 mm"'
         ) from None
+    if not found:
+        factor, si = to_si(own_unit or unit)
+        if si != unit:
+            raise InputError(f"the scale of {name} is {given!r}: its unit is {unit}, give it in that")
+        return value * factor
+    _, force, length, power = found.groups()
     if unit != f"N/m^{power}" and not (unit == "N/m" and power in ("", "1")):
-        raise InputError(f"the scale of {kind} is {given!r}: its unit is {unit}, give it with that power")
+        raise InputError(f"the scale of {name} is {given!r}: its unit is {unit}, give it with that power")
     return value * _FORCE[force] * _PER_METRE[length] ** int(power or 1)
 
 
@@ -294,12 +364,22 @@ def _name_file(curve: MeasuredBackbone) -> str:
 
 def tabulate_class(model: ModelClass) -> ClassTable:
     """Return the table that describes a class."""
-    scales, priors = model.scales, tuple(astuple(each) for each in model.priors)
-    return ClassTable(
-        name=model.name,
-        law=" + ".join(kind.removesuffix("_stiffness") for kind in model.kinds),
-        scale=scales if model.n_parameters > 1 else scales[0],
-        prior=priors if model.n_parameters > 1 else priors[0],
+    groups: dict[tuple[str, ...], list[UncertainTerm]] = {}
+    for term in model.terms:
+        groups.setdefault(term.joints, []).append(term)
+    tables = tuple(_tabulate_law(terms, joints) for joints, terms in groups.items())
+    if len(tables) > 1 or tables[0].joints:
+        return ClassTable(name=model.name, laws=tables)
+    return ClassTable(name=model.name, law=tables[0].law, scale=tables[0].scale, prior=tables[0].prior)
+
+
+def _tabulate_law(terms: Sequence[UncertainTerm], joints: tuple[str, ...]) -> LawTable:
+    law = " + ".join(each.kind.removesuffix("_stiffness") for each in terms)
+    scales = tuple(scale for each in terms for scale in each.scales)
+    priors: Any = tuple("known" if prior is None else astuple(prior) for each in terms for prior in each.priors)
+    is_alone = len(scales) == 1
+    return LawTable(
+        law=law, scale=scales[0] if is_alone else scales, prior=priors[0] if is_alone else priors, joints=joints
     )
 
 

@@ -17,6 +17,7 @@ from .model_class import (
     PAPER_THETA as PAPER_THETA,
     ModelClass as ModelClass,
     Prior as Prior,
+    UncertainTerm as UncertainTerm,
 )
 from .posterior import (
     density_of as density_of,

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones.family import family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
@@ -21,11 +20,13 @@ from opid.updating.likelihood.backbones import (
     backbone_data,
     describe_points,
     make_curves,
+    make_solver,
     without_interactions,
 )
+from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_errors
-from opid.updating.linear_updating import growth_of_linear_error, update_linear
+from opid.updating.linear_updating import update_linear
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.posterior import update_class
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
@@ -269,11 +270,8 @@ def _make_band(
     curves = [one for one in measured if one.mode == mode.mode and sensor in one.sensors]
     seen = [np.abs(one.amplitude[:, one.sensors.index(sensor)]) for one in curves]
     amplitude = np.linspace(min(each.min() for each in seen), max(each.max() for each in seen), N_AMPLITUDES)
-    solve = family_evaluator(
-        without_interactions(data, mode), posterior.model_class.kinds, mode=mode.mode, sensor=sensor,
-        amplitude=amplitude, harmonics=data.harmonics,
-    )  # fmt: skip
-    found = solve(posterior.model_class.coefficients(theta))
+    solve = make_solver(data, posterior.model_class, without_interactions(data, mode), mode.mode, sensor, amplitude)
+    found = solve(theta)
     errors = _draw_errors(data, mode, posterior, theta, found.eigenvalue, rng)
     frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)
     there = np.isfinite(frequency)

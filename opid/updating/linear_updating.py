@@ -1,7 +1,4 @@
-"""Phase I: parameters of the linear structure from the lowest points of backbones (Song et al. 2021; 2.1.1).
-
-The module also computes how the error that remains in the linear structure grows along the backbones.
-"""
+"""Phase I: parameters of the linear structure from the lowest points of backbones (Song et al. 2021; 2.1.1)."""
 
 from __future__ import annotations
 
@@ -11,8 +8,6 @@ from typing import Unpack
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
-from opid.mechanics.backbones.family import family_evaluator
-from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.structure import modal_assurance
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.linear import LinearData, LinearErrors, linear_data, log_posterior, mean_eigenvalue
@@ -24,11 +19,7 @@ from opid.updating.sampling.evidence import Maximum, Support, maximum_a_posterio
 from opid.updating.sampling.samplers import metropolis
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes, reduce, ritz_model
-
-STEP = 0.01  # fraction by which each factor is changed to find its effect on the backbones
-# law of the trial backbones, which grow as the measured ones; with a quintic law errors grow 1.4 times as much
-LAW = "cubic_stiffness"
+from opid.updating.structure.reduction import lowest_modes, ritz_model
 
 
 def update_linear(
@@ -194,94 +185,3 @@ def _find_nonlinear_part(curve: MeasuredBackbone) -> float:
     square = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** 2
     near = slice(0, max(3, np.count_nonzero(square <= 9)))
     return float(np.polyfit(square[near], curve.eigenvalue[near], 1)[0])
-
-
-# ---- the error that is left ------------------------------------------------------------------------
-
-
-def growth_of_linear_error(
-    structure: AffineStructure,
-    factors: Mapping[str, float],
-    covariance: FloatArray,
-    backbones: Sequence[MeasuredBackbone],
-    *,
-    linear_error: float,
-    n_modes: int,
-) -> dict[int, float]:
-    """Return how far the error of lambda grows while lambda doubles, by mode, in units of 2 `linear_error`.
-
-    Phase I finds factors that make the linear frequencies right, sometimes for a wrong reason: it takes another error
-    of a mode for one of the stiffness. Along a backbone the joints stiffen, the strain energy moves to other parts of
-    the structure, and such an error appears in the frequency. With r_k(A) = d lambda(A) / d ln theta_k / lambda(0),
-    less its value at amplitude 0, and C the covariance of ln theta, the growth is the root mean square of
-    (r^T C r)^1/2 over that of lambda(A) / lambda(0) - 1. Modes whose curves do not grow, do not move the joints or do
-    not converge are left out.
-
-    `factors` are the updated factors of the stiffness parts, with their `covariance`. `linear_error` is the standard
-    deviation of the relative error of a linear frequency. `n_modes` internal modes are kept.
-    """
-    best = np.array(list(factors.values()))
-    relative = np.asarray(covariance) / np.outer(best, best)
-    base = reduce(structure, factors, n_modes=n_modes)
-    moved = [
-        reduce(structure, {**factors, name: value * (1 + STEP)}, n_modes=n_modes) for name, value in factors.items()
-    ]
-    growth = {}
-    for mode, curves in by_mode(backbones).items():
-        found = _compute_growth(base, moved, curves)
-        if found is not None:
-            grown, by_factor = found
-            variance = np.einsum("ka,kl,la->a", by_factor, relative, by_factor)
-            growth[mode] = float(np.sqrt(variance.sum() / (grown**2).sum())) / (2 * linear_error)
-    return growth
-
-
-def _compute_growth(
-    base: JointedModes, moved: Sequence[JointedModes], curves: Sequence[MeasuredBackbone]
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return the growth of lambda, (n,), and its derivative by each factor, (n_factors, n), at measured amplitudes.
-
-    None where lambda does not grow, or the backbones converge at too few amplitudes.
-    """
-    mode, sensor = curves[0].mode, curves[0].controlled_sensor
-    mine = [one for one in curves if one.controlled_sensor == sensor]
-    amplitude = np.linspace(
-        min(one.controlled_amplitude[0] for one in mine),
-        max(one.controlled_amplitude[-1] for one in mine),
-        UPDATING.n_amplitudes,
-    )
-    # The trial backbones grow as the curve that grows or falls most.
-    growths = [float(one.eigenvalue[-1] / one.eigenvalue[0]) - 1 for one in mine]
-    wanted = max(growths, key=abs)
-    coefficient = _find_coefficient(base, mode, sensor, float(amplitude[-1]), wanted)
-    if coefficient is None:
-        return None
-    column = base.index(mode)
-    relative, converged = [], []
-    for system in (base, *moved):
-        solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=amplitude)([[coefficient]])
-        relative.append((solved.eigenvalue[0] - system.eigenvalue[column]) / base.eigenvalue[column])
-        converged.append(solved.converged[0])
-    kept = np.all(converged, axis=0)
-    if kept.sum() < UPDATING.fewest_amplitudes:
-        return None
-    grown = relative[0][kept]
-    return grown, np.array([(each[kept] - grown) / STEP for each in relative[1:]])
-
-
-def _find_coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float, growth: float) -> float | None:
-    """Return the coefficient of the cubic law with which lambda grows so far at the amplitude; None if none does."""
-    column = system.index(mode)
-    at_sensor, at_joints = system.at_sensors[system.sensor(sensor), column], system.at_joints[:, column]
-    if abs(growth) < UPDATING.least_growth or not at_sensor or not at_joints.any():
-        return None
-    # One harmonic of one mode gives lambda = lambda_0 + 3/4 c q^2 sum psi^4; other modes take a part of the force.
-    alone = 0.75 * (amplitude / at_sensor) ** 2 * float(np.sum(at_joints**4))
-    tried = growth * system.eigenvalue[column] / alone * np.geomspace(0.5, 50.0, 40)
-    solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=[amplitude])(tried[:, None])
-    fine = solved.converged[:, 0]
-    if not fine.any():
-        return None
-    reached = (solved.eigenvalue[fine, 0] / system.eigenvalue[column] - 1) / growth
-    order = np.argsort(reached)
-    return float(np.interp(1.0, reached[order], tried[fine][order]))

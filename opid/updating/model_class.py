@@ -1,4 +1,4 @@
-"""Model classes: sums of laws whose coefficients are updated, scaled to be near 1, with their priors.
+"""Model classes: laws of the joints whose parameters are updated, scaled to be near 1, with their priors.
 
 The five classes of Song et al. (2021) follow at the end.
 """
@@ -6,16 +6,17 @@ The five classes of Song et al. (2021) follow at the end.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from opid.errors import InputError, nearest
-from opid.mechanics.laws.kinds import LAWS
+from opid.mechanics.backbones.harmonic_balance import refuse_velocity
+from opid.mechanics.laws.kinds import LAWS, Parameter
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 
@@ -90,64 +91,195 @@ class Prior:
 
 
 @dataclass(frozen=True)
+class UncertainTerm:
+    """One term of the law of some joints, with what is known of each of its parameters.
+
+    Args:
+        kind: name of the kind in `opid.laws.LAWS`, a spring.
+        scales: one factor for each parameter of the kind, in its unit; that of an amplitude may be negative.
+        priors: prior of each parameter over its scale; None for one that is known to be its scale.
+        joints: names of the joints that have the term, with the same values; all where empty.
+
+    Raises:
+        InputError: an unknown kind, one with a memory or of velocity, counts that do not match, or a scale or a prior
+            that its parameter cannot have.
+    """
+
+    kind: str
+    scales: tuple[float, ...]
+    priors: tuple[Prior | None, ...]
+    joints: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.kind not in LAWS:
+            raise InputError(f"there is no law {self.kind!r}: {nearest(self.kind, LAWS)}")
+        kind = LAWS[self.kind]
+        if kind.memory is not None:
+            raise InputError(f"{self.kind!r} has a memory: give springs, which backbones need")
+        wanted = [each.name for each in kind.parameters]
+        for what, given in (("scale", self.scales), ("prior", self.priors)):
+            if len(given) != len(wanted):
+                raise InputError(
+                    f"{self.kind!r} has {len(given)} {what}(s): give {len(wanted)}, one for each of {', '.join(wanted)}"
+                )
+        for parameter, scale, prior in zip(kind.parameters, self.scales, self.priors, strict=True):
+            if not (np.isfinite(scale) and scale):
+                raise InputError(f"{parameter.name} of {self.kind!r} has the scale {scale}: give a number other than 0")
+            if parameter.role in ("scale", "exponent") and scale < 0.0:
+                raise InputError(f"{parameter.name} of {self.kind!r} has the scale {scale}: give a positive one")
+            if parameter.role in ("scale", "exponent") and prior is not None and prior.support[0] < 0.0:
+                raise InputError(
+                    f"{parameter.name} of {self.kind!r} is positive, and its prior allows values below 0: give a "
+                    "uniform one from 0 up, or a lognormal one"
+                )
+        refuse_velocity([Term(self.kind, self.scales)])
+        if len(set(self.joints)) < len(self.joints):
+            raise InputError(f"{self.kind!r} is at the joints {self.joints}: name each once")
+
+    def acts_at(self, joint: str) -> bool:
+        """Return whether the joint called `joint` has the term."""
+        return not self.joints or joint in self.joints
+
+
+@dataclass(frozen=True)
+class ClassParameter:
+    """One unknown parameter of a class.
+
+    Args:
+        term: the term that it belongs to.
+        index: its index among the parameters of the kind, 0 for the amplitude.
+    """
+
+    term: UncertainTerm
+    index: int
+
+    @property
+    def own(self) -> Parameter:
+        """The parameter of the kind."""
+        return LAWS[self.term.kind].parameters[self.index]
+
+    @property
+    def scale(self) -> float:
+        """The factor that takes theta to the parameter in its unit."""
+        return self.term.scales[self.index]
+
+    @property
+    def prior(self) -> Prior:
+        """The prior of theta."""
+        prior = self.term.priors[self.index]
+        assert prior is not None  # A parameter that is known is none of the class.
+        return prior
+
+    @property
+    def key(self) -> str:
+        """The name in files: "cubic_stiffness", with what distinguishes it: "gas_column.exponent at front"."""
+        inner = f".{self.own.name}" if self.index else ""
+        return f"{self.term.kind}{inner}{_say_where(self.term)}"
+
+    @property
+    def words(self) -> str:
+        """The name in short words: "cubic", "gas column, exponent at front"."""
+        inner = f", {self.own.words}" if self.index else ""
+        return f"{short_kind(self.term.kind)}{inner}{_say_where(self.term)}"
+
+
+@dataclass(frozen=True)
 class ModelClass:
-    """One candidate law of the joints: f(z) = sum theta_i scale_i g_i(z), the same at all joints.
+    """Candidate laws of the joints: f(z) = sum of terms at each joint, whose parameters are theta times their scales.
+
+    Joints that share a term have the same values of it; a class with one term for several joints and a class with a
+    term for each of them are different classes.
 
     Args:
         name: the name of the class.
-        kinds: names of the kinds in `opid.laws.LAWS`, each with an amplitude and no other parameter.
-        scales: factor of each parameter, in the unit of the kind's amplitude; it may be negative.
-        priors: one prior for each parameter.
+        terms: the terms; those of one kind are at different joints.
 
     Raises:
-        InputError: an unknown kind, one with inner parameters or of velocity, counts that do not match, a scale of 0.
+        InputError: no term, no unknown parameter, or two terms of one kind at a joint.
 
-    >>> cubic = ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0, 10),))
-    >>> cubic.law([1.58]).parameters
+    >>> cubic = ModelClass("class 2", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior("uniform", 0, 10),)),))
+    >>> cubic.law("front", [1.58]).parameters
     {'cubic_stiffness': {'stiffness_n_per_m3': 107440000.0}}
     """
 
     name: str
-    kinds: tuple[str, ...]
-    scales: tuple[float, ...]
-    priors: tuple[Prior, ...]
+    terms: tuple[UncertainTerm, ...]
 
     def __post_init__(self) -> None:
-        for kind in self.kinds:
-            if kind not in LAWS:
-                raise InputError(f"class {self.name!r}: there is no law {kind!r}: {nearest(kind, LAWS)}")
-            if len(LAWS[kind].parameters) != 1 or "damping" in kind:
-                raise InputError(
-                    f"class {self.name!r}: {kind!r} is not a spring with one coefficient: take another law"
-                )
-        if not self.kinds or not len(self.kinds) == len(self.scales) == len(self.priors):
-            raise InputError(
-                f"class {self.name!r} has {len(self.kinds)} law(s), {len(self.scales)} scale(s) and {len(self.priors)} "
-                "prior(s): give one of each for every law"
-            )
-        if len(set(self.kinds)) < len(self.kinds):
-            raise InputError(f"class {self.name!r} names a law twice: name each once")
-        if not all(np.isfinite(scale) and scale for scale in self.scales):
-            raise InputError(f"class {self.name!r} has the scales {self.scales}: give numbers other than 0")
+        if not self.terms:
+            raise InputError(f"class {self.name!r} has no term: give at least one law")
+        if not self.parameters:
+            raise InputError(f"class {self.name!r} has no unknown parameter: give one a prior")
+        for number, one in enumerate(self.terms):
+            for other in self.terms[:number]:
+                if one.kind == other.kind and not (one.joints and other.joints and not {*one.joints} & {*other.joints}):
+                    raise InputError(f"class {self.name!r} names {one.kind!r} twice at a joint: name each once")
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kind of each term."""
+        return tuple(each.kind for each in self.terms)
+
+    @property
+    def joints(self) -> tuple[tuple[str, ...], ...]:
+        """The joints of each term; empty for a term of all joints."""
+        return tuple(each.joints for each in self.terms)
+
+    @cached_property
+    def parameters(self) -> tuple[ClassParameter, ...]:
+        """The unknown parameters, in the order of theta."""
+        return tuple(
+            ClassParameter(term, index)
+            for term in self.terms
+            for index, prior in enumerate(term.priors)
+            if prior is not None
+        )
+
+    @property
+    def is_unknown(self) -> NDArray[np.bool_]:
+        """(n,) whether each parameter of all terms is unknown."""
+        return np.array([prior is not None for each in self.terms for prior in each.priors])
+
+    @property
+    def priors(self) -> tuple[Prior, ...]:
+        """The prior of each unknown parameter."""
+        return tuple(each.prior for each in self.parameters)
 
     @property
     def law_in_words(self) -> str:
-        """The law in short words: "cubic + quintic"."""
-        return " + ".join(map(short_kind, self.kinds))
+        """The law in short words: "cubic + quintic", "cubic at front + quadratic at rear"."""
+        return " + ".join(f"{short_kind(each.kind)}{_say_where(each)}" for each in self.terms)
 
     @property
     def n_parameters(self) -> int:
-        """Number of parameters."""
-        return len(self.kinds)
+        """Number of unknown parameters."""
+        return len(self.parameters)
+
+    def with_prior(self, number: int, prior: Prior) -> ModelClass:
+        """Return the class with another prior of its parameter `number`, which counts from 0."""
+        changed = self.parameters[number]
+        at = changed.index
+        priors = (*changed.term.priors[:at], prior, *changed.term.priors[at + 1 :])
+        terms = (replace(each, priors=priors) if each is changed.term else each for each in self.terms)
+        return replace(self, terms=tuple(terms))
 
     def coefficients(self, theta: ArrayLike) -> FloatArray:
-        """theta times the scales, of the shape of theta, (..., n_parameters)."""
-        return np.asarray(theta, dtype=np.float64) * np.array(self.scales)
+        """Parameters of all terms in their units, (..., n), for unknown ones theta, (..., n_parameters)."""
+        unknown = np.asarray(theta, dtype=np.float64)
+        scales = np.array([scale for each in self.terms for scale in each.scales])
+        values = np.broadcast_to(scales, (*unknown.shape[:-1], scales.size)).copy()
+        values[..., self.is_unknown] *= unknown
+        return values
 
-    def law(self, theta: Sequence[float] | FloatArray) -> Law:
-        """Return the law for one theta, (n_parameters,)."""
-        values = self.coefficients(theta)
-        return Law(tuple(Term(kind, (float(value),)) for kind, value in zip(self.kinds, values, strict=True)))
+    def law(self, joint: str, theta: Sequence[float] | FloatArray) -> Law:
+        """Return the law of the joint called `joint` for one theta, (n_parameters,); without a term it is linear."""
+        values = iter(self.coefficients(theta).tolist())
+        terms = [(each, Term(each.kind, tuple(next(values) for _ in each.scales))) for each in self.terms]
+        return Law(tuple(term for each, term in terms if each.acts_at(joint)))
+
+    def laws(self, joints: Sequence[str], theta: Sequence[float] | FloatArray) -> dict[str, Law]:
+        """Return the law of each of some joints, by its name, for one theta, (n_parameters,)."""
+        return {joint: self.law(joint, theta) for joint in joints}
 
     def log_prior(self, theta: ArrayLike) -> FloatArray:
         """Logarithm of the prior density of each row of theta, (n, n_parameters) -> (n,)."""
@@ -157,6 +289,25 @@ class ModelClass:
     def sample_prior(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n, n_parameters) independent draws."""
         return np.stack([prior.sample(n, rng) for prior in self.priors], axis=1)
+
+
+def group_joints(classes: Sequence[ModelClass], joints: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return groups of joints that have the same law in each of the classes.
+
+    >>> everywhere = PAPER_CLASSES[1]
+    >>> front = ModelClass("front", (UncertainTerm("cubic_stiffness", (1e8,), (Prior(),), ("a", "b")),))
+    >>> group_joints([everywhere, front], ["a", "b", "c"])
+    [('a', 'b'), ('c',)]
+    """
+    groups: dict[tuple[bool, ...], list[str]] = {}
+    for joint in joints:
+        groups.setdefault(tuple(term.acts_at(joint) for each in classes for term in each.terms), []).append(joint)
+    return [tuple(each) for each in groups.values()]
+
+
+def _say_where(term: UncertainTerm) -> str:
+    """Return at which joints a term acts, "" for all."""
+    return f" at {', '.join(term.joints)}" if term.joints else ""
 
 
 def short_kind(kind: str) -> str:
@@ -170,12 +321,17 @@ def short_kind(kind: str) -> str:
 
 _FIRST, _SECOND = Prior("uniform", 0.0, 10.0), Prior("uniform", -10.0, 10.0)
 
+
+def _make_class(name: str, *terms: tuple[str, float, Prior]) -> ModelClass:
+    return ModelClass(name, tuple(UncertainTerm(kind, (scale,), (prior,)) for kind, scale, prior in terms))
+
+
 PAPER_CLASSES = (
-    ModelClass("class 1", ("quadratic_stiffness",), (2.16e5,), (_FIRST,)),
-    ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (_FIRST,)),
-    ModelClass("class 3", ("quartic_stiffness",), (3e10,), (_FIRST,)),
-    ModelClass("class 4", ("cubic_stiffness", "quartic_stiffness"), (8.84e7, -2.7e9), (_FIRST, _SECOND)),
-    ModelClass("class 5", ("cubic_stiffness", "quintic_stiffness"), (7.48e7, -8.4e11), (_FIRST, _SECOND)),
+    _make_class("class 1", ("quadratic_stiffness", 2.16e5, _FIRST)),
+    _make_class("class 2", ("cubic_stiffness", 6.8e7, _FIRST)),
+    _make_class("class 3", ("quartic_stiffness", 3e10, _FIRST)),
+    _make_class("class 4", ("cubic_stiffness", 8.84e7, _FIRST), ("quartic_stiffness", -2.7e9, _SECOND)),
+    _make_class("class 5", ("cubic_stiffness", 7.48e7, _FIRST), ("quintic_stiffness", -8.4e11, _SECOND)),
 )
 """The classes of Table 3, with the priors of section 4.2; the table's scales are in N and mm."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, describe_failures, likelihood_function
+from opid.updating.likelihood.error_growth import with_modal_errors
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
 from opid.updating.sampling.chains import (
@@ -93,6 +94,9 @@ def update_class(
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     density = density_of(data, model_class)
     peak, warnings = _find_peak(density, data, model_class, rng)
+    if peak is not None and (widened := with_modal_errors(data, model_class, peak.theta)) is not data:
+        data, density = widened, density_of(widened, model_class)
+        peak, warnings = _find_peak(density, data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
         stages = transitional(

@@ -11,12 +11,11 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.kinds import LAWS
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import ModelClass, short_kind
+from opid.updating.model_class import ClassParameter, ModelClass
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.settings import UPDATING
@@ -65,25 +64,22 @@ class ClassPosterior:
     @property
     def labels(self) -> list[str]:
         """Label of each parameter on an axis."""
-        kinds = enumerate(self.model_class.kinds, start=1)
-        return [f"θ{number} ({short_kind(kind)})" for number, kind in kinds]
+        return [f"θ{number} ({each.words})" for number, each in enumerate(self.model_class.parameters, start=1)]
 
     @property
-    def coefficients(self) -> dict[str, tuple[Estimate, str]]:
-        """The coefficient of each kind in SI units, theta times its scale, with its unit."""
-        own = self.model_class
-        found = {}
-        for kind, scale, estimate in zip(own.kinds, own.scales, self.estimates.values(), strict=True):
-            ends = None if estimate.interval95 is None else tuple(sorted(scale * end for end in estimate.interval95))
-            found[kind] = (
-                Estimate(
-                    None if estimate.value is None else scale * estimate.value,
-                    None if estimate.std is None else abs(scale) * estimate.std,
-                    None if ends is None else (ends[0], ends[1]),
-                ),
-                LAWS[kind].parameters[0].unit,
-            )
-        return found
+    def coefficients(self) -> dict[ClassParameter, Estimate]:
+        """Each unknown parameter of the laws in its unit, theta times its scale."""
+        of_theta = zip(self.model_class.parameters, self.estimates.values(), strict=True)
+        return {each: _scale_estimate(estimate, each.scale) for each, estimate in of_theta}
+
+
+def _scale_estimate(estimate: Estimate, scale: float) -> Estimate:
+    ends = None if estimate.interval95 is None else tuple(sorted(scale * end for end in estimate.interval95))
+    return Estimate(
+        None if estimate.value is None else scale * estimate.value,
+        None if estimate.std is None else abs(scale) * estimate.std,
+        None if ends is None else (ends[0], ends[1]),
+    )
 
 
 @dataclass(frozen=True)
@@ -245,8 +241,9 @@ class Updating(Result):
         linear = {} if self.linear is None else self.linear.estimates
         rows = [SummaryRow.of(f"linear.{name}", estimate, "1") for name, estimate in linear.items()]
         for each in sorted(self.classes, key=lambda each: each.model_class.name != self.best_class):
+            name = each.model_class.name
             coefficients = each.coefficients.items()
-            rows += [SummaryRow.of(f"{each.model_class.name}.{kind}", *found) for kind, found in coefficients]
+            rows += [SummaryRow.of(f"{name}.{own.key}", found, own.own.unit) for own, found in coefficients]
         return tuple(rows)
 
     @property
@@ -283,16 +280,14 @@ def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
     return {
         "name": own.name,
         "law": own.law_in_words,
-        "kinds": own.kinds,
-        "scales": own.scales,
-        "priors": [asdict(prior) for prior in own.priors],
+        "terms": [asdict(term) for term in own.terms],
         "log_evidence": first.log_evidence,
         "log_evidence_std": first.std,
         "evidences": [asdict(evidence) for evidence in posterior.evidences],
         "parameters": {name: _convert_estimate(estimate) for name, estimate in posterior.estimates.items()},
         "coefficients": {
-            kind: {**_convert_estimate(estimate), "unit": unit}
-            for kind, (estimate, unit) in posterior.coefficients.items()
+            each.key: {**_convert_estimate(estimate), "unit": each.own.unit}
+            for each, estimate in posterior.coefficients.items()
         },
         "diagnostics": asdict(posterior.diagnostics),
         **{name: getattr(posterior, name) for name in as_they_are},

@@ -32,6 +32,9 @@ class UpdatingThresholds:
     fewest_amplitudes: int = 3  # amplitudes at which all of these backbones must have converged
     # growth of lambda below which a curve is linear, so that an error cannot grow with it
     least_growth: float = 1e-3
+    # rms of a pattern of errors over that of the growth of lambda, from which on it is one of its own: below it, an
+    # error of 0.4 % of a frequency bends a curve by less than a thousandth of its growth
+    least_pattern: float = 0.02
     most_missing: float = 0.25  # largest fraction of the points of a curve that may be interpolated
     # smallest fraction of the amplitude range that solved points must span: the remainder is extrapolated
     least_span: float = 0.9

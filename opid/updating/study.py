@@ -10,9 +10,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from opid.errors import InputError, refuse
+from opid.errors import InputError, nearest, refuse
 from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.law import Term
 from opid.result import first_lines
 from opid.updating.checks import mode_faults, sensor_faults, shortened
 from opid.updating.likelihood.backbones import FORMS, Form, coefficient_of_variation, scatter_fault
@@ -127,6 +128,11 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             if names.count(name) > 1:
                 yield f"{names.count(name)} {what} are called {name!r}, rename them"
     yield from study.setting_faults
+    known_joints = tuple(study.structure.joints)
+    for each in study.classes:
+        for joint in dict.fromkeys(joint for term in each.terms for joint in term.joints):
+            if known_joints and joint not in known_joints:
+                yield f"class {each.name!r} has a law at {joint!r}, which is no joint: {nearest(joint, known_joints)}"
     if not study.structure.joints:
         yield "the structure has no joint, name the two degrees of freedom between which the nonlinear law acts"
     if study.parameters and isinstance(study.structure, JointedModes):
@@ -162,7 +168,7 @@ def _find_harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
     """Yield which laws need a mean that the harmonics do not have, for they are not odd."""
     for each in study.classes:
         try:
-            harmonics_of(each.law([1.0] * each.n_parameters).terms, study.harmonics)
+            harmonics_of([Term(term.kind, term.scales) for term in each.terms], study.harmonics)
         except InputError as error:
             yield f"class {each.name!r}: {error}"
 

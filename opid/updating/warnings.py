@@ -71,9 +71,9 @@ def warn_of_class(
         if apart > UPDATING.methods_differ + UPDATING.methods_sigma * (first.std**2 + other.std**2) ** 0.5:
             yield f"log evidence by {other.method} differs by {apart:.1f} from that by {first.method}: use the latter"
     if model_class.n_parameters > 1:
-        for (name, estimate), kind in zip(estimates.items(), model_class.kinds, strict=True):
-            if estimate.holds(0.0):
-                yield f"the interval of {name} contains 0: the data do not need the term {kind}"
+        for (name, estimate), own in zip(estimates.items(), model_class.parameters, strict=True):
+            if own.index == 0 and estimate.holds(0.0):
+                yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
 
 
 def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:

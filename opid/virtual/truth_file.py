@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from opid.errors import InputError
 from opid.json_values import json_text, plain
-from opid.mechanics.laws.law import Law, Term, law_from_parameters
+from opid.mechanics.laws.law import Law, law_from_parameters
 from opid.mechanics.truth import (
     BodyNumbers,
     BodyTruth,
@@ -167,13 +167,13 @@ def _tabulate_modes(truth: ModalTruth) -> dict[str, Any]:
 
 def _read_backbones(table: Mapping[str, Any]) -> UpdatingTruth:
     linear = {name: float(value) for name, value in table["linear"].items()}
-    law = Law(tuple(Term(kind, (float(value),)) for kind, value in table["law"].items()))
-    return UpdatingTruth(linear, law, table.get("structure", ""), table.get("settings", {}))
+    laws = {joint: _read_law(law) for joint, law in table["laws"].items()}
+    return UpdatingTruth(linear, laws, table.get("structure", ""), table.get("settings", {}))
 
 
 def _tabulate_backbones(truth: UpdatingTruth) -> dict[str, Any]:
-    law = {term.name: term.amplitude for term in truth.law.terms}
-    return {"structure": truth.structure, "linear": dict(truth.linear), "law": law}
+    laws = {joint: _tabulate_law(law) for joint, law in truth.laws.items()}
+    return {"structure": truth.structure, "linear": dict(truth.linear), "laws": laws}
 
 
 _KINDS: dict[type, _Kind] = {
@@ -183,6 +183,6 @@ _KINDS: dict[type, _Kind] = {
         "opid.modal-truth/1", "a simulated modal test", "opid simulate sine-beats", _read_modes, _tabulate_modes
     ),
     UpdatingTruth: _Kind(
-        "opid.updating-truth/1", "simulated backbones", "opid simulate backbones", _read_backbones, _tabulate_backbones
+        "opid.updating-truth/2", "simulated backbones", "opid simulate backbones", _read_backbones, _tabulate_backbones
     ),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from opid.mechanics.backbones.harmonic_balance import (
     refuse_velocity,
 )
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.kernels import backbones, code_of, law_arrays
+from opid.mechanics.kernels import backbone_slopes, backbones, code_of, law_arrays
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray, Law, Term
 
@@ -67,6 +67,8 @@ class BackboneFamily:
         eigenvalue: (n_samples, n_points) square of the angular frequency, 1/s^2; nan where Newton's method failed.
         shapes: (n_samples, n_points, n_sensors) first-harmonic displacement of all sensors, m.
         converged: (n_samples, n_points) whether there is a solution.
+        extension: (n_samples, n_points, n_harmonics n_joints) cosine coefficients of the joints' extensions, m,
+            harmonic by harmonic.
     """
 
     mode: int
@@ -76,6 +78,7 @@ class BackboneFamily:
     eigenvalue: FloatArray
     shapes: FloatArray
     converged: NDArray[np.bool_]
+    extension: FloatArray
 
     @property
     def frequency_hz(self) -> FloatArray:
@@ -144,12 +147,12 @@ def family_evaluator(
     sensor: str,
     amplitude: ArrayLike,
     harmonics: Sequence[int] = (1,),
-) -> Callable[[ArrayLike], BackboneFamily]:
-    """Return a function from coefficients of a law to the backbones of one mode, which prepares everything else once.
+    joints: Sequence[Sequence[str]] = (),
+) -> FamilyEvaluator:
+    """Return a function from coefficients of laws to the backbones of one mode, which prepares everything else once.
 
-    The law is the same at all joints. The function takes (n_samples, n_parameters) values of all parameters of all
-    kinds, in their order and SI units, and returns a `BackboneFamily`; with kinds of one coefficient there is one
-    column for each kind.
+    The function takes (n_samples, n_coefficients) values of all parameters of all kinds, in their order and SI units,
+    and returns a `BackboneFamily`; with kinds of one coefficient there is one column for each kind.
 
     Args:
         system: the linear structure by its modes.
@@ -158,10 +161,12 @@ def family_evaluator(
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
         harmonics: harmonics of the motion, see `backbone`.
+        joints: for each kind, the names of the joints that have it, all where empty; all joints have all kinds where
+            left out. The joints of one kind share its coefficients; a kind may be given once for each group of them.
 
     Raises:
-        InputError: what `backbone` refuses, or an unknown kind; the returned function refuses coefficients of the wrong
-            shape.
+        InputError: what `backbone` refuses, an unknown kind, or an unknown joint; the returned function refuses
+            coefficients of the wrong shape.
 
     >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
     >>> solve = family_evaluator(one, ("cubic_stiffness",), mode=1, sensor="mass", amplitude=[1e-3])
@@ -173,27 +178,107 @@ def family_evaluator(
             raise InputError(f"there is no law {kind!r}: {nearest(kind, LAWS)}")
     positions = [(row, column) for row, kind in enumerate(kinds) for column in range(len(LAWS[kind].parameters))]
     rows, columns = np.array(positions, dtype=np.int64).reshape(-1, 2).T
-    terms = tuple(Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds)
-    n_joints = len(system.joints)
-    codes = np.array([code_of(kind) for kind in kinds], dtype=np.int64)
-    spans = (np.zeros(n_joints, dtype=np.int64), np.full(n_joints, len(kinds), dtype=np.int64), codes)
+    placed, spans = _place_terms(system, kinds, joints or ((),) * len(kinds))
+    every = [Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds]
+    terms = tuple(every[row] for row in placed)
     curves = _prepare_curves(system, terms, spans, mode, sensor, amplitude, harmonics)
+    place = np.full((len(kinds), 3), -1)
+    place[rows, columns] = np.arange(rows.size)
+    return FamilyEvaluator(system, mode, sensor, tuple(kinds), place, tuple(placed), curves)
 
-    def evaluate(coefficients: ArrayLike) -> BackboneFamily:
-        given = np.asarray(coefficients, dtype=np.float64)
-        if given.ndim != 2 or given.shape[1] != rows.size:
-            raise InputError(
-                f"the coefficients have shape {given.shape}: give (n_samples, {rows.size}), "
-                f"one column for each parameter of {', '.join(kinds)}"
-            )
-        values = np.ones((len(given), len(kinds), 3))
-        values[:, rows, columns] = given
-        eigenvalue, shapes, _ = curves.solve(values)
+
+@dataclass(frozen=True, eq=False)
+class FamilyEvaluator:
+    """A function from coefficients of laws to the backbones of one mode, see `family_evaluator`.
+
+    Attributes:
+        system: the linear structure by its modes.
+        mode: number of the mode, from 1.
+        sensor: the sensor whose amplitude is prescribed.
+        kinds: names of the kinds of law.
+        place: (n_kinds, 3) column of each parameter of each kind among the coefficients, -1 where there is none.
+        placed: for each term of each joint, the number of its kind.
+        curves: arguments of the compiled functions.
+    """
+
+    system: JointedModes
+    mode: int
+    sensor: str
+    kinds: tuple[str, ...]
+    place: NDArray[np.int64]
+    placed: tuple[int, ...]
+    curves: _Curves
+
+    def __call__(self, coefficients: ArrayLike) -> BackboneFamily:
+        """Return the backbones for coefficients, (n_samples, n_coefficients)."""
+        curves = self.curves
+        eigenvalue, shapes, extension = curves.solve(self._place_values(coefficients))
         return BackboneFamily(
-            mode, sensor, curves.amplitude, curves.harmonics, eigenvalue, shapes, np.isfinite(eigenvalue)
-        )
+            self.mode, self.sensor, curves.amplitude, curves.harmonics, eigenvalue, shapes, np.isfinite(eigenvalue),
+            extension,
+        )  # fmt: skip
 
-    return evaluate
+    def find_slopes(
+        self, coefficients: ArrayLike, found: BackboneFamily, couplings: ArrayLike = ()
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of eigenvalue and shapes of backbones that were found, by implicit differentiation.
+
+        Args:
+            coefficients: (n_samples, n_coefficients) coefficients of the laws.
+            found: the backbones for them.
+            couplings: (n_linear, n_modes, n_modes) change of the stiffness between the modal coordinates for a unit of
+                each linear parameter, Phi^T dK Phi, 1/s^2.
+
+        Returns:
+            (n_samples, n_points, n) and (n_samples, n_points, n_sensors, n), by each coefficient, then by each linear
+            parameter; nan where there is no solution.
+        """
+        system, curves = self.system, self.curves
+        n = system.n_modes
+        modes = (
+            system.eigenvalue, np.ascontiguousarray(system.at_joints.T), np.ascontiguousarray(system.at_sensors.T),
+            system.index(self.mode), system.sensor(self.sensor),
+        )  # fmt: skip
+        values = self._place_values(coefficients)
+        law = (*curves.spans, curves.powers, values, values[:, :, 0])
+        slopes = backbone_slopes(
+            curves.arguments[0], modes, np.asarray(couplings, dtype=np.float64).reshape(-1, n, n), curves.arguments[2],
+            law, curves.over_period, self.place[list(self.placed)], found.amplitude, found.eigenvalue, found.extension,
+        )  # fmt: skip
+        return slopes[0], slopes[1]
+
+    def _place_values(self, coefficients: ArrayLike) -> FloatArray:
+        """Return the values of the terms of all joints, (n_samples, n_terms, 3)."""
+        given, n_columns = np.asarray(coefficients, dtype=np.float64), self.place.max() + 1
+        if given.ndim != 2 or given.shape[1] != n_columns:
+            raise InputError(
+                f"the coefficients have shape {given.shape}: give (n_samples, {n_columns}), "
+                f"one column for each parameter of {', '.join(self.kinds)}"
+            )
+        values = np.ones((len(given), len(self.kinds), 3))
+        values[:, self.place >= 0] = given
+        return values[:, list(self.placed)]
+
+
+def _place_terms(
+    system: JointedModes, kinds: Sequence[str], joints: Sequence[Sequence[str]]
+) -> tuple[list[int], tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+    """Return the terms of all joints, one joint after the other, and for each joint its first and last one, and codes.
+
+    Terms that all joints have are there once, and all joints share them.
+    """
+    for name in (name for at in joints for name in at):
+        if name not in system.joints:
+            raise InputError(f"there is no joint {name!r}: {nearest(name, system.joints)}")
+    own = [[row for row, at in enumerate(joints) if not at or joint in at] for joint in system.joints]
+    if all(len(each) == len(kinds) for each in own):
+        rows, first = [*range(len(kinds))], np.zeros(len(own), dtype=np.int64)
+        last = np.full(len(own), len(kinds), dtype=np.int64)
+    else:
+        rows = [row for each in own for row in each]
+        ends = np.cumsum([0, *map(len, own)])
+        first, last = ends[:-1], ends[1:]
+    return rows, (first, last, np.array([code_of(kinds[row]) for row in rows], dtype=np.int64))
 
 
 def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:
@@ -225,6 +310,7 @@ class _Curves:
     powers: NDArray[np.int64]
     arguments: tuple[Any, ...]
     spans: tuple[Any, ...]
+    over_period: tuple[FloatArray, FloatArray, FloatArray]
 
     def solve(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return eigenvalue, shapes and extensions at all amplitudes, as given, for values (n_samples, n_terms, 3)."""
@@ -256,8 +342,8 @@ def _prepare_curves(
     powers = np.array([POWERS.get(term.name, 0) for term in terms], dtype=np.int64)
     closed = used == (1,) and bool((powers != 0).all())
     nothing = np.empty((1, 0))
-    transform = Transform(nothing, nothing, nothing[0]) if closed else period_transform(terms, used)
-    products = transform.weights[:, np.newaxis] * transform.cosines[np.newaxis]
+    over_period = _multiply_out(period_transform(terms, used))
+    transform = _multiply_out(Transform(nothing, nothing, nothing[0])) if closed else over_period
     condensed, seen = _condense(system, system.index(mode), system.sensor(sensor))
     return _Curves(
         amplitude=prescribed,
@@ -268,14 +354,22 @@ def _prepare_curves(
             condensed,
             seen,
             np.array(used, dtype=np.int64),
-            (transform.cosines, transform.weights, products.reshape(len(used) ** 2, -1 if products.size else 0)),
+            transform,
         ),
         spans=spans,
+        over_period=over_period,
     )
 
 
+def _multiply_out(transform: Transform) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return cosines and weights of a transform, and their products for all pairs of harmonics."""
+    products = transform.weights[:, np.newaxis] * transform.cosines[np.newaxis]
+    n = len(transform.cosines)
+    return transform.cosines, transform.weights, products.reshape(n**2, -1 if products.size else 0)
+
+
 def _condense(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return the modes in the form that the kernel takes, without modes that no joint moves."""
+    """Return the modes in the form that the kernel takes, without those that no joint moves."""
     refuse_unseen(system, m, a)
     psi, phi = system.at_joints.T, system.at_sensors.T
     size = np.linalg.norm(psi, axis=1)

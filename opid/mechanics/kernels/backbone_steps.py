@@ -121,7 +121,7 @@ def _compute_receptance(eigenvalue, products, square, at, once, twice):  # type:
 
 
 @part(inline=False)
-def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  # type: ignore[no-untyped-def]
+def _fill(system, harmonics, amplitude, y, force, slope, onces, twices, matrix):  # type: ignore[no-untyped-def]
     """Fill Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
 
     The sensor's equation replaces the coordinate of the target mode, q = (A + r F_1) / phi_m(a) with
@@ -137,6 +137,7 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
     for k in range(n_harmonics):
         square = float(harmonics[k] * harmonics[k])
         first = harmonics[k] == 1
+        once, twice = onces[k], twices[k]
         if first:
             _compute_receptance(others, others_products, square, at, once, twice)
         else:
@@ -170,9 +171,51 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
 
 
 @part(inline=False)
+def _compute_value_changes(system, harmonics, at, changed, onces, values):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the equations' values for those of the forces."""
+    own, own_joints, _, _, _, _ = system
+    n_harmonics, n_joints = changed.shape
+    for k in range(n_harmonics):
+        for j in range(n_joints):
+            total = 0.0
+            for i in range(n_joints):
+                total += onces[k, j * n_joints + i] * changed[k, i]
+            values[k * n_joints + j] = total
+        if harmonics[k] == 1:
+            total = 0.0
+            for i in range(n_joints):
+                by_force = (own[0] / at - 1.0) * onces[k, n_joints * n_joints + i] / own[1] + own_joints[i] / at
+                total += by_force * changed[k, i]
+            values[values.size - 1] = total
+
+
+@part(inline=False)
+def _compute_force_changes(law, sample, transform, columns, z, changed, work):  # type: ignore[no-untyped-def]
+    """Compute harmonics of the derivatives of forces by coefficients, whose numbers `columns` holds, -1 for none."""
+    first_rows, last_rows, codes, _, values, _ = law
+    cosines, weights, _ = transform
+    motion, by_value, _ = work
+    changed[:] = 0.0
+    n_harmonics, n_joints = changed.shape[1:]
+    for j in range(n_joints):
+        _compute_motion_of_joint(z, n_joints, j, cosines, motion)
+        for row in range(first_rows[j], last_rows[j]):
+            amplitude, a, b = values[sample, row, 0], values[sample, row, 1], values[sample, row, 2]
+            for inner in range(3):
+                column = columns[row, inner]
+                if column < 0:
+                    continue
+                for t in range(motion.size):
+                    shape, _, _, by_a, by_b = evaluate(codes[row], motion[t], 0.0, a, b)
+                    by_value[t] = shape if inner == 0 else amplitude * (by_a if inner == 1 else by_b)
+                for k in range(n_harmonics):
+                    changed[column, k, j] += _sum_weighted(weights, k, by_value)
+
+
+@part(inline=False)
 def _eliminate(matrix):  # type: ignore[no-untyped-def]
-    """Solve in place, with pivots; the solution is the last column. False where the matrix is singular."""
-    n = matrix.shape[0]
+    """Solve in place, with pivots; the solutions are the columns after a square. False where that is singular."""
+    n, n_columns = matrix.shape
     for step in range(n):
         pivot = step
         for row in range(step + 1, n):
@@ -181,17 +224,18 @@ def _eliminate(matrix):  # type: ignore[no-untyped-def]
         if not abs(matrix[pivot, step]) > 0.0:
             return False
         if pivot != step:
-            for column in range(step, n + 1):
+            for column in range(step, n_columns):
                 matrix[step, column], matrix[pivot, column] = matrix[pivot, column], matrix[step, column]
         inverse = 1.0 / matrix[step, step]
         for row in range(step + 1, n):
             factor = matrix[row, step] * inverse
-            for column in range(step + 1, n + 1):
+            for column in range(step + 1, n_columns):
                 matrix[row, column] -= factor * matrix[step, column]
-    for step in range(n - 1, -1, -1):
-        for column in range(step + 1, n):
-            matrix[step, n] -= matrix[step, column] * matrix[column, n]
-        matrix[step, n] /= matrix[step, step]
+    for solution in range(n, n_columns):
+        for step in range(n - 1, -1, -1):
+            for column in range(step + 1, n):
+                matrix[step, solution] -= matrix[step, column] * matrix[column, solution]
+            matrix[step, solution] /= matrix[step, step]
     return True
 
 
@@ -341,7 +385,7 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
     shapes = np.full((n_samples, n_points, sensors[0].size), np.nan)
     extension = np.full((n_samples, n_points, n - 1), np.nan)
     force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
-    once, twice = np.empty(others_products.shape[1]), np.empty(others_products.shape[1])
+    once, twice = np.empty((n_harmonics, others_products.shape[1])), np.empty((n_harmonics, others_products.shape[1]))
     work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
     rooms = (force, slope, once, twice, np.empty((n, n + 1)), work, np.empty(n))
     y, seen = np.empty(n), np.empty(sensors[0].size)
@@ -382,3 +426,139 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
             for k in range(n - 1):
                 extension[sample, point, k] = y[k]
     return eigenvalue, shapes, extension
+
+
+@part(inline=False)
+def _compute_modal_motion(modes, harmonics, amplitude, y, force, motion):  # type: ignore[no-untyped-def]
+    """Compute the harmonics of all modal coordinates; that of the target mode follows from the sensor."""
+    eigenvalue, at_joints, at_sensors, target, sensor = modes
+    n_joints = force.shape[1]
+    for k in range(harmonics.size):
+        square = float(harmonics[k] * harmonics[k])
+        left = amplitude
+        for i in range(eigenvalue.size):
+            if i == target and harmonics[k] == 1:
+                continue
+            pushed = 0.0
+            for j in range(n_joints):
+                pushed += at_joints[i, j] * force[k, j]
+            motion[k, i] = -pushed / (eigenvalue[i] - square * y[y.size - 1])
+            left -= at_sensors[i, sensor] * motion[k, i]
+        if harmonics[k] == 1:
+            motion[k, target] = left / at_sensors[target, sensor]
+
+
+@part(inline=False)
+def _compute_pushed_values(modes, harmonics, y, pushes, values):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the equations' values for those of the forces on the modal coordinates."""
+    eigenvalue, at_joints, at_sensors, target, sensor = modes
+    n_joints, at = at_joints.shape[1], y[y.size - 1]
+    values[:] = 0.0
+    for k in range(harmonics.size):
+        square = float(harmonics[k] * harmonics[k])
+        seen = 0.0
+        for i in range(eigenvalue.size):
+            if i == target and harmonics[k] == 1:
+                continue
+            moved = pushes[k, i] / (eigenvalue[i] - square * at)
+            seen += at_sensors[i, sensor] * moved
+            for j in range(n_joints):
+                values[k * n_joints + j] += at_joints[i, j] * moved
+        if harmonics[k] == 1:
+            own = at_sensors[target, sensor]
+            for j in range(n_joints):
+                values[k * n_joints + j] -= seen / own * at_joints[target, j]
+            values[y.size - 1] = (eigenvalue[target] / at - 1.0) * seen / own + pushes[k, target] / at
+
+
+@part(inline=False)
+def _list_shape_slopes(modes, y, motion, pushes, by_force, by_eigenvalue, seen):  # type: ignore[no-untyped-def]
+    """Compute the derivatives of the first harmonic at all sensors, for those of forces and eigenvalue.
+
+    `motion` is that of the modal coordinates, `by_force` are the derivatives of the joints' forces, and `pushes` those
+    of forces on the modal coordinates.
+    """
+    eigenvalue, at_joints, at_sensors, target, sensor = modes
+    left = 0.0
+    for s in range(seen.size):
+        seen[s] = 0.0
+    for i in range(eigenvalue.size):
+        if i == target:
+            continue
+        away = eigenvalue[i] - y[y.size - 1]
+        changed = pushes[i] - motion[i] * by_eigenvalue
+        for j in range(by_force.size):
+            changed += at_joints[i, j] * by_force[j]
+        changed /= away
+        left += at_sensors[i, sensor] * changed
+        for s in range(seen.size):
+            seen[s] -= at_sensors[i, s] * changed
+    for s in range(seen.size):
+        seen[s] += at_sensors[target, s] / at_sensors[target, sensor] * left
+
+
+@kernel()
+def backbone_slopes(  # type: ignore[no-untyped-def]
+    system, modes, couplings, harmonics, law, transform, columns, amplitudes, eigenvalue, extension
+):
+    """Return the derivatives of eigenvalue and shapes of solved points by implicit differentiation.
+
+    They are those by the coefficients that `columns` numbers, then by each linear parameter, whose change of the
+    stiffness between modal coordinates `couplings` holds: it acts like forces on these coordinates.
+    """
+    n_samples, n_points = eigenvalue.shape
+    n_joints, n_harmonics, n_times = system[1].size, transform[0].shape[0], transform[0].shape[1]
+    n_modes, n_sensors = modes[2].shape
+    n, n_columns = n_harmonics * n_joints + 1, columns.max() + 1
+    n_all = n_columns + couplings.shape[0]
+    of_eigenvalue = np.full((n_samples, n_points, n_all), np.nan)
+    of_shapes = np.full((n_samples, n_points, n_sensors, n_all), np.nan)
+    force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
+    first = 0
+    for k in range(n_harmonics):
+        first = k if harmonics[k] == 1 else first
+    changed, pushes = np.empty((n_columns, n_harmonics, n_joints)), np.zeros((n_all, n_harmonics, n_modes))
+    n_products = system[3].shape[1]
+    once, twice = np.empty((n_harmonics, n_products)), np.empty((n_harmonics, n_products))
+    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
+    matrix, whole, values = np.empty((n, n + 1)), np.empty((n, n + n_all)), np.empty(n)
+    y, seen, by_force, motion = np.empty(n), np.empty(n_sensors), np.empty(n_joints), np.empty((n_harmonics, n_modes))
+    for sample in range(n_samples):
+        for point in range(n_points):
+            if not eigenvalue[sample, point] > 0.0:
+                continue
+            amplitude = amplitudes[point]
+            for k in range(n - 1):
+                y[k] = extension[sample, point, k]
+            y[n - 1] = eigenvalue[sample, point]
+            _transform_forces(law, sample, transform, y, force, slope, work)
+            _compute_force_changes(law, sample, transform, columns, y, changed, work)
+            _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix)
+            for row in range(n):
+                for column in range(n):
+                    whole[row, column] = matrix[row, column]
+            _compute_modal_motion(modes, harmonics, amplitude, y, force, motion)
+            for column in range(n_all):
+                if column < n_columns:
+                    _compute_value_changes(system, harmonics, y[n - 1], changed[column], once, values)
+                else:
+                    coupling = couplings[column - n_columns]
+                    for k in range(n_harmonics):
+                        for i in range(n_modes):
+                            pushes[column, k, i] = _sum_weighted(coupling, i, motion[k])
+                    _compute_pushed_values(modes, harmonics, y, pushes[column], values)
+                for row in range(n):
+                    whole[row, n + column] = values[row]
+            if not _eliminate(whole):
+                continue
+            for column in range(n_all):
+                by_eigenvalue = -whole[n - 1, n + column]
+                for j in range(n_joints):
+                    by_force[j] = changed[column, first, j] if column < n_columns else 0.0
+                    for k in range(n_harmonics):
+                        by_force[j] -= slope[j, first, k] * whole[k * n_joints + j, n + column]
+                of_eigenvalue[sample, point, column] = by_eigenvalue
+                _list_shape_slopes(modes, y, motion[first], pushes[column, first], by_force, by_eigenvalue, seen)
+                for s in range(n_sensors):
+                    of_shapes[sample, point, s, column] = seen[s]
+    return of_eigenvalue, of_shapes

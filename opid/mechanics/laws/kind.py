@@ -39,6 +39,15 @@ class Parameter:
     within: tuple[float, float] = (0.0, math.inf)
     known: tuple[float, float] | None = None
 
+    @property
+    def words(self) -> str:
+        """The name in words, without its unit: "static force", "gas length"."""
+        name = self.name
+        if self.role == "amplitude":
+            # the unit begins at the first _n of amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3
+            name = name.split("_n")[0]
+        return name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
+
 
 @dataclass(frozen=True)
 class Kind:

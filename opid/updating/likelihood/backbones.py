@@ -6,15 +6,15 @@ The model's curves run smoothly past interactions of modes, and gaps in them are
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError, nearest
-from opid.mechanics.backbones.family import family_evaluator
+from opid.mechanics.backbones.family import BackboneFamily, FamilyEvaluator, family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.checks import joint_fault, sensor_faults
@@ -176,22 +176,54 @@ def _make_mode_data(
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
     relative, growth = _find_growth(names, amplitude, eigenvalue / linear)
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
-    frequency_noise = shape_noise = None
-    common = {"common_growth": noise.growth_of_linear_error, "own_growth": noise.curve_growth}
-    if form == "recommended":
-        frequency_noise = curve_noise(
-            (eigenvalue / linear)[:, None], between, curve, growth, common_std=2 * noise.linear_error,
-            offset=2 * noise.curve_offset, expected=2 * noise.point_noise, **common,
-        )  # fmt: skip
-    if form == "recommended" and noise.shapes and free.size:
-        shape_noise = curve_noise(
-            shapes[:, free], between, curve, growth, common_std=noise.linear_shape_error, offset=noise.shape_offset,
-            expected=noise.shape_noise, **common,
-        )  # fmt: skip
-    return ModeData(
+    found = ModeData(
         mode, tuple(parts), between, curve, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
-        cov, frequency_noise, shape_noise,
+        cov, None, None,
     )  # fmt: skip
+    return with_noise(found, noise, ErrorGrowth.of(noise)) if form == "recommended" else found
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorGrowth:
+    """How errors of the linear structure grow along the curves of a mode, while the nonlinearity doubles lambda.
+
+    Args:
+        frequency: growth of the error of lambda, in units of 2 `linear_error`.
+        shape: growth of the error of a shape, in units of `linear_shape_error`.
+        patterns: (n_points, n) errors of lambda that do not grow with lambda, in the first unit.
+    """
+
+    frequency: float
+    shape: float
+    patterns: FloatArray | None = None
+
+    @staticmethod
+    def of(noise: NoiseSettings) -> ErrorGrowth:
+        """Return the growth that is stated, or that is usual where it is not known."""
+        return ErrorGrowth(noise.growth_of_linear_error, noise.growth_of_linear_error)
+
+
+def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> ModeData:
+    """Return the curves of a mode with the noise models of the recommended form.
+
+    Args:
+        mode: the curves.
+        noise: the settings of their errors.
+        errors: the growth of the errors of the linear structure.
+    """
+    place: Any = (mode.between, mode.curve, mode.growth)
+    frequency_noise = curve_noise(
+        (mode.eigenvalue / mode.linear)[:, None], *place, common_std=2 * noise.linear_error,
+        offset=2 * noise.curve_offset, expected=2 * noise.point_noise, common_growth=errors.frequency,
+        own_growth=noise.curve_growth, patterns=errors.patterns,
+    )  # fmt: skip
+    shape_noise = None
+    if noise.shapes and mode.free.size:
+        shape_noise = curve_noise(
+            mode.shapes[:, mode.free], *place, common_std=noise.linear_shape_error, offset=noise.shape_offset,
+            expected=noise.shape_noise, common_growth=errors.shape, own_growth=noise.curve_growth,
+        )  # fmt: skip
+    return replace(mode, frequency_noise=frequency_noise, shape_noise=shape_noise)
 
 
 def _find_growth(names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -316,16 +348,11 @@ def make_curves(data: BackboneData, mode: ModeData, model_class: ModelClass) -> 
     another mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
     """
     system = without_interactions(data, mode)
-    solvers = [
-        family_evaluator(
-            system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics
-        )
-        for sensor, amplitude in mode.parts
-    ]
+    solvers = [make_solver(data, model_class, system, mode.mode, sensor, amplitude) for sensor, amplitude in mode.parts]
     middle = mode.shapes.mean(axis=0)
 
     def curves(theta: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-        found = [solve(model_class.coefficients(theta)) for solve in solvers]
+        found = [solve(theta) for solve in solvers]
         lost = np.zeros(len(theta), dtype=bool)
         whole = []
         for each in found:
@@ -344,6 +371,44 @@ def make_curves(data: BackboneData, mode: ModeData, model_class: ModelClass) -> 
         return values[..., 0], shapes / size[..., None], missing, lost
 
     return curves
+
+
+@dataclass(frozen=True, eq=False)
+class ClassSolver:
+    """theta (n, n_parameters) -> the backbones of one mode with the laws of a class at the joints."""
+
+    model_class: ModelClass
+    evaluate: FamilyEvaluator
+
+    def __call__(self, theta: FloatArray) -> BackboneFamily:
+        """Return the backbones for each row of theta."""
+        return self.evaluate(self.model_class.coefficients(theta))
+
+    def find_slopes(
+        self, theta: FloatArray, found: BackboneFamily, couplings: ArrayLike = ()
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of the backbones that were `found`, see `FamilyEvaluator.find_slopes`.
+
+        They are (n, n_points, n_parameters) and (n, n_points, n_sensors, n_parameters), by theta and then by the linear
+        parameters of `couplings`.
+        """
+        slopes = self.evaluate.find_slopes(self.model_class.coefficients(theta), found, couplings)
+        unknown, scales = self.model_class.is_unknown, [each.scale for each in self.model_class.parameters]
+        n_linear = slopes[0].shape[-1] - unknown.size
+        kept = np.append(unknown, np.ones(n_linear, dtype=bool))
+        by_value, by_shape = (each[..., kept] * np.append(scales, np.ones(n_linear)) for each in slopes)
+        return by_value, by_shape
+
+
+def make_solver(
+    data: BackboneData, model_class: ModelClass, system: JointedModes, mode: int, sensor: str, amplitude: FloatArray
+) -> ClassSolver:
+    """Return the solver of a mode of `system` at amplitudes of a sensor, with the laws of a class at its joints."""
+    evaluate = family_evaluator(
+        system, model_class.kinds, mode=mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics,
+        joints=model_class.joints,
+    )  # fmt: skip
+    return ClassSolver(model_class, evaluate)
 
 
 def find_met_modes(data: BackboneData, mode: ModeData) -> IntArray:
@@ -384,7 +449,7 @@ def describe_interactions(data: BackboneData, model_class: ModelClass, theta: Ar
     Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
     solution for theta, (n_parameters,), or one that differs by more than the expected noise of a point (`point_noise`).
     """
-    coefficients = model_class.coefficients(np.asarray(theta, dtype=np.float64)[np.newaxis])
+    one = np.asarray(theta, dtype=np.float64)[np.newaxis]
     clauses = []
     for mode in data.modes:
         met = find_met_modes(data, mode)
@@ -393,12 +458,9 @@ def describe_interactions(data: BackboneData, model_class: ModelClass, theta: Ar
         for sensor, _ in mode.parts:
             amplitude = np.unique(mode.amplitude[mode.sensor == sensor])
             whole, smooth = (
-                family_evaluator(
-                    system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude,
-                    harmonics=data.harmonics,
-                )(coefficients).frequency_hz[0]
+                make_solver(data, model_class, system, mode.mode, sensor, amplitude)(one).frequency_hz[0]
                 for system in (data.system, without_interactions(data, mode))
-            )  # fmt: skip
+            )
             off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
             if off.any():
                 clauses.append(

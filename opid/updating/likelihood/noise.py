@@ -94,11 +94,12 @@ class NoiseSettings:
 class CurveNoise:
     """Measured curves with their errors, in coordinates in which the covariance is diagonal.
 
-    The error of point j of curve c is  b_0 + b_1 h_j  +  o_c + p_c (h_j - mean h of c)  +  e_cj: the common error of
-    all curves, with a Gaussian prior; the offset of a curve, of standard deviation rho sigma; its growth, of a fixed
-    multiple of sigma; the noise of a point, of standard deviation sigma. h is the growth of the quantity by the
-    nonlinearity. If the growths were as free as the offsets, all curves of a wrong law would take the slope that the
-    law lacks.
+    The error of point j of curve c is  sum_k b_k g_kj  +  o_c + p_c (h_j - mean h of c)  +  e_cj: the common error of
+    all curves, of patterns g_k with Gaussian b_k, the first two of which are 1 and h; the offset of a curve, of
+    standard deviation rho sigma; its growth, of a fixed multiple of sigma; the noise of a point, of standard deviation
+    sigma. h is the growth of the quantity by the nonlinearity. If the growths were as free as the offsets, all curves
+    of a wrong law would take the slope that the law lacks. Of each ratio rho the common errors are turned so that they
+    are independent given the data.
     """
 
     data: FloatArray  # (n_coordinates, n_channels) measured values in these coordinates
@@ -106,11 +107,14 @@ class CurveNoise:
     outside: FloatArray  # (n_channels,) sum of squares of the part that no model and no offset can explain
     n_points: int  # number of all points
     shrink: FloatArray  # (n_coordinates, n_ratios) inverse of the variance in units of sigma^2, for each ratio rho
-    common: FloatArray  # (n_coordinates, 2 n_ratios) generalised least squares of b_0, then b_1, for each ratio
-    precision: FloatArray  # (3, n_ratios) precision of b, 1 / sigma^2: of b_0, between both, of b_1
+    common: FloatArray  # (n_coordinates, n_common n_ratios) generalised least squares of the turned b, for each ratio
+    precision: FloatArray  # (n_common, n_ratios) precision of the turned b, 1 / sigma^2
+    turn: FloatArray  # (n_ratios, n_common, n_common) takes the turned b to b
     constant: FloatArray  # (n_ratios,) part of the log density that depends on neither model nor data
-    common_variance: float  # prior variance of b_0, and of b_1 in its own unit
+    common_variance: float  # prior variance of every b in its own unit
     common_scale: float  # unit of b_1
+    # (1 + n_patterns, n) growth h, ascending, and the patterns of the other common errors there
+    patterns: FloatArray
     own_growth: float  # standard deviation of p_c over sigma
     expected: FloatArray  # (n_channels,) scale of the prior of sigma^2
     offset: float  # expected rho sigma
@@ -127,14 +131,17 @@ def curve_noise(
     own_growth: float,
     offset: float,
     expected: float,
+    patterns: FloatArray | None = None,
 ) -> CurveNoise:
     """Return the noise model of measured curves, (n_points, n_channels); channels have offsets and levels of their own.
 
     `between`, (n_points, n_nodes), takes values at the nodes of the model to the points, `curve`, (n_points,), numbers
     their curves from 0, and `growth`, (n_points,), is h, 0 in the linear range. `common_std` is the prior standard
-    deviation of b_0, `common_growth` that of b_1 in units of it. `offset` and `expected` are the expected standard
-    deviations of a curve's offset and of a point's noise.
+    deviation of b_0, `common_growth` that of b_1 in units of it. `patterns`, (n_points, n_patterns), are those of
+    further common errors in units of `common_std`. `offset` and `expected` are the expected standard deviations of a
+    curve's offset and of a point's noise.
     """
+    others = np.empty((len(growth), 0)) if patterns is None else patterns
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))
     # Offsets and growths of all curves are orthogonal, so that every ratio has the same basis.
@@ -151,19 +158,18 @@ def curve_noise(
     of_growths[n_curves : left.shape[1]] = square[n_curves:][seen[n_curves:]]
     shrink = 1 / (1 + np.outer(of_offsets, RATIOS**2) + own_growth**2 * of_growths[:, None])
     # A prior width of 0 would make the matrices singular: a tiny one leaves the slope out, too.
-    scale = np.array([1.0, max(common_growth, 1e-6)])
-    together = basis.T @ (np.stack([np.ones_like(growth), growth], axis=1) * scale)
-    precision = np.einsum("ka,kg,kb->gab", together, shrink, together)
-    common = np.linalg.solve(precision, np.einsum("ka,kg->gak", together, shrink))
+    scale = max(common_growth, 1e-6)
+    together = basis.T @ np.column_stack([np.ones_like(growth), scale * growth, others])
+    precision, turn = np.linalg.eigh(np.einsum("ka,kg,kb->gab", together, shrink, together))
+    common = np.einsum("gab,ka,kg->kbg", turn, together, shrink) / precision.T
     n_points = len(values)
     step = float(np.log(RATIOS[1] / RATIOS[0]))
-    constant = 0.5 * np.log(shrink).sum(axis=0) - 0.5 * np.linalg.slogdet(precision)[1] + np.log(step)
+    constant = 0.5 * np.log(shrink).sum(axis=0) - 0.5 * np.log(precision).sum(axis=1) + np.log(step)
     rotated = basis.T @ values
     outside = ((values - basis @ rotated) ** 2).sum(axis=0)
     return CurveNoise(
-        rotated, basis.T @ between, outside, n_points, shrink, common.transpose(2, 1, 0).reshape(len(shrink), -1),
-        precision[:, [0, 0, 1], [0, 1, 1]].T, constant,
-        common_std**2, float(scale[1]), own_growth,
+        rotated, basis.T @ between, outside, n_points, shrink, common.reshape(len(shrink), -1), precision.T, turn,
+        constant, common_std**2, scale, np.column_stack([growth, others])[np.argsort(growth)].T, own_growth,
         np.full(values.shape[1], OWN_WEIGHT * expected**2), offset,
     )  # fmt: skip
 
@@ -201,44 +207,41 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
     rows = np.arange(n)
     sigma2 = rate[rows, ratio] / rng.gamma(_find_gamma_shape(noise), size=n)
-    p, q, r = noise.precision[:, ratio] / sigma2
-    flat = np.stack([p, q, q, r], axis=-1).reshape(n, 2, 2)
-    pull = np.einsum("nab,nb->na", flat, common[rows, :, ratio])
-    precision = flat + np.eye(2) / noise.common_variance
-    centre = np.linalg.solve(precision, pull[..., None])[..., 0]
-    root = np.linalg.cholesky(np.linalg.inv(precision))
-    b = centre + np.einsum("nab,nb->na", root, rng.standard_normal((n, 2)))
+    flat = noise.precision[:, ratio].T / sigma2[:, None]
+    precision = flat + 1 / noise.common_variance
+    turned = flat * common[rows, :, ratio] / precision + rng.standard_normal(flat.shape) / np.sqrt(precision)
+    b = np.einsum("nab,nb->na", noise.turn[ratio], turned)
     own = np.sqrt(sigma2) * RATIOS[ratio]
     offset, slope = own * rng.standard_normal(n), noise.own_growth * np.sqrt(sigma2) * rng.standard_normal(n)
     points = np.sqrt(sigma2)[:, None] * rng.standard_normal(growth.shape)
     centred = growth - growth.mean(axis=1, keepdims=True)
-    common = b[:, :1] + noise.common_scale * b[:, 1:] * growth
+    common = b[:, :1] + noise.common_scale * b[:, 1:2] * growth
+    for k, pattern in enumerate(noise.patterns[1:], start=2):
+        common = common + b[:, k : k + 1] * np.interp(growth, noise.patterns[0], pattern)
     return common + offset[:, None] + slope[:, None] * centred + points
 
 
 def _find_gamma_shape(noise: CurveNoise) -> float:
-    """Return the shape of the inverse gamma posterior of sigma^2, of which b takes two degrees of freedom."""
-    return OWN_WEIGHT + (noise.n_points - 2) / 2
+    """Return the shape of the inverse gamma posterior of sigma^2, of which each b takes a degree of freedom."""
+    return OWN_WEIGHT + (noise.n_points - len(noise.precision)) / 2
 
 
 def _weigh_ratios(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return for each ratio the log density up to constants, b by least squares, the rate of the posterior of sigma^2.
+    """Return for each ratio the log density up to constants, the turned b by least squares, and the rate of sigma^2.
 
-    Shapes (n, n_channels, n_ratios), (n, n_channels, 2, n_ratios) and (n, n_channels, n_ratios).
+    Shapes (n, n_channels, n_ratios), (n, n_channels, n_common, n_ratios) and (n, n_channels, n_ratios); the rate is
+    that of the inverse gamma posterior.
     """
     left = (noise.data - noise.model @ model).swapaxes(1, 2)
     shape = _find_gamma_shape(noise)
-    common = (left @ noise.common).reshape(*left.shape[:2], 2, RATIOS.size)
-    first, second = common[:, :, 0], common[:, :, 1]
-    p, q, r = noise.precision
-    explained = p * first**2 + 2 * q * first * second + r * second**2
+    common = (left @ noise.common).reshape(*left.shape[:2], *noise.precision.shape)
+    square = common**2
+    explained = (noise.precision * square).sum(axis=2)
     rate = noise.expected[:, None] + 0.5 * np.maximum(left**2 @ noise.shrink + noise.outside[:, None] - explained, 0.0)
     sigma2 = rate / shape
-    # (a b; b c) is the variance of b under a flat prior plus that of the prior.
-    scaled = sigma2 / (p * r - q**2)
-    a, b, c = r * scaled + noise.common_variance, -q * scaled, p * scaled + noise.common_variance
-    determinant = a * c - b**2
-    prior = (c * first**2 - 2 * b * first * second + a * second**2) / determinant + np.log(determinant)
+    # the variance of b under a flat prior plus that of the prior
+    variance = sigma2[:, :, None] / noise.precision + noise.common_variance
+    prior = (square / variance + np.log(variance)).sum(axis=2)
     # The half normal prior of rho sigma, at the best sigma, has twice the expected offset as its scale.
     own = np.sqrt(sigma2) * RATIOS / (2 * noise.offset)
     weight = np.log(own) - 0.5 * own**2 + 0.5 * np.log(2 / np.pi)

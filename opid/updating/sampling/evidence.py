@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -420,9 +420,8 @@ def prior_sensitivity(
 
 def _compare_beyond(likelihood: LogDensity, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
     """Return the change by two Laplace approximations, for a posterior that goes on beyond the prior; nan for none."""
-    priors = (*model_class.priors[:k], wide, *model_class.priors[k + 1 :])
     values = []
-    for each in (model_class, replace(model_class, priors=priors)):
+    for each in (model_class, model_class.with_prior(k, wide)):
         support = [prior.support for prior in each.priors]
         try:
             peak = maximum_a_posteriori(posterior_density(likelihood, each.log_prior), best, support=support)

@@ -191,6 +191,23 @@ def modes_of(reduced: ReducedStructure) -> JointedModes:
     )
 
 
+def find_couplings(structure: AffineStructure, reduced: ReducedStructure) -> FloatArray:
+    """Return what each part of the stiffness is between the modes of `modes_of(reduced)`, for a unit of its factor.
+
+    The coordinates of the reduced structure are held.
+
+    Args:
+        structure: the structure that was reduced.
+        reduced: the reduced structure.
+
+    Returns:
+        (n_parts, n_modes, n_modes) Phi^T K_i Phi in the order of the parts, 1/s^2.
+    """
+    _, shapes = linalg.eigh(reduced.stiffness, reduced.mass)
+    basis = reduced.basis @ shapes
+    return np.array([basis.T @ (part @ basis) for part in structure.parts.values()])
+
+
 def reduction_errors(
     structure: AffineStructure, reduced: ReducedStructure, n: int = 15, *, factors: Mapping[str, float] | None = None
 ) -> ReductionErrors:

@@ -145,8 +145,8 @@ def synthetic_backbones(
 
     Args:
         system: the structure by its modes, as the model knows it.
-        model_class: the class whose law the joints follow.
-        theta: (n_parameters,) true parameters of that law.
+        model_class: the class whose laws the joints follow.
+        theta: (n_parameters,) true parameters of that class.
         rng: source of all errors.
         modes: numbers of the modes, from 1.
         n_curves: number of curves of each mode.
@@ -182,11 +182,12 @@ def synthetic_backbones(
             ("linear_error", linear_error),
         )
     )
-    law, column, curves = model_class.law(theta), system.sensor(controlled_sensor), []
+    laws, column = tuple(model_class.laws(system.joints, theta).values()), system.sensor(controlled_sensor)
+    curves = []
     for m, (mode, (least, most)) in enumerate(zip(modes, ranges, strict=True)):
         shifted = _shift_mode(system, mode, linear[m] * rng.standard_normal())
         grid = np.linspace(least, most, _N_GRID)
-        true = backbone(shifted, law, mode=mode, sensor=controlled_sensor, amplitude=grid, harmonics=harmonics)
+        true = backbone(shifted, laws, mode=mode, sensor=controlled_sensor, amplitude=grid, harmonics=harmonics)
         for number in range(1, n_curves[m] + 1):
             amplitude = _draw_amplitudes(least, most, n_points, amplitude_jitter, rng)
             frequency, shapes = _interpolate(true, amplitude)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ from scipy import sparse
 from opid.errors import InputError, require, require_positive
 from opid.mechanics.laws.law import FloatArray
 from opid.signals.files import write_whole
+from opid.updating.model_class import ModelClass
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import PART
 
@@ -117,6 +118,21 @@ class WingEngine:
     def lever_m(self) -> float:
         """Distance from the middle plane of the plate down to the clamp of the leaf springs."""
         return self.thickness_m / 2 + self.block_depth_m
+
+
+def laws_of_pylons(one: ModelClass, other: ModelClass) -> ModelClass:
+    """Return the class in which the pylons have laws of their own, with the parameters of `one` first.
+
+    >>> from opid.updating.model_class import PAPER_CLASSES
+    >>> laws_of_pylons(*PAPER_CLASSES[:2]).law_in_words
+    'quadratic at 9-10, 9-11 + cubic at 12-13, 12-14'
+    """
+    terms = [
+        replace(term, joints=tuple(f"{block}-{tip}" for tip in tips))
+        for each, (block, *tips) in zip((one, other), PYLONS, strict=True)
+        for term in each.terms
+    ]
+    return ModelClass(f"{one.name} and {other.name}", tuple(terms))
 
 
 def wing_engine_structure(dimensions: WingEngine | None = None) -> AffineStructure:
