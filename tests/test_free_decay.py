@@ -270,3 +270,23 @@ def test_a_mode_that_gains_energy_has_no_interval_of_its_damping():
     assert decay.damping[1].std is None
     assert decay.damping_low.value is None
     assert any("the damping at small amplitude is negative" in each for each in decay.warnings)
+
+
+def rings(signs):
+    """Return a decay of two modes at four sensors, each with a sign or a gain."""
+    fs, time = 1024.0, np.arange(8192) / 1024.0
+    shapes = np.array([[0.5, 0.4], [0.6, -0.3], [0.2, 0.7], [0.55, 0.1]])
+    modes = LinearModes([40.0, 63.0], [0.004, 0.005], shapes, tuple("abcd"))
+    omega, zeta = 2 * np.pi * modes.frequency_hz, modes.damping_ratio
+    motion = np.exp(-np.outer(time, zeta * omega)) * np.cos(np.outer(time, omega)) @ shapes.T
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(motion.shape)
+    columns = list(((motion + noise) * signs).T)
+    return modal_test(recording_from_arrays(columns, list("abcd"), fs=fs, unit="m/s^2"), modes, name="ring")
+
+
+def test_sensors_of_a_wrong_sign_are_found_in_a_decay():
+    assert decay_of(rings([1, 1, 1, 1]), 1).warnings == ()
+    (warning,) = decay_of(rings([1, 1, -1, 1]), 1).warnings
+    assert "24 % of the motion of test 'ring' around mode 1 is no sum of the mode shapes: with the opposite" in warning
+    with pytest.raises(InputError, match="73 % of the motion .* with the opposite sign of 'b' it would be 0 %"):
+        decay_of(rings([1, -1, 1, 1]), 1)

@@ -97,6 +97,15 @@ def test_the_law_of_exact_motions_is_exact():
     assert law.damping[2].value == pytest.approx(C2, rel=1e-4)
 
 
+@pytest.mark.parametrize("phase_deg", [-40.0, 15.0, 60.0])
+def test_a_force_of_any_phase_gives_the_same_law(phase_deg):
+    states = [*exact_states(phase_deg, offset=2.0), *exact_states(phase_deg), *exact_states(phase_deg, offset=-2.0)]
+    law = fit_states(states, SETTINGS)
+    assert law.force_phase_deg.value == pytest.approx(phase_deg, abs=0.1)
+    assert law.stiffness[3].value == pytest.approx(K3, rel=2e-3)
+    assert law.damping[2].value == pytest.approx(C2, rel=2e-3)
+
+
 def test_motions_off_resonance_show_the_phase_of_the_force():
     states = [*exact_states(4.0, offset=2.0), *exact_states(4.0), *exact_states(4.0, offset=-2.0)]
     law = fit_states(states, SETTINGS)

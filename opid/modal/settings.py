@@ -141,7 +141,7 @@ class ModalThresholds:
     # of that multiple; nearer than 0.06 in the ratio a line cannot be told from the harmonic of the mode itself
     partner_width: float = 0.05
     drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
-    most_misfit: float = 3.0  # largest misfit of the law of a decay without a warning, in standard deviations
+    most_misfit: float = 3.0  # largest misfit of a law without a warning, in standard deviations of the noise
     # rms of the residual over the record, above which the first quarter of a decay is left out
     most_residual: float = 0.5
     # largest swing of frequency and damping about a smooth curve that is still noise, in standard deviations

@@ -16,6 +16,7 @@ from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import DecayLaw, find_backbone, fit_decays
 from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
+from opid.modal.forced.mode_tests import check_shapes
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficient_rows, coefficients_json
 from opid.modal.settings import MODAL
@@ -170,13 +171,17 @@ def decay_of(
             those of `free_decay`.
 
     Raises:
-        InputError: no such mode, a rigid-body mode, or what `free_decay` refuses.
+        InputError: no such mode, a rigid-body mode, a motion that no sum of the shapes can make, or what `free_decay`
+            refuses.
         NotDeterminedError: what `free_decay` cannot determine.
     """
     frequency = float(test.modes.frequency_hz[test.modes.index(mode)])
     if not frequency > 0.0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it does not ring; name an elastic mode")
-    return free_decay(
+    faults, doubts = check_shapes(test, mode, (0.8 * frequency, 1.2 * frequency))
+    if faults:
+        raise InputError("; ".join(faults))
+    found = free_decay(
         test.modal_acceleration(mode),
         fs=test.fs,
         near_hz=frequency,
@@ -189,6 +194,7 @@ def decay_of(
         name=test.name,
         mode=mode,
     )
+    return replace(found, warnings=(*found.warnings, *doubts))
 
 
 def free_decay(

@@ -390,6 +390,12 @@ def warn_of_fit(fit: ModeFit) -> Iterator[str]:
             f"mode {fit.mode}: the fitted damping is negative, which no structure without a source of energy has: do "
             "not use the model, and see whether force and accelerations have their signs and no delay"
         )
+    if fit.misfit > MODAL.most_misfit:
+        yield (
+            f"mode {fit.mode}: the law misses the tests by {fit.misfit:.2g} standard deviations of their noise, so its "
+            "intervals may be too narrow by as much: look for a sensor of another gain, sign or unit, for another mode "
+            "near, and for a linear state that moved between the tests"
+        )
     if fit.residual_fraction > MODAL.most_unexplained:
         yield (
             f"mode {fit.mode}: the fit leaves {100 * fit.residual_fraction:.0f} % of the modal force unexplained: the "

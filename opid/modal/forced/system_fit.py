@@ -369,12 +369,12 @@ def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterato
 
 
 def _free_scales(system: System, found: FittedForm) -> FittedForm | None:
-    """Return the fit in which the measured motion of each driven mode has a scale of its own; None without couplings.
+    """Return the fit in which the measured motion of each driven mode has a scale of its own; None without such modes.
 
     No force shows the modal mass of a driven mode, but what it pulls back does: with a wrong shape no potential fits
     both equations.
     """
-    if not found.values.couplings:
+    if not found.values.couplings or len(system.numbers) == 1:
         return None
     ones = np.ones(len(system.numbers) - 1)
     with suppress(InputError):
