@@ -73,6 +73,7 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
     """Return the report of an updating."""
     tables = (
         _tabulate_classes(result),
+        _tabulate_confusion(result),
         _tabulate_coefficients(result, truth),
         _tabulate_linear(result, truth),
         _tabulate_modes(result),
@@ -158,6 +159,21 @@ def _tabulate_classes(result: Updating) -> Table:
         rows.append((each.model_class.name, each.model_class.law_in_words, *cells))
     heads = build_columns("class", "law", "log evidence", "std. dev.", "to the best", "log likelihood", left=(0, 1))
     return Table(heads, tuple(rows), "Model classes")
+
+
+def _tabulate_confusion(result: Updating) -> Table:
+    """How often each class would be chosen if another one were true."""
+    found = result.confusion
+    names, rows = ((), ()) if found is None else (found.classes, found.chosen)
+    n_sets = 0 if found is None else found.n_sets
+    return Table(
+        build_columns("true class", *names),
+        tuple((name, *map(_format_percent, row)) for name, row in zip(names, rows, strict=True)),
+        "Which class would be chosen",
+        note="In each row one class is the truth: the fraction of sets of curves, drawn with its laws and with errors "
+        f"like the measured ones ({n_sets} a row), in which each class has the largest evidence. A class that is often "
+        "chosen in the row of another one is no proof against that one.",
+    )
 
 
 def _tabulate_coefficients(result: Updating, truth: UpdatingTruth | None) -> Table:

@@ -14,6 +14,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
+from opid.updating.confusion import find_confusion
 from opid.updating.likelihood.backbones import (
     BackboneData,
     ModeData,
@@ -70,6 +71,16 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best)
+    confusion = None
+    if study.n_confused:
+        say("confusion of classes")
+        confusion = find_confusion(
+            data,
+            [each for each in classes if not each.has_no_effect],
+            n_sets=study.n_confused,
+            rng=np.random.default_rng([study.seed, 4]),
+            progress=lambda fraction: say(Step("confusion of classes", fraction)),
+        )
     stated = study.noise.stated_for_papers if study.form == "recommended" else ()
     unused = f"the recommended form does not use {', '.join(stated)}: leave these settings out, or take another form"
     return Updating(
@@ -92,6 +103,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         ),
         not_determined="",
         settings=_list_settings(study, data, growth),
+        confusion=confusion,
     )
 
 

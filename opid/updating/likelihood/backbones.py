@@ -18,7 +18,7 @@ from opid.mechanics.backbones.family import BackboneFamily, FamilyEvaluator, fam
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.checks import joint_fault, sensor_faults
-from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, log_marginal
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set, log_marginal
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -242,6 +242,28 @@ def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:
     numbers = np.unique(mode.curve[kept], return_inverse=True)[1]
     errors = replace(mode.errors, patterns=None if patterns is None else patterns[kept])
     return with_noise(replace(mode, curve=numbers, **left), noise, errors)
+
+
+def draw_curves(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray, rng: np.random.Generator) -> ModeData:
+    """Return curves of a mode as they might have been measured, with errors like those that the measured ones have.
+
+    Args:
+        mode: the measured curves, which have noise models.
+        eigenvalue: (n_nodes,) lambda of the true law at the nodes.
+        shapes: (n_nodes, n_sensors) unit shapes of the true law there.
+        rng: source of chance.
+    """
+    assert mode.frequency_noise is not None  # The recommended form has noise models.
+    place: Any = (mode.between, mode.curve, mode.growth, rng)
+    relative = draw_set(mode.frequency_noise, (eigenvalue / mode.linear)[:, None], *place)[:, 0]
+    seen = mode.between @ shapes
+    if mode.shape_noise is not None:
+        seen[:, mode.free] = draw_set(mode.shape_noise, shapes[:, mode.free], *place)
+        largest = np.setdiff1d(np.arange(seen.shape[1]), mode.free)
+        left = np.maximum(1.0 - np.sum(seen[:, mode.free] ** 2, axis=1), 0.0)
+        seen[:, largest] = np.sign(seen[:, largest]) * np.sqrt(left)[:, None]
+    amplitude, growth = _find_growth(mode.sensor, mode.amplitude, relative)
+    return replace(mode, eigenvalue=mode.linear * relative, shapes=seen, relative_amplitude=amplitude, growth=growth)
 
 
 def _find_growth(names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray) -> tuple[FloatArray, FloatArray]:
