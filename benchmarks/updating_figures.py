@@ -168,7 +168,8 @@ def bands(seed: int, form: str, errors: str) -> Figures:
     data = prepared(measured, form)
     found = update_class(data, TRUTH, rng=np.random.default_rng(seed), n_samples=2200)
     both = predict(data, found, measured, rng=np.random.default_rng(seed))
-    return {f"measured points within the 95 % band, mode {band.mode}": band.coverage for band in both}
+    figures = {f"measured points within the 95 % band, mode {band.mode}": band.coverage for band in both}
+    return figures | {f"points of curves left out, mode {band.mode}": band.left_out for band in both}
 
 
 def evidence(seed: int, form: str, errors: str) -> Figures:

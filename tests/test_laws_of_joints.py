@@ -1,5 +1,7 @@
 """Joints with laws of their own: backbones, classes, study tables, and laws with inner parameters."""
 
+from dataclasses import replace
+
 import made_backbones as made
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.laws.law import Law, Term
 from opid.studies.updating_study import ClassTable, LawTable, tabulate_class
-from opid.updating.likelihood.backbones import backbone_data
+from opid.updating.likelihood.backbones import backbone_data, make_curves
+from opid.updating.likelihood.error_growth import with_modal_errors
+from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm, group_joints
 from opid.updating.posterior import update_class
 from opid.updating.study import UpdatingStudy
@@ -105,6 +109,35 @@ def test_which_joint_has_which_law_is_found(seed):
     for estimate, true in zip(apart.estimates.values(), TRUTH, strict=True):
         assert abs(estimate.value - true) < 3 * estimate.std
     assert apart.log_evidence > max(each.log_evidence for each in others) + 2
+
+
+def test_errors_of_the_modal_frequencies_bend_the_curves_of_unlike_joints():
+    """Their patterns are the differences of backbones; a law that all joints share has next to none."""
+    curves = synthetic_backbones(
+        made.system(), APART, TRUTH, rng=np.random.default_rng(5), modes=made.MODES, n_curves=(3, 3),
+        amplitude_m=made.AMPLITUDE_M, controlled_sensor="left",
+    )  # fmt: skip
+    data = backbone_data(made.system(), curves)
+    apart = with_modal_errors(data, APART, np.array(TRUTH))
+    (mode, _), (widened, _) = data.modes, apart.modes
+    assert mode.errors.patterns is None
+    patterns = widened.errors.patterns
+    # the errors by differences, without a constant and what grows with h, are sums of the patterns
+    step, found = 1e-4, []
+    for number in made.MODES:
+        eigenvalue = np.array(data.system.eigenvalue)
+        eigenvalue[number - 1] *= 1 + step
+        moved = replace(data, system=replace(data.system, eigenvalue=eigenvalue))
+        values = [make_curves(each, mode, APART)(np.array([TRUTH]))[0][0] for each in (data, moved)]
+        found.append(mode.between @ (values[1] - values[0]) / step / mode.linear)
+    usual = np.column_stack([np.ones_like(mode.growth), mode.growth])
+    basis = np.linalg.qr(np.column_stack([usual, patterns]))[0]
+    errors = np.array(found).T
+    assert np.abs(errors - basis @ (basis.T @ errors)).max() < 0.1 * np.abs(patterns).max()
+    shared = with_modal_errors(data, made.CUBIC, np.array([1.58]))
+    assert all(each.errors.patterns is None for each in shared.modes)
+    stated = backbone_data(made.system(), curves, noise=NoiseSettings(linear_error_growth=0.3))
+    assert with_modal_errors(stated, APART, np.array(TRUTH)) is stated
 
 
 def test_an_inner_parameter_is_found_where_the_data_show_it():

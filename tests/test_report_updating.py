@@ -127,7 +127,7 @@ def test_json_has_the_schema_and_is_strict(result):
     assert len(document["measured"]) == 8
     assert len(document["measured"][0]["amplitude"]["10"]) == 12
     band = document["prediction"][0]
-    assert set(band) == {"mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage"}
+    assert set(band) == {"mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage", "left_out"}
     assert {"warnings", "not_determined", "settings", "form", "title"} <= set(document)
 
 
@@ -213,7 +213,7 @@ def test_one_of_each_is_told_in_the_singular(result):
 def test_the_coverage_is_said_to_be_that_of_fitted_points(result):
     text = " ".join(opid.text(result).split())
     assert "The class was fitted to these points" in text
-    assert "is no test on new data" in text
+    assert "Curves that are left out in turn, and judged by the band that the others give, are new to it" in text
 
 
 def test_missing_points_of_a_band_are_counted_and_null(result):

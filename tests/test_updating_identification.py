@@ -208,6 +208,21 @@ def test_everything_wrong_is_said_at_once():
     assert "seed is" in str(caught.value)
 
 
+def test_curves_that_are_left_out_lie_in_the_band_of_the_others():
+    found = update_study(study(classes=(made.CUBIC,)))
+    for band in found.prediction:
+        assert 0.8 < band.left_out <= 1.0
+    # a curve of its own, 2 % beside the others, is none of theirs
+    first, *others = made.backbones(3)
+    odd = replace(first, frequency_hz=1.02 * first.frequency_hz)
+    apart = update_study(study(backbones=(odd, *others), classes=(made.CUBIC,)))
+    (own,) = (band for band in apart.prediction if band.mode == odd.mode)
+    n_curves = sum(each.mode == odd.mode for each in others) + 1
+    assert own.left_out < 1.0 - 0.9 / n_curves
+    alone = update_study(study(backbones=(others[0],), classes=(made.CUBIC,)))
+    assert np.isnan(alone.prediction[0].left_out)
+
+
 def test_classes_that_cannot_be_told_apart_are_doubted():
     twin = ModelClass("the same", made.CUBIC.terms)
     found = update_study(study(classes=(made.CUBIC, twin)))

@@ -38,6 +38,13 @@ N_COMPARED = 20
     metavar="N",
     help="Samples of a class, whatever the study says.",
 )
+@click.option(
+    "--confusion",
+    "n_confused",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Draw N sets of curves with each class as the truth, and tell how often another class would be chosen.",
+)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the sampling, whatever the study says.")
 @truth_option
 @click.option("--chains", is_flag=True, help="Write the samples, too: netCDF files for ArviZ, and its diagnostics.")

@@ -177,6 +177,7 @@ class ClassTable:
 @dataclass(frozen=True, kw_only=True)
 class _Sampling(_derive_settings("sampler", "seed")):  # type: ignore[misc]
     samples: int | None = None
+    confused: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +197,7 @@ class _Study(_derive_settings("form", "harmonics")):  # type: ignore[misc]
             "harmonics": self.harmonics,
             "sampler": self.sampling.sampler,
             "n_samples": self.sampling.samples,
+            "n_confused": self.sampling.confused,
             "seed": self.sampling.seed,
             "n_internal": self.structure and self.structure.internal_modes,
         }
@@ -407,7 +409,9 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                 for curve, file in zip(study.backbones, files, strict=True)
             ),
             classes=tuple(tabulate_class(each) for each in study.classes),
-            sampling=_Sampling(sampler=study.sampler, samples=study.n_samples, seed=study.seed),
+            sampling=_Sampling(
+                sampler=study.sampler, samples=study.n_samples, seed=study.seed, confused=study.n_confused or None
+            ),
             noise=study.noise,
         )
     )

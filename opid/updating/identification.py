@@ -14,6 +14,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
+from opid.updating.confusion import find_confusion
 from opid.updating.likelihood.backbones import (
     BackboneData,
     ModeData,
@@ -21,9 +22,11 @@ from opid.updating.likelihood.backbones import (
     describe_points,
     make_curves,
     make_solver,
+    weigh_as_recommended,
+    without_curve,
     without_interactions,
 )
-from opid.updating.likelihood.error_growth import growth_of_linear_error
+from opid.updating.likelihood.error_growth import growth_of_linear_error, with_modal_errors
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_errors
 from opid.updating.linear_updating import update_linear
@@ -31,6 +34,7 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.posterior import update_class
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.samplers import require_emcee
+from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.updating.warnings import warn_of_choice, warn_of_classes
@@ -67,6 +71,16 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best)
+    confusion = None
+    if study.n_confused:
+        say("confusion of classes")
+        confusion = find_confusion(
+            data,
+            [each for each in classes if not each.has_no_effect],
+            n_sets=study.n_confused,
+            rng=np.random.default_rng([study.seed, 4]),
+            progress=lambda fraction: say(Step("confusion of classes", fraction)),
+        )
     stated = study.noise.stated_for_papers if study.form == "recommended" else ()
     unused = f"the recommended form does not use {', '.join(stated)}: leave these settings out, or take another form"
     return Updating(
@@ -89,6 +103,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         ),
         not_determined="",
         settings=_list_settings(study, data, growth),
+        confusion=confusion,
     )
 
 
@@ -247,6 +262,7 @@ def predict(
         NotDeterminedError: no mode has a band anywhere.
     """
     theta = posterior.samples[rng.integers(len(posterior.samples), size=200)]
+    data = with_modal_errors(data, posterior.model_class, posterior.best)
     bands = tuple(_make_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
     if not any(np.isfinite(band.frequency_hz).any() for band in bands):
         every = np.ones(N_AMPLITUDES, dtype=bool)
@@ -283,7 +299,33 @@ def _make_band(
     ends = [np.interp(np.concatenate(seen), amplitude, end) for end in (low, high)]
     inside = ((hz >= ends[0]) & (hz <= ends[1]))[np.isfinite(ends[0])]
     coverage = float(inside.mean()) if inside.size else float("nan")
-    return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, coverage)
+    left_out = _cover_left_out(data, mode, posterior, rng)
+    return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, coverage, left_out)
+
+
+def _cover_left_out(data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator) -> float:
+    """Return the fraction of the points of a mode within the bands that its other curves give; nan for a single curve.
+
+    Each curve is left out in turn: the samples of the posterior get the weight of the likelihood of all curves but that
+    one over the likelihood of all.
+    """
+    n_curves = int(mode.curve[-1]) + 1
+    if mode.frequency_noise is None or n_curves < 2:
+        return float("nan")
+    theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_left_out)]
+    at_nodes, shapes, _, lost = make_curves(data, mode, posterior.model_class)(theta)
+    at_nodes, shapes = at_nodes[~lost], shapes[~lost]
+    whole, held = weigh_as_recommended(mode, at_nodes, shapes), []
+    for curve in range(n_curves):
+        rest, mine = without_curve(mode, curve, data.noise), mode.curve == curve
+        chance = weigh_as_recommended(rest, at_nodes, shapes) - whole
+        chosen = np.argmax(chance + rng.gumbel(size=(chance.size, chance.size)), axis=1)
+        eigenvalue, model = at_nodes[chosen] @ mode.between[mine].T, at_nodes[chosen][..., None] / mode.linear
+        assert rest.frequency_noise is not None
+        errors = mode.linear * draw_errors(rest.frequency_noise, model, eigenvalue / mode.linear - 1, rng)
+        low, high = np.quantile(eigenvalue + errors, [0.025, 0.975], axis=0)
+        held.append((mode.eigenvalue[mine] >= low) & (mode.eigenvalue[mine] <= high))
+    return float(np.concatenate(held).mean())
 
 
 def _draw_errors(

@@ -92,11 +92,7 @@ def update_class(
     methods = _choose_methods(evidences, model_class.n_parameters)
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
-    density = density_of(data, model_class)
-    peak, warnings = _find_peak(density, data, model_class, rng)
-    if peak is not None and (widened := with_modal_errors(data, model_class, peak.theta)) is not data:
-        data, density = widened, density_of(widened, model_class)
-        peak, warnings = _find_peak(density, data, model_class, rng)
+    data, density, peak, warnings = _find_widened_peak(data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
         stages = transitional(
@@ -131,6 +127,33 @@ def update_class(
         has_no_effect=is_idle,
         chain=chain,
     )
+
+
+def estimate_evidence(data: BackboneData, model_class: ModelClass, rng: np.random.Generator) -> float:
+    """Return the log evidence of one class by Laplace's method, without samples; -inf where it has no likelihood.
+
+    Args:
+        data: the backbones, from `backbone_data`.
+        model_class: the laws with their priors.
+        rng: source of chance.
+    """
+    try:
+        _, _, peak, _ = _find_widened_peak(data, model_class, rng)
+        return -np.inf if peak is None else laplace(peak, support=[p.support for p in model_class.priors]).log_evidence
+    except NotDeterminedError:
+        return -np.inf
+
+
+def _find_widened_peak(
+    data: BackboneData, model_class: ModelClass, rng: np.random.Generator
+) -> tuple[BackboneData, Density, Maximum | None, list[str]]:
+    """Return the data with the errors that the class makes of modal ones, its density, its maximum, and warnings."""
+    density = density_of(data, model_class)
+    peak, warnings = _find_peak(density, data, model_class, rng)
+    if peak is not None and (widened := with_modal_errors(data, model_class, peak.theta)) is not data:
+        data, density = widened, density_of(widened, model_class)
+        peak, warnings = _find_peak(density, data, model_class, rng)
+    return data, density, peak, warnings
 
 
 def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:

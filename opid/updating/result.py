@@ -147,6 +147,8 @@ class BackboneBand:
         low_hz: (n,) lower end of the 95 % band, Hz.
         high_hz: (n,) upper end of the 95 % band, Hz.
         coverage: fraction of the measured points of this mode that lie within the band; nan without any point.
+        left_out: the same of points of curves that were left out in turn, within the band that the other curves give;
+            nan where the mode has a single curve, or the form of the likelihood has no errors that curves share.
     """
 
     mode: int
@@ -156,11 +158,28 @@ class BackboneBand:
     low_hz: FloatArray
     high_hz: FloatArray
     coverage: float
+    left_out: float = float("nan")
 
     @property
     def n_missing(self) -> int:
         """Number of amplitudes without a frequency."""
         return int((~np.isfinite(self.frequency_hz)).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Confusion:
+    """How often each class would be chosen from such data, if one of them were true.
+
+    Args:
+        classes: names of the classes.
+        chosen: (n_classes, n_classes) fraction of the sets in which the class of the column is chosen, if that of the
+            row is true.
+        n_sets: number of sets that were drawn for each row.
+    """
+
+    classes: tuple[str, ...]
+    chosen: FloatArray
+    n_sets: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -179,6 +198,7 @@ class Updating(Result):
         warnings: one sentence for each warning about the result.
         not_determined: the reason why there is no answer, "" if there is one.
         settings: the settings of the study.
+        confusion: how often each class would be chosen if another one were true; None where it was not asked.
         reductions: differences of the reduced structure from the whole one, those of the reduction in use first; empty
             where the structure was not reduced or the comparison was not made.
     """
@@ -195,6 +215,7 @@ class Updating(Result):
     not_determined: str
     settings: Mapping[str, Any]
     reductions: tuple[ReductionErrors, ...] = ()
+    confusion: Confusion | None = None
 
     @property
     def all_warnings(self) -> list[str]:
@@ -266,6 +287,7 @@ class Updating(Result):
                 "reduction_free": free,
                 "measured": [_convert_curve(curve) for curve in self.measured],
                 "prediction": [asdict(band) for band in self.prediction],
+                "confusion": None if self.confusion is None else asdict(self.confusion),
             }
         )
 

@@ -77,6 +77,7 @@ class UpdatingThresholds:
     ruled_out: float = 10.0  # log evidence below that of the best, odds of 22,000 to 1, of a class that data rule out
     # fraction of the measured points in a 95 % band below which law or linear structure are wrong
     poor_coverage: float = 0.8
+    n_left_out: int = 400  # draws that make the band of a curve that is left out; its ends are then 0.1 deviations off
 
 
 UPDATING = UpdatingThresholds()

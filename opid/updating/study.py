@@ -45,6 +45,8 @@ class UpdatingSettings:
         seed: seed of all random numbers; the same seed gives the same result.
         harmonics: harmonics of the model.
         n_internal: internal modes that the reduction keeps beside sensors and joints.
+        n_confused: number of sets that are drawn with each class as the truth, to tell how often another class would be
+            chosen; none where 0.
     """
 
     form: Form = "recommended"
@@ -53,6 +55,7 @@ class UpdatingSettings:
     seed: int = 0
     harmonics: tuple[int, ...] = (1, 3)
     n_internal: int = 15
+    n_confused: int = 0
 
     @property
     def n_samples_of_class(self) -> int:
@@ -66,10 +69,12 @@ class UpdatingSettings:
         for name, known in (("form", FORMS), ("sampler", SAMPLERS)):
             if getattr(self, name) not in known:
                 found.append(f"{name} is {getattr(self, name)!r}, give one of {', '.join(known)}")
-        for name, least in (("n_samples", FEWEST_SAMPLES), ("seed", 0), ("n_internal", 0)):
+        for name, least in (("n_samples", FEWEST_SAMPLES), ("seed", 0), ("n_internal", 0), ("n_confused", 0)):
             value = getattr(self, name)
             if value is not None and value < least:
                 found.append(f"{name} is {value}, give {f'at least {least}' if least else '0 or more'}")
+        if self.n_confused and self.form != "recommended":
+            found.append(f"n_confused is {self.n_confused} in the form {self.form!r}, take the recommended form")
         whole = all(isinstance(each, int | np.integer) and each >= 0 for each in self.harmonics)
         if 1 not in self.harmonics or not whole:
             found.append(f"harmonics are {list(self.harmonics)}, give 1 and others beside it, for example [1, 3]")

@@ -18,7 +18,7 @@ from opid.mechanics.backbones.family import BackboneFamily, FamilyEvaluator, fam
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.checks import joint_fault, sensor_faults
-from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, log_marginal
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set, log_marginal
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -29,6 +29,26 @@ FORMS: tuple[Form, ...] = get_args(Form)
 IntArray = NDArray[np.int64]
 
 N_NODES = 12  # amplitudes at which the model is solved for one mode; between them its curve is a polynomial
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorGrowth:
+    """How errors of the linear structure grow along the curves of a mode, while the nonlinearity doubles lambda.
+
+    Args:
+        frequency: growth of the error of lambda, in units of 2 `linear_error`.
+        shape: growth of the error of a shape, in units of `linear_shape_error`.
+        patterns: (n_points, n) errors of lambda that do not grow with lambda, in the first unit.
+    """
+
+    frequency: float
+    shape: float
+    patterns: FloatArray | None = None
+
+    @staticmethod
+    def of(noise: NoiseSettings) -> ErrorGrowth:
+        """Return the growth that is stated, or that is usual where it is not known."""
+        return ErrorGrowth(noise.growth_of_linear_error, noise.growth_of_linear_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +75,7 @@ class ModeData:
     cov: float  # coefficient of variation of lambda over the curves; nan where it is not known
     frequency_noise: CurveNoise | None  # noise model of lambda / linear, for the recommended form
     shape_noise: CurveNoise | None  # noise model of the free entries of the shapes
+    errors: ErrorGrowth | None  # growth of the errors of the linear structure in these noise models
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,29 +199,9 @@ def _make_mode_data(
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
     found = ModeData(
         mode, tuple(parts), between, curve, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
-        cov, None, None,
+        cov, None, None, None,
     )  # fmt: skip
     return with_noise(found, noise, ErrorGrowth.of(noise)) if form == "recommended" else found
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorGrowth:
-    """How errors of the linear structure grow along the curves of a mode, while the nonlinearity doubles lambda.
-
-    Args:
-        frequency: growth of the error of lambda, in units of 2 `linear_error`.
-        shape: growth of the error of a shape, in units of `linear_shape_error`.
-        patterns: (n_points, n) errors of lambda that do not grow with lambda, in the first unit.
-    """
-
-    frequency: float
-    shape: float
-    patterns: FloatArray | None = None
-
-    @staticmethod
-    def of(noise: NoiseSettings) -> ErrorGrowth:
-        """Return the growth that is stated, or that is usual where it is not known."""
-        return ErrorGrowth(noise.growth_of_linear_error, noise.growth_of_linear_error)
 
 
 def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> ModeData:
@@ -223,7 +224,46 @@ def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> Mod
             mode.shapes[:, mode.free], *place, common_std=noise.linear_shape_error, offset=noise.shape_offset,
             expected=noise.shape_noise, common_growth=errors.shape, own_growth=noise.curve_growth,
         )  # fmt: skip
-    return replace(mode, frequency_noise=frequency_noise, shape_noise=shape_noise)
+    return replace(mode, frequency_noise=frequency_noise, shape_noise=shape_noise, errors=errors)
+
+
+def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:
+    """Return the curves of a mode, which have noise models, without one of them.
+
+    Args:
+        mode: the curves.
+        curve: number of the curve that is left out, from 0.
+        noise: the settings of their errors.
+    """
+    assert mode.errors is not None  # The recommended form has noise models.
+    kept, patterns = mode.curve != curve, mode.errors.patterns
+    per_point = ("between", "eigenvalue", "sensor", "amplitude", "relative_amplitude", "growth", "shapes")
+    left = {name: getattr(mode, name)[kept] for name in per_point}
+    numbers = np.unique(mode.curve[kept], return_inverse=True)[1]
+    errors = replace(mode.errors, patterns=None if patterns is None else patterns[kept])
+    return with_noise(replace(mode, curve=numbers, **left), noise, errors)
+
+
+def draw_curves(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray, rng: np.random.Generator) -> ModeData:
+    """Return curves of a mode as they might have been measured, with errors like those that the measured ones have.
+
+    Args:
+        mode: the measured curves, which have noise models.
+        eigenvalue: (n_nodes,) lambda of the true law at the nodes.
+        shapes: (n_nodes, n_sensors) unit shapes of the true law there.
+        rng: source of chance.
+    """
+    assert mode.frequency_noise is not None  # The recommended form has noise models.
+    place: Any = (mode.between, mode.curve, mode.growth, rng)
+    relative = draw_set(mode.frequency_noise, (eigenvalue / mode.linear)[:, None], *place)[:, 0]
+    seen = mode.between @ shapes
+    if mode.shape_noise is not None:
+        seen[:, mode.free] = draw_set(mode.shape_noise, shapes[:, mode.free], *place)
+        largest = np.setdiff1d(np.arange(seen.shape[1]), mode.free)
+        left = np.maximum(1.0 - np.sum(seen[:, mode.free] ** 2, axis=1), 0.0)
+        seen[:, largest] = np.sign(seen[:, largest]) * np.sqrt(left)[:, None]
+    amplitude, growth = _find_growth(mode.sensor, mode.amplitude, relative)
+    return replace(mode, eigenvalue=mode.linear * relative, shapes=seen, relative_amplitude=amplitude, growth=growth)
 
 
 def _find_growth(names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -285,7 +325,7 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
         for mode, curves in models:
             eigenvalue, shapes, missing, lost = curves(rows)
             if data.form == "recommended":
-                total += _weigh_as_recommended(mode, eigenvalue, shapes)
+                total += weigh_as_recommended(mode, eigenvalue, shapes)
             else:
                 total += _weigh_as_in_paper(data, mode, eigenvalue, shapes)
             impossible |= lost
@@ -295,7 +335,14 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
     return likelihood
 
 
-def _weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
+def weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Return the log likelihood of one mode in the recommended form, (n,).
+
+    Args:
+        mode: the curves.
+        eigenvalue: (n, n_nodes) lambda of the model at its nodes.
+        shapes: (n, n_nodes, n_sensors) unit shapes there.
+    """
     if mode.frequency_noise is None:
         raise NotDeterminedError("the backbones were not prepared for the recommended form: call backbone_data with it")
     total = log_marginal(mode.frequency_noise, eigenvalue[..., None] / mode.linear)

@@ -159,10 +159,10 @@ def _widen(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: F
     shape_points = np.einsum("jk,ksm->jsm", mode.between, by_shape)
     shape = float(np.sqrt(np.mean(np.sum(shape_points**2, axis=2))) / size) * moved
     patterns = _find_patterns(mode.between @ at_nodes, mode.growth, UPDATING.least_pattern * size)
-    frequency, known = (0.0 if each is None else each.common_scale for each in (mode.frequency_noise, mode.shape_noise))
-    if not patterns.size and shape <= known:
+    known = mode.errors or ErrorGrowth.of(data.noise)
+    if not patterns.size and shape <= known.shape:
         return mode
-    return with_noise(mode, data.noise, ErrorGrowth(frequency, max(shape, known), patterns))
+    return with_noise(mode, data.noise, ErrorGrowth(known.frequency, max(shape, known.shape), patterns))
 
 
 def _find_patterns(errors: FloatArray, growth: FloatArray, least: float) -> FloatArray:

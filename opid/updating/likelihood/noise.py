@@ -221,6 +221,36 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     return common + offset[:, None] + slope[:, None] * centred + points
 
 
+def draw_set(
+    noise: CurveNoise,
+    model: FloatArray,
+    between: FloatArray,
+    curve: NDArray[np.int64],
+    growth: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return the values of a new set of curves, as many and as long as the measured ones, (n_points, n_channels).
+
+    The levels of noise are drawn from their posterior given the measured curves, the common errors from their prior: it
+    is another structure of the same kind in another test. `model`, (n_nodes, n_channels), are the values of the model
+    at its nodes; `between`, `curve` and `growth` are those of `curve_noise`.
+    """
+    each, _, rate = (part[0] for part in _weigh_ratios(noise, model[np.newaxis]))
+    channels = np.arange(len(each))
+    ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
+    sigma = np.sqrt(rate[channels, ratio] / rng.gamma(_find_gamma_shape(noise), size=channels.size))
+    others = [np.interp(growth, noise.patterns[0], pattern) for pattern in noise.patterns[1:]]
+    patterns = np.column_stack([np.ones_like(growth), noise.common_scale * growth, *others])
+    common = patterns @ (np.sqrt(noise.common_variance) * rng.standard_normal((patterns.shape[1], channels.size)))
+    of_curve = np.eye(int(curve[-1]) + 1)[curve]
+    centred = growth - of_curve @ ((of_curve.T @ growth) / of_curve.sum(axis=0))
+    offset, slope = sigma * RATIOS[ratio], noise.own_growth * sigma
+    own = of_curve @ (offset * rng.standard_normal((of_curve.shape[1], channels.size)))
+    own += (of_curve @ (slope * rng.standard_normal((of_curve.shape[1], channels.size)))) * centred[:, None]
+    values: FloatArray = between @ model + common + own + sigma * rng.standard_normal((len(growth), channels.size))
+    return values
+
+
 def _find_gamma_shape(noise: CurveNoise) -> float:
     """Return the shape of the inverse gamma posterior of sigma^2, of which each b takes a degree of freedom."""
     return OWN_WEIGHT + (noise.n_points - len(noise.precision)) / 2
