@@ -288,5 +288,5 @@ def test_sensors_of_a_wrong_sign_are_found_in_a_decay():
     assert decay_of(rings([1, 1, 1, 1]), 1).warnings == ()
     (warning,) = decay_of(rings([1, 1, -1, 1]), 1).warnings
     assert "24 % of the motion of test 'ring' around mode 1 is no sum of the mode shapes: with the opposite" in warning
-    with pytest.raises(InputError, match="73 % of the motion .* with the opposite sign of 'b' it would be 0 %"):
+    with pytest.raises(InputError, match=r"73 % of the motion .* with the opposite sign of 'b' it would be 0 %"):
         decay_of(rings([1, -1, 1, 1]), 1)
