@@ -124,6 +124,11 @@ def _raise_to(name: str, exponent: float) -> str:
     return name if exponent == 1 else f"{name}^{exponent:g}"
 
 
+def read_linear(coefficients: Mapping[int, Estimate]) -> float:
+    """Return the coefficient of the power 1, 0 where it was not fitted."""
+    return float(coefficients.get(1, Estimate()).value or 0.0)
+
+
 def withhold_negative(estimates: Mapping[int, Estimate], given: float = 0.0) -> dict[int, Estimate]:
     """Return coefficients, without the interval of the linear one where it is negative beyond chance.
 

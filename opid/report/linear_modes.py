@@ -55,8 +55,8 @@ def _say_basis(result: FittedModes) -> str:
     delay, std = format_estimate(result.delay_s, 1e6)
     return (
         f"From {n_averages} record(s) and {len(result.sensors)} sensors; the modes leave {left} of the responses (rms) "
-        f"in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} µs); it is "
-        "fitted."
+        f"in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} µs); it "
+        "is fitted."
     )
 
 
