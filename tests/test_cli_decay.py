@@ -129,6 +129,7 @@ def test_bad_input_ends_with_status_2(log, tmp_path):
     refused(opid("decay", log, "--channel", "az", "--start", 3, "--stop", 1), "3")
     refused(opid("decay", tmp_path / "none.csv", "--channel", "az"), "none.csv")
     refused(opid("decay", log, "--channel", "az", "--out", log), "is no directory")
+    refused(opid("decay", log, log, "--channel", "az"), "hit.csv is given twice", "give each log once")
     assert opid("decay", log).exit_code == 2
 
 
@@ -150,22 +151,26 @@ def test_repeats_are_pooled(log, tmp_path):
     assert "hit_0.csv" in done.stdout
 
 
-def test_an_angle_is_as_good_as_a_length(log, tmp_path):
-    """The same numbers in mm and in mrad give the same law, in units of their own."""
+@pytest.mark.parametrize(
+    ("column", "unit", "factor", "per"),
+    [("other [mrad]", "rad", 1.0, "per unit of inertia"), ("other [ustrain]", "strain", 1e-3, "per unit mass")],
+)
+def test_an_angle_or_a_strain_is_as_good_as_a_length(log, tmp_path, column, unit, factor, per):
+    """The same numbers in mm and in mrad or microstrain give the same law, in units of their own."""
     turned = tmp_path / "hit.csv"
-    turned.write_text(log.read_text().replace("z [mm]", "angle [mrad]", 1))
+    turned.write_text(log.read_text().replace("z [mm]", column, 1))
     found = []
-    for path, channel in ((log, "z"), (turned, "angle")):
+    for path, channel in ((log, "z"), (turned, "other")):
         out = tmp_path / channel
         done = opid("decay", path, "--channel", channel, *ORDERS, "--out", out)
         assert done.exit_code == 0, done.output
         found.append(json.loads((out / "result.json").read_text()))
     one, other = found
-    assert (one["amplitude_unit"], other["amplitude_unit"]) == ("m", "rad")
-    assert one["frequency_low_hz"] == other["frequency_low_hz"]
-    assert one["k"] == other["k"]
-    assert (one["units"]["k3"], other["units"]["k3"]) == ("1/(s^2 m^2)", "1/(s^2 rad^2)")
-    assert "per unit of inertia" in done.stdout
+    assert (one["amplitude_unit"], other["amplitude_unit"]) == ("m", unit)
+    assert other["frequency_low_hz"]["value"] == pytest.approx(one["frequency_low_hz"]["value"], rel=1e-9)
+    assert factor**2 * other["k"]["3"]["value"] == pytest.approx(one["k"]["3"]["value"], rel=1e-6)
+    assert (one["units"]["k3"], other["units"]["k3"]) == ("1/(s^2 m^2)", f"1/(s^2 {unit}^2)")
+    assert per in done.stdout
 
 
 @pytest.fixture(scope="module")

@@ -247,7 +247,9 @@ def test_a_truth_test_is_compared_with_the_delay_of_the_fits():
     given = [StudyTest(test, use) for test, use in zip(late, uses, strict=True)]
     found = identify_modes(ModalStudy("late", modes, (3,), given, stiffness_order=3, damping_order=2))
     assert found.fits[0].is_delayed
-    assert "come after the forces by 200 us (mode 3, standard deviation 2.7 us)." in " ".join(opid.text(found).split())
+    assert "the accelerations after the forces is 199.9 µs (mode 3, standard deviation 2.7 µs)." in " ".join(
+        opid.text(found).split()
+    )
     assert max(each.nrmse_nonlinear for each in found.truth_tests[0].sensors.values()) < 0.03
     ignored = truth_test(found.model, late[-1])
     assert min(each.nrmse_nonlinear for each in ignored.sensors.values()) > 0.1

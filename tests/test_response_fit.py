@@ -16,6 +16,7 @@ from opid.modal.linear.frequency_response import FrequencyResponse, forced_recor
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.modes_file import read_modes
 from opid.modal.linear.response_fit import ResponseFitSettings, fit_modes
+from opid.report.writing import text
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording
 
@@ -159,6 +160,9 @@ def test_records_that_differ_give_no_interval_where_they_do():
     assert known[91]
     assert not known[63]
     assert any("the records differ about 6" in each for each in found.warnings)
+    heads = dict(line.split(maxsplit=1) for line in text(found).splitlines() if line[:4].strip().isdigit())
+    assert heads["3"].split()[1::2] == ["-"] * 3
+    assert "-" not in heads["1"].split()
 
 
 def test_a_record_that_ends_early_is_refused():

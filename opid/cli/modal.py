@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -227,7 +227,7 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
 @click.option(
     "--channel",
     metavar="NAME",
-    help="An acceleration, a velocity, a displacement or an angle.",
+    help="An acceleration, a velocity, a displacement, an angle or a strain.",
 )
 @click.option(
     "--study",
@@ -268,6 +268,8 @@ def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     sensor, a --study separates them with the shapes.
     """
     _check_source(settings)
+    if twice := sorted({str(log) for log in logs if logs.count(log) > 1}):
+        raise click.UsageError(f"{', '.join(twice)} is given twice: a log is no repeat of itself; give each log once")
     output = output.reserve()
     with output.progress() as say:
         try:
@@ -306,17 +308,21 @@ def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
 
 def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
     """Return the free decay in a channel of a log; its warnings name the options of this command."""
-    from opid.modal.decay.free_decay import QUANTITIES, UNITS, free_decay
+    from opid.modal.decay.free_decay import LENGTHS, QUANTITIES, UNITS, free_decay
 
     say("the record")
-    record = _read_channel(log, settings, UNITS)
-    unit = record.channels[0].unit
-    length: Literal["m", "rad"] = "rad" if unit.startswith("rad") else "m"
+    kinds = {
+        length + unit.removeprefix("m"): (length, quantity)
+        for length in LENGTHS
+        for unit, quantity in zip(UNITS, QUANTITIES, strict=True)
+    }
+    record = _read_channel(log, settings, kinds)
+    length, quantity = kinds[record.channels[0].unit]
     say("the decay")
     found = free_decay(
         record.samples[:, 0],
         fs=record.fs,
-        quantity=QUANTITIES[UNITS.index("m" + unit.removeprefix(length))],
+        quantity=quantity,
         length=length,
         near_hz=settings["near"],
         start_s=settings["start"],
@@ -377,8 +383,8 @@ def _name_options(text: str, settings: Mapping[str, Any]) -> str:
     return re.sub(rf"\b({'|'.join(options)})\b", lambda found: options[found[0]], text)
 
 
-def _read_channel(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]) -> Recording:
-    """Return the channel of a log in SI units, which must be those of a motion."""
+def _read_channel(log: Path, settings: Mapping[str, Any], units: Collection[str]) -> Recording:
+    """Return the channel of a log in SI units, which must be among some."""
     from opid.signals.conversion import recording_of
     from opid.signals.log import ChannelSettings, LogSettings
     from opid.signals.logs import open_log
@@ -390,10 +396,10 @@ def _read_channel(log: Path, settings: Mapping[str, Any], units: tuple[str, ...]
     if unit is None and track.channels[column].unit is None:
         raise InputError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
     record = recording_of(opened, how, channels={channel: ChannelSettings(channel, unit=unit)})
-    if record.channels[0].unit not in (*units, *("rad" + each[1:] for each in units)):
+    if record.channels[0].unit not in units:
         raise InputError(
             f"channel {channel!r} of {log} is in {record.channels[0].unit}: a free decay is followed in an "
-            "acceleration, a velocity, a displacement or an angle; choose such a channel, or give the unit of its "
-            "numbers, like --unit g"
+            "acceleration, a velocity, a displacement, an angle or a strain; choose such a channel, or give the unit "
+            "of its numbers, like --unit g"
         )
     return record

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, refuse
-from opid.estimate import Estimate
 from opid.mechanics.laws.law import LINEAR, Law, TermSet
 from opid.mechanics.structure import modal_assurance
 from opid.modal.decay.fit import DecayLaw
@@ -26,7 +25,7 @@ from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_m
 from opid.modal.linear.modes import LinearModes, condition_number, delay_forces, weighted_shapes, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
-from opid.modal.power_laws import hold_unstable, list_held
+from opid.modal.power_laws import hold_unstable, list_held, read_linear
 from opid.modal.result import ModalIdentification
 from opid.modal.settings import MODAL, SIMULATED
 from opid.modal.study import THRESHOLDS, ModalStudy
@@ -125,12 +124,12 @@ def make_model(
     """
     laws = {fit.mode: fit.law for fit in fits}
     corrections = {
-        fit.mode: (_read_linear(fit.stiffness), _read_linear(fit.damping)) for fit in fits if _is_fitted_to(fit, modes)
+        fit.mode: (read_linear(fit.stiffness), read_linear(fit.damping)) for fit in fits if _is_fitted_to(fit, modes)
     }
     for system in systems:
         if _is_fitted_to(system.fit, modes):
             corrections |= {
-                mode: (_read_linear(law.stiffness), _read_linear(law.damping)) for mode, law in system.driven.items()
+                mode: (read_linear(law.stiffness), read_linear(law.damping)) for mode, law in system.driven.items()
             }
     joints = {fit.mode: fit.joint for fit in fits}
     for system in systems:
@@ -141,8 +140,8 @@ def make_model(
             laws[mode], joints[mode] = law.law, law.joint
             index = modes.index(mode)
             corrections[mode] = (
-                _read_linear(law.stiffness) - float(modes.stiffness()[index]),
-                _read_linear(law.damping) - float(modes.damping()[index]),
+                read_linear(law.stiffness) - float(modes.stiffness()[index]),
+                read_linear(law.damping) - float(modes.damping()[index]),
             )
     corrected = correct_modes(modes, corrections)
     return NonlinearModalModel(
@@ -344,11 +343,6 @@ def _is_fitted_to(fit: ModeFit, modes: LinearModes) -> bool:
     """Return whether a fit was made with the linear properties of these modes, so that its corrections hold here."""
     given = (modes.frequency_hz[fit.mode - 1], modes.damping_ratio[fit.mode - 1])
     return bool(np.allclose(given, (fit.frequency_hz, fit.damping_ratio), rtol=1e-9, atol=0.0))
-
-
-def _read_linear(coefficients: Mapping[int, Estimate]) -> float:
-    """Return the coefficient of the power 1, 0 where it was not fitted."""
-    return float(coefficients.get(1, Estimate()).value or 0.0)
 
 
 def _run_truth_tests(

@@ -107,7 +107,8 @@ def unit_of(letter: str, power: int) -> str:
 def unit_per_mass(letter: str, power: int, length: str = "m") -> str:
     """Return the unit of a coefficient per unit mass, (m/s^2) / m^n or (m/s^2) / (m/s)^n, in short.
 
-    The letter is "k" or "c", and the power n; with the length "rad" it is per unit of inertia.
+    The letter is "k" or "c", and the power n; with the length "rad" it is per unit of inertia, and a
+    motion in "strain" has that unit in the place of "m".
 
     >>> unit_per_mass("k", 1), unit_per_mass("k", 3), unit_per_mass("c", 1), unit_per_mass("c", 3)
     ('1/s^2', '1/(s^2 m^2)', '1/s', 's/m^2')
@@ -121,6 +122,11 @@ def unit_per_mass(letter: str, power: int, length: str = "m") -> str:
 
 def _raise_to(name: str, exponent: float) -> str:
     return name if exponent == 1 else f"{name}^{exponent:g}"
+
+
+def read_linear(coefficients: Mapping[int, Estimate]) -> float:
+    """Return the coefficient of the power 1, 0 where it was not fitted."""
+    return float(coefficients.get(1, Estimate()).value or 0.0)
 
 
 def withhold_negative(estimates: Mapping[int, Estimate], given: float = 0.0) -> dict[int, Estimate]:
@@ -146,7 +152,7 @@ def coefficient_rows(
 ) -> Iterator[SummaryRow]:
     """Yield the coefficients of a mode as rows of a summary: k1, k3, c1, ...
 
-    With a length, "m" or "rad", they are those of a sensor's motion, per unit of mass or inertia.
+    With a length, "m", "rad" or "strain", they are those of a sensor's motion, per unit of mass or inertia.
     """
     unit = partial(unit_per_mass, length=length) if length else unit_of
     for letter, estimates in (("k", stiffness), ("c", damping)):

@@ -7,16 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from opid.estimate import format_number, format_percent, rounded
+from opid.estimate import Estimate, format_number, format_percent, rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
 from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, build_warnings, write_options
-from opid.report.estimates import build_estimate_row, tabulate_estimates
+from opid.report.estimates import build_estimate_row, format_estimate, tabulate_estimates
 from opid.report.sketch import sketch_decay
 
-PER = {"": "", "m": ", per unit mass", "rad": ", per unit of inertia"}
+PER = {"": "", "m": ", per unit mass", "rad": ", per unit of inertia", "strain": ", per unit mass"}
 """What the force of the law is divided by, by the unit of the displacement."""
+
+AMPLITUDES = {"": "displacement", "m": "displacement", "rad": "angle", "strain": "strain"}
+"""What the amplitudes are of, likewise."""
 
 
 def build_document(decay: Decay) -> Document:
@@ -73,8 +76,8 @@ def _build_figure(decay: Decay) -> Figure:
 def _say_basis(decay: Decay) -> str:
     return (
         f"From {format_number(decay.start_s, 4)} to {format_number(decay.stop_s, 4)} s; amplitudes are of "
-        f"displacement. {format_percent(decay.residual_fraction, 2)} of the record (rms) is neither this mode nor what "
-        "was found beside it."
+        f"{AMPLITUDES[decay.length]}. {format_percent(decay.residual_fraction, 2)} of the record (rms) is neither "
+        "this mode nor what was found beside it."
     )
 
 
@@ -82,11 +85,8 @@ def _tabulate_repeats(decay: Decay, law: DecayLaw) -> Table:
     """Frequency and damping at zero amplitude of each repeat, and their scatter."""
     rows = []
     for each in decay.repeats:
-        values = (each.frequency_low_hz.value, each.damping_low.value)
-        hz, percent = (
-            None if value is None else factor * value for value, factor in zip(values, (1, 100), strict=True)
-        )
-        rows.append((each.name, "-" if hz is None else rounded(hz), "-" if percent is None else rounded(percent)))
+        at_zero = ((each.frequency_low_hz, 1.0), (each.damping_low, 100.0))
+        rows.append((each.name, *(format_estimate(*low)[0] for low in at_zero)))
     rows.append(("scatter", format_number(law.frequency_scatter_hz, 2), format_number(100 * law.damping_scatter, 2)))
     return Table(
         (Column("repeat", align="left"), Column("frequency at zero", "Hz"), Column("damping at zero", "%")),
@@ -108,17 +108,14 @@ def _tabulate_ends(decay: Decay) -> Table:
         (
             label,
             format_number(decay.amplitude[index], 4),
-            *_format_value(decay.frequency_hz[index], decay.frequency_std_hz[index]),
-            *_format_value(100 * decay.damping_ratio[index], 100 * decay.damping_std[index]),
+            *format_estimate(Estimate.normal(decay.frequency_hz[index], decay.frequency_std_hz[index])),
+            *format_estimate(Estimate.normal(decay.damping_ratio[index], decay.damping_std[index]), 100.0),
         )
         for label, index in (("largest", 0), ("smallest", -1))
     ]
     low, damping = decay.frequency_low_hz, decay.damping_low
     if low.value is not None:
-        percent = ("-", "-")
-        if damping.value is not None:
-            percent = _format_value(100 * damping.value, 100 * (damping.std or 0.0))
-        rows.append(("law, at zero", "0", *_format_value(low.value, low.std or 0.0), *percent))
+        rows.append(("law, at zero", "0", *format_estimate(low), *format_estimate(damping, 100.0)))
     return Table(columns, tuple(rows))
 
 
@@ -135,11 +132,6 @@ def _list_law_rows(decay: Decay) -> Iterator[Row]:
 def _name_joint(decay: Decay) -> str:
     terms = {"friction": " + friction sgn(x')", "slip": " + slip of an Iwan joint"}
     return "".join(terms.get(name, "") for name, _, _ in decay.list_joint())
-
-
-def _format_value(value: float, std: float) -> tuple[str, str]:
-    """A value and its standard deviation, with as many decimals as that leaves."""
-    return rounded(float(value), float(std)), rounded(float(std), float(std))
 
 
 def _write_command(settings: Mapping[str, Any]) -> list[str]:

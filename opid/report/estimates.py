@@ -32,6 +32,16 @@ def build_estimate_row(label: str, unit: str, estimate: Estimate, true: float | 
     return (label, rounded(estimate.value, std), rounded(std, std), between, unit, known, error, is_inside)
 
 
+def format_estimate(estimate: Estimate, factor: float = 1.0) -> tuple[str, str]:
+    """Return a value and its standard deviation, times a factor; a dash where there is none.
+
+    >>> format_estimate(Estimate.normal(0.00418, 0.00005), 100.0), format_estimate(Estimate.normal(119.609))
+    (('0.4180', '0.0050'), ('119.6', '-'))
+    """
+    value, std = (None if each is None else factor * each for each in (estimate.value, estimate.std))
+    return rounded(value, std), rounded(std, std)
+
+
 def tabulate_estimates(rows: Iterable[Row], truth: Truth | None = None, title: str = "", legend: str = "") -> Table:
     """Return a table of rows by `build_estimate_row` and of headings; with a truth it shows that, and no std. dev.
 

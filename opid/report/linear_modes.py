@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from opid.errors import list_names
-from opid.estimate import Estimate, format_number, format_percent, rounded
+from opid.estimate import format_number, format_percent, rounded
 from opid.modal.linear.fitted_modes import FittedModes
 from opid.modal.linear.frequency_response import cmif, weigh_response
 from opid.modal.linear.modes import ACCELERATION
 from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings
+from opid.report.estimates import format_estimate
 
 MODES_IN_A_TABLE = 5
 """Shapes beside each other, in 80 columns."""
@@ -51,11 +52,11 @@ def build_document(result: FittedModes) -> Document:
 def _say_basis(result: FittedModes) -> str:
     n_averages = ", ".join(f"{each.n_averages:g}" for each in result.responses)
     left = ", ".join(format_percent(each, 2) for each in result.unexplained)
-    delay, std = result.delay_s.value or 0.0, result.delay_s.std or 0.0
+    delay, std = format_estimate(result.delay_s, 1e6)
     return (
         f"From {n_averages} record(s) and {len(result.sensors)} sensors; the modes leave {left} of the responses (rms) "
-        f"in the band. The accelerations come {rounded(1e6 * delay, 1e6 * std)} µs after the force (standard deviation "
-        f"{rounded(1e6 * std, 1e6 * std)} µs), which is fitted."
+        f"in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} µs); it "
+        "is fitted."
     )
 
 
@@ -80,12 +81,7 @@ def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
 def _list_rows(result: FittedModes) -> Iterator[Row]:
     columns = zip(result.frequency_hz, result.damping_ratio, result.modal_mass_kg, strict=True)
     for number, (frequency, damping, mass) in enumerate(columns, start=1):
-        yield (str(number), *_format(frequency), *_format(damping, 100.0), *_format(mass))
-
-
-def _format(estimate: Estimate, factor: float = 1.0) -> tuple[str, str]:
-    value, std = factor * (estimate.value or 0.0), factor * (estimate.std or 0.0)
-    return rounded(value, std), rounded(std, std)
+        yield (str(number), *format_estimate(frequency), *format_estimate(damping, 100.0), *format_estimate(mass))
 
 
 def _build_figure(result: FittedModes) -> Figure:

@@ -40,7 +40,7 @@ from opid.report.document import (
     format_count,
     write_options,
 )
-from opid.report.estimates import build_estimate_row, tabulate_estimates
+from opid.report.estimates import build_estimate_row, format_estimate, tabulate_estimates
 from opid.report.sketch import sketch_modes
 from opid.result import SummaryRow
 
@@ -124,13 +124,11 @@ def _tabulate_modes(result: ModalIdentification) -> Table:
 
 
 def _say_delays(result: ModalIdentification) -> str:
-    told = [
-        f"{format_number(1e6 * fit.delay_s.value, 3)} us (mode {fit.mode}, standard deviation "
-        f"{format_number(1e6 * float(fit.delay_s.std or 0.0), 2)} us)"
-        for fit in result.fits
-        if fit.delay_s.value is not None
-    ]
-    return f" The accelerations come after the forces by {list_names(told)}." if told else ""
+    told = []
+    for fit in result.fits:
+        value, std = format_estimate(fit.delay_s, 1e6)
+        told += [f"{value} µs (mode {fit.mode}, standard deviation {std} µs)"] if fit.delay_s.value is not None else []
+    return f" The delay of the accelerations after the forces is {list_names(told)}." if told else ""
 
 
 def _tabulate_shifts(result: ModalIdentification) -> Table:

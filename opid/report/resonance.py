@@ -190,7 +190,7 @@ def _tabulate_curves(result: Resonance) -> Table:
         for each in result.curve_fits
     )
     by = (
-        "the records and transients, which have not seen the curves"
+        "the records and transients, which have not seen the curves,"
         if any(each.is_prediction for each in result.curve_fits)
         else "the curves themselves"
     )

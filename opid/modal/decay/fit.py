@@ -288,7 +288,10 @@ def _fit_forms(
             if not form.is_possible(fit.vector):
                 raise NotDeterminedError("the fitted law has no stiffness at zero amplitude: lower the orders")
             if not form.is_determined(fit.vector, np.sqrt(np.diag(fit.covariance))):
-                raise NotDeterminedError("the decay does not show the friction or the slip of the joint: leave it out")
+                raise NotDeterminedError(
+                    "the decay does not determine the friction or the slip of the joint that its curves suggest: give "
+                    "a damping_order, which leaves them out"
+                )
             fits.append(fit)
         except NotDeterminedError as why:
             failed = failed or why

@@ -29,6 +29,9 @@ Quantity = Literal["displacement", "velocity", "acceleration"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 """The index of each is the number of its derivative of the displacement."""
 UNITS = ("m", "m/s", "m/s^2")
+Length = Literal["m", "rad", "strain"]
+LENGTHS: tuple[Length, ...] = get_args(Length)
+"""Units that take the place of "m" in `UNITS`: an angle or a strain is as good as a length."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,13 +46,13 @@ class Decay(Result):
         frequency_std_hz: (n,) standard deviation of the frequency, Hz.
         damping_ratio: (n,) damping ratio c / (2 omega) at these amplitudes.
         damping_std: (n,) standard deviation of the damping ratio.
-        amplitude_unit: "m kg^1/2" in modal coordinates, "m" or "rad" for a raw channel.
+        amplitude_unit: "m kg^1/2" in modal coordinates, "m", "rad" or "strain" for a raw channel.
         start_s: start of the decay that was used, s from the first sample.
         stop_s: end of the decay that was used, s from the first sample.
         time_s: (m,) times of the points that are plotted, s.
         signal: (m,) the record as given, in `signal_unit`.
         envelope: (m,) amplitude of the fundamental in the same unit; nan outside the stretch that was used.
-        signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s", "m/s^2", or the same of "rad".
+        signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s", "m/s^2", or the same of "rad" or "strain".
         law: restoring force of the powers 2 and up, per unit mass (modal force in modal coordinates); None if no law
             was found.
         stiffness: k_n by its power n, where 1 is k0, per unit mass.
@@ -109,7 +112,7 @@ class Decay(Result):
 
     @property
     def length(self) -> str:
-        """Unit of the displacement of a sensor, "m" or "rad"; "" in modal coordinates."""
+        """Unit of the displacement of a sensor, "m", "rad" or "strain"; "" in modal coordinates."""
         return self.amplitude_unit if self.mode is None else ""
 
     def list_joint(self) -> list[tuple[str, Estimate, str]]:
@@ -210,7 +213,7 @@ def free_decay(
     damping_order: int | None = None,
     friction: bool | None = None,
     memory: bool | None = None,
-    length: Literal["m", "rad"] = "m",
+    length: Length = "m",
     name: str = "decay",
     mode: int | None = None,
 ) -> Decay:
@@ -223,7 +226,7 @@ def free_decay(
         samples: (n,) the signal, in SI units.
         fs: sampling rate, Hz.
         quantity: "acceleration", "velocity" or "displacement".
-        length: unit of the displacement: "m", or "rad" for an angle.
+        length: unit of the displacement: "m", "rad" for an angle, or "strain" for a strain gauge.
         near_hz: frequency of the mode, within a tenth, Hz; where None, the strongest mode that decays is taken.
         band_hz: band of the mode, Hz, instead of `near_hz`.
         start_s: start of the free decay, s from the first sample; found where None.
@@ -425,7 +428,7 @@ def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
     if track.residual_fraction > MODAL.most_residual:
         yield (
             f"{100 * track.residual_fraction:.0f} % of the record is neither this mode nor a neighbour that was found: "
-            "the mode is weak beside noise and other modes; excite it more strongly, or narrow the band"
+            "the mode is weak beside noise and other modes; excite it more strongly, or choose another sensor"
         )
     log_std = np.sqrt(np.diag(track.covariance)[: amplitude.size])
     if (np.diff(np.log(amplitude)) > 0.1 + 5.0 * np.maximum(log_std[1:], log_std[:-1])).any():

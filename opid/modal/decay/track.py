@@ -98,7 +98,8 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
         except NotDeterminedError:
             raise NotDeterminedError(
                 f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be "
-                "separated in one signal: separate them with several sensors (a modal filter)"
+                "separated in one signal: separate them with several sensors (a modal filter); if it is one mode whose "
+                "frequency moves fast, begin later with start_s"
             ) from None
     return _make_track(part, windows, reference, neighbours, close, stretch, fs)
 

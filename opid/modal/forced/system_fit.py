@@ -32,7 +32,7 @@ from opid.modal.forced.simulated_fit import (
 from opid.modal.forced.system import System, make_system
 from opid.modal.joint_terms import JointTerms, ModalJoint, make_joint
 from opid.modal.linear.modes import ModalTest
-from opid.modal.power_laws import coefficients_json, make_fitted_law
+from opid.modal.power_laws import coefficients_json, make_fitted_law, read_linear
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
@@ -306,17 +306,14 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
 
     curves = []
     for curve, force, corrected in (
-        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0)),
-        (fit.damping_curve, damping_force, values.damping.get(1, 0.0)),
+        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0) - read_linear(fit.stiffness)),
+        (fit.damping_curve, damping_force, values.damping.get(1, 0.0) - read_linear(fit.damping)),
     ):
         at = curve.position
         slopes = differentiate(lambda own, at=at, force=force: force(at, own), vector)  # type: ignore[misc]
         half = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
         middle = force(at, vector)
-        before = float(fit.stiffness[1].value or 0.0) if curve is fit.stiffness_curve and 1 in fit.stiffness else 0.0
-        if curve is fit.damping_curve and 1 in fit.damping:
-            before = float(fit.damping[1].value or 0.0)
-        linear = curve.linear + (corrected - before) * at
+        linear = curve.linear + corrected * at
         curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
     viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
     damping = viscous + linearised(c, values.damping.values(), omega * amplitude)

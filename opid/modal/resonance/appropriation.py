@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError
+from opid.estimate import format_percent
 from opid.mechanics.rig import Rig, find_harmonics
 from opid.mechanics.structure import ComplexArray, modal_assurance
 from opid.modal.linear.frequency_response import accelerance
@@ -410,18 +411,20 @@ def _describe_interaction(found: Interaction, locked: NDArray[np.bool_], least_l
         least_mac = np.floor(100.0 * found.mac[held].min()) / 100.0
         return (
             f"Mode {found.target} drives mode {found.mode}: from level {found.first_level} on, at "
-            f"{int(held.sum())} of {n} levels, {name} exceeds {found.least_fraction:.0%} of the fundamental of mode "
-            f"{found.target} (up to {found.fraction[held].max():.0%}), the deflection has its shape (MAC of "
-            f"{least_mac:.2f} or more, with other modes {found.mac_of_others[held].max():.2f} at most), and the force "
-            f"can have driven {found.driven_fraction[held].max():.1%} of it at most."
+            f"{int(held.sum())} of {n} levels, {name} exceeds {format_percent(found.least_fraction, 2)} of the "
+            f"fundamental of mode {found.target} (up to {format_percent(found.fraction[held].max(), 2)}), the "
+            f"deflection has its shape (MAC of {least_mac:.2f} or more, with other modes "
+            f"{found.mac_of_others[held].max():.2f} at most), and the force can have driven "
+            f"{format_percent(found.driven_fraction[held].max(), 2)} of it at most."
         )
     at = int(np.argmax(np.where(locked, found.fraction, -1.0)))
     return (
         f"No interaction is seen: of all harmonics 2 to {N_HARMONICS} of the other modes at {int(locked.sum())} "
-        f"{held_word} levels, {name} comes to {found.fraction[at]:.0%} of the fundamental of mode {found.target} at "
-        f"level {at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have "
-        f"driven {found.driven_fraction[at]:.0%} of it; needed are more than {found.least_fraction:.0%}, a MAC of "
-        f"{found.least_assurance:g} and at most {found.most_driven:.0%}, at {least_levels} levels."
+        f"{held_word} levels, {name} comes to {format_percent(found.fraction[at], 2)} of the fundamental of mode "
+        f"{found.target} at level {at + 1}, its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the "
+        f"force can have driven {format_percent(found.driven_fraction[at], 2)} of it; needed are more than "
+        f"{format_percent(found.least_fraction, 2)}, a MAC of {found.least_assurance:g} and at most "
+        f"{format_percent(found.most_driven, 2)}, at {least_levels} levels."
     )
 
 
