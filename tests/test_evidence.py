@@ -272,7 +272,7 @@ def test_in_a_steep_corner_chains_are_given_the_width_of_the_slopes():
 
 
 def test_a_steep_density_that_curves_upward_at_its_bound_has_the_width_of_its_slope():
-    """log p = a (t - 1) + b (t - 1)^2 up to 1, as of a law far from the data: it falls off over 1 / a, whatever b is."""
+    """log p = a (t - 1) + b (t - 1)^2 up to 1, of a law far from the data: it falls off over 1 / a, whatever b."""
     a, b = 1e6, 4e8
     density = within(lambda t: (a * (t - 1) + b * (t - 1) ** 2).sum(axis=1), [(0.999, 1.0)])
     peak = maximum_a_posteriori(density, [0.9999], support=[(0.999, 1.0)])

@@ -14,6 +14,7 @@ from opid.studies.study_file import read_study, write_study
 from opid.updating.checks import nominal_modes
 from opid.updating.measured import write_backbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
+from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import write_structure
 from opid.updating.structure.reduction import reduce
 
@@ -314,6 +315,11 @@ def test_one_mode_is_its_frequency_and_its_mass(modal):
     # 4 kg: a unit of the modal coordinate moves sensor and joint by half a metre
     assert (found.at_sensors.tolist(), found.at_joints.tolist()) == ([[0.5]], [[0.5]])
     assert (found.sensors, found.joints) == (("tip",), ("spring",))
+    # as the matrices of this mass on its spring to the ground
+    spring = 4 * (2 * np.pi * 25) ** 2
+    mass = reduce(AffineStructure([[4.0]], [[spring]], {}, ("tip",), ("tip",), {"spring": ("tip",)}), n_modes=0)
+    for name in ("eigenvalue", "at_sensors", "at_joints"):
+        np.testing.assert_allclose(np.abs(getattr(mass, name)), getattr(found, name), rtol=1e-12)
 
 
 def test_what_is_written_of_a_joint_to_the_ground_is_read_back(place):

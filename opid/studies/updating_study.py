@@ -22,7 +22,7 @@ from opid.studies.schema import Document, collect_faults, derive_record, format_
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
-from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
+from opid.updating.measured import MeasuredBackbone, read_backbone, read_result_backbones, write_backbone
 from opid.updating.model_class import Family, ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure, find_joint_rows, name_faults
 from opid.updating.structure.matrices_file import checked_structure, write_structure
@@ -252,12 +252,15 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         structure, wrong = _read_structure(study.structure, source.parent)
         files += _list_files(study.structure, source.parent)
         faults += [f"[structure]: {fault}" for fault in wrong]
-    backbones = []
+    backbones: list[MeasuredBackbone] = []
+    noise = study.noise
     alike: dict[str, list[str]] = {}
     for entry in study.backbones or ():
         say(entry.file)
         try:
-            backbones.append(_read_backbone(entry, study.log, source.parent, structure))
+            curves, error = _read_backbones(entry, study.log, source.parent, structure)
+            backbones += curves
+            noise = replace(noise, point_noise=max(noise.point_noise, error))
         except InputError as error:
             file = str(source.parent / entry.file)
             alike.setdefault(str(error).removeprefix(f"{file}: "), []).append(file)
@@ -275,7 +278,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         backbones=tuple(replace(each, files=(*beside, *each.files)) for each in backbones),
         classes=tuple(each.model for each in study.classes),
         parameters=parameters,
-        noise=study.noise,
+        noise=noise,
         source=source,
         **vars(study.settings),
     )
@@ -370,17 +373,22 @@ def _read_jointed_modes(
     return None, faults
 
 
-def _read_backbone(
+def _read_backbones(
     entry: _Backbone, log: _Log | None, directory: Path, structure: AffineStructure | JointedModes | None
-) -> MeasuredBackbone:
-    return read_backbone(
-        directory / entry.file,
-        mode=entry.mode,
-        controlled_sensor=str(entry.controlled_sensor),
-        sensors=None if structure is None else structure.sensors,
-        unit=log.unit if entry.unit is None and log else entry.unit,
-        name=entry.name,
-    )
+) -> tuple[list[MeasuredBackbone], float]:
+    """Return the backbones of a file, and the error of a frequency that it states, as a fraction; 0 of a CSV file."""
+    file, sensor = directory / entry.file, str(entry.controlled_sensor)
+    sensors = None if structure is None else structure.sensors
+    if file.suffix.lower() == ".json":
+        if entry.unit is not None:
+            raise InputError("a result.json is in SI units: leave 'unit' out")
+        modes = structure if isinstance(structure, JointedModes) else None
+        return read_result_backbones(
+            file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, modes=modes, name=entry.name
+        )
+    unit = log.unit if entry.unit is None and log else entry.unit
+    curve = read_backbone(file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, unit=unit, name=entry.name)
+    return [curve], 0.0
 
 
 def find_spring(text: str) -> str:
