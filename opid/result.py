@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from opid.errors import require
+from opid.errors import InputError, require
 from opid.estimate import Estimate, rounded, with_std
 from opid.provenance import ReadFile
 
 if TYPE_CHECKING:
     import pandas
+
+RESULT_FILE = "result.json"
 
 MOST_ROWS = 7
 """Numbers in the short summary; `Result.summary` has all of them."""
@@ -135,3 +139,27 @@ def _build_html_row(tag: str, cells: Sequence[str]) -> str:
 def _shorten_text(text: str, width: int = 100) -> str:
     text = " ".join(text.split())
     return text if len(text) <= width else f"{text[: width - 3]}..."
+
+
+def load_document(path: Path, commands: Mapping[str, str]) -> dict[str, Any]:
+    """Return the content of a result.json.
+
+    Args:
+        path: the file.
+        commands: the command of opid that writes it, by the schema; several where any of them will do.
+
+    Raises:
+        InputError: it cannot be read, or is the result of no such command.
+    """
+    advice = f"give the {RESULT_FILE} of {' or '.join(f'`opid {each}`' for each in commands.values())}"
+    try:
+        document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
+    except ValueError as error:
+        raise InputError(f"{path} is no JSON: {advice}") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema not in commands:
+        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
+        raise InputError(f"{path} {has} where {' or '.join(map(repr, commands))} is needed: {advice}")
+    return document

@@ -269,3 +269,13 @@ def test_in_a_steep_corner_chains_are_given_the_width_of_the_slopes():
     settings = {"covariance": peak.covariance_inside, "n_samples": 2000, "n_warm_up": 500, "rng": rng}
     samples = metropolis(density, start, **settings).pooled
     np.testing.assert_allclose(samples.mean(axis=0) - [0.2, 0.3], 1 / slopes, rtol=0.15)
+
+
+def test_a_steep_density_that_curves_upward_at_its_bound_has_the_width_of_its_slope():
+    """log p = a (t - 1) + b (t - 1)^2 up to 1, of a law far from the data: it falls off over 1 / a, whatever b."""
+    a, b = 1e6, 4e8
+    density = within(lambda t: (a * (t - 1) + b * (t - 1) ** 2).sum(axis=1), [(0.999, 1.0)])
+    peak = maximum_a_posteriori(density, [0.9999], support=[(0.999, 1.0)])
+    assert peak.theta.tolist() == [1.0]
+    assert peak.hessian[0, 0] == pytest.approx(2 * b, rel=1e-3)
+    assert np.sqrt(peak.covariance_inside[0, 0]) == pytest.approx(1 / a, rel=0.1)

@@ -8,6 +8,7 @@ from scipy.io import mmwrite, savemat
 from opid.errors import InputError
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import read_structure, write_structure
+from opid.updating.structure.reduction import craig_bampton
 
 N_DOF = 6
 DOFS = tuple(f"{node} UX" for node in range(1, N_DOF + 1))
@@ -145,7 +146,8 @@ BAD = [
     ({"sensors": None}, "no sensor is named"),
     ({"joints": np.array([["link", "2 UX", "5 UY"]])}, "joint 'link' names the degree of freedom '5 UY'"),
     ({"joints": np.array([["link", "2 UX", "2 UX"]])}, "between '2 UX' and itself"),
-    ({"joints": np.array([["link", "2 UX"]])}, r"the joint 'link' lies between \['2 UX'\]: name two"),
+    ({"joints": np.array([["link", "2 UX", "3 UX", "5 UX"]])}, "joint 'link' has 3 ends: name the two between which"),
+    ({"joints": np.array([["foot", "2 UY"]])}, "joint 'foot' names the degree of freedom '2 UY'"),
     ({"joints": np.array([["a", "2 UX", "5 UX"], ["a", "1 UX", "5 UX"]])}, "two joints are called 'a'"),
     ({"dofs": np.array(DOFS[:5])}, "names 5 degrees of freedom, the matrices have 6"),
     ({"dofs": np.array([*DOFS[:5], "1 UX"])}, "called '1 UX'"),
@@ -218,6 +220,20 @@ def test_bad_files_are_told(tmp_path):
             read_structure(source)
 
 
+def test_a_joint_to_the_ground_has_one_end(tmp_path):
+    """From a table, from rows with or without a column for the other end, and from the file that is written."""
+    rows = np.array([["link", "2 UX", "5 UX"], ["foot", "3 UX", ""]])
+    found = read_structure(npz(tmp_path, joints=rows))
+    assert dict(found.joints) == {"link": ("2 UX", "5 UX"), "foot": ("3 UX",)}
+    np.testing.assert_array_equal(found.joint_rows, [[0, -1, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0]])
+    write_structure(tmp_path / "again.npz", found)
+    assert read_structure(tmp_path / "again.npz").joints == found.joints
+    assert read_structure(npz(tmp_path), joints={"foot": "3 UX"}).joints == {"foot": ("3 UX",)}
+    assert read_structure(npz(tmp_path, joints=rows[1:, :2])).joints == {"foot": ("3 UX",)}
+    # the reduced structure keeps the end as a coordinate
+    assert "3 UX" in craig_bampton(found, n_modes=1).boundary
+
+
 def test_bad_labels_and_names_are_told(tmp_path):
     file = npz(tmp_path)
     (tmp_path / "few.csv").write_text("1 UX\n")
@@ -230,7 +246,10 @@ def test_bad_labels_and_names_are_told(tmp_path):
         ({"dofs": tmp_path / "gone.txt"}, "there is no file"),
         ({"parameters": ["e"]}, "no matrix 'part_e' for the parameter 'e'"),
         ({"sensors": "1 UX"}, "sensors is the text '1 UX': give a list"),
-        ({"joints": {"link": "2 UX"}}, "joint 'link' lies between"),
+        (
+            {"joints": {"link": []}},
+            "joint 'link' has 0 ends: name the two between which it lies, or one for the ground",
+        ),
     ]:
         with pytest.raises(InputError, match=message):
             read_structure(file, **settings)

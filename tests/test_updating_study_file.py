@@ -7,12 +7,16 @@ import pytest
 from made_chain import DOFS, curve_of, small_chain
 
 from opid.errors import InputError
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes_file import write_modes
 from opid.provenance import read_file
 from opid.studies.study_file import read_study, write_study
 from opid.updating.checks import nominal_modes
 from opid.updating.measured import write_backbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
+from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import write_structure
+from opid.updating.structure.reduction import reduce
 
 STUDY = """
 title = "A chain"
@@ -253,3 +257,101 @@ def test_what_cannot_be_written_is_refused(place):
     modes = nominal_modes(study.structure, 4)
     with pytest.raises(InputError, match="needs its matrices"):
         write_study(replace(study, structure=modes, parameters={}), place / "x.toml")
+
+
+# ---- structures by their modes ----------------------------------------------------------------------
+
+MODES = """
+[structure]
+modes = "modes.npz"
+[structure.joints]
+end = ["c", "tip"]
+foot = "a"
+[[backbones]]
+file = "first.csv"
+mode = 1
+controlled_sensor = "tip"
+[[classes]]
+law = "cubic"
+scale = 6.8e7
+"""
+ONE_MODE = MODES.replace('modes = "modes.npz"', 'frequency_hz = 25\nmodal_mass_kg = 4\nsensors = ["tip"]')
+ONE_MODE = ONE_MODE.replace('end = ["c", "tip"]\nfoot = "a"', 'spring = "tip"')
+
+
+@pytest.fixture
+def modal(place):
+    """The same directory with the modes of the chain in modes.npz, and the backbone of one mass in tip.csv."""
+    modes = nominal_modes(small_chain(), 4)
+    write_modes(LinearModes(modes.frequency_hz, np.full(4, 0.01), modes.at_sensors, DOFS), place / "modes.npz")
+    (place / "tip.csv").write_text("frequency_hz,tip [mm]\n25,0.1\n25.2,0.5\n25.9,1\n", encoding="utf-8")
+    return place
+
+
+def test_the_modes_of_a_structure_are_worth_its_matrices(modal):
+    by_modes = study_of(modal, MODES)
+    text = STUDY.replace('end = ["c", "tip"]', 'end = ["c", "tip"]\nfoot = "a"').replace('["E"]', "[]")
+    by_matrices = study_of(modal, text.replace('[structure.priors]\nE = ["lognormal", 1, 0.3]\n', ""))
+    one, other = by_modes.structure, reduce(by_matrices.structure, n_modes=0)
+    assert (one.sensors, one.joints) == (other.sensors, other.joints) == (DOFS, ("end", "foot"))
+    np.testing.assert_allclose(one.eigenvalue, other.eigenvalue, rtol=1e-12)
+    # a shape has no sign of its own
+    for seen in ("at_joints", "at_sensors"):
+        pairs = [np.einsum("im,jm->ijm", each, each) for each in (getattr(one, seen), getattr(other, seen))]
+        np.testing.assert_allclose(*pairs, atol=1e-12)
+    assert [file.name for file in by_modes.backbones[0].files[1:]] == [
+        str(modal / n) for n in ("modes.npz", "first.csv")
+    ]
+    chosen = study_of(
+        modal, MODES.replace("[structure.joints]", 'sensors = ["tip", "c", "b", "a"]\n[structure.joints]')
+    )
+    np.testing.assert_array_equal(chosen.structure.at_sensors, one.at_sensors[::-1])
+    np.testing.assert_array_equal(chosen.structure.at_joints, one.at_joints)
+
+
+def test_one_mode_is_its_frequency_and_its_mass(modal):
+    found = study_of(modal, ONE_MODE.replace("first.csv", "tip.csv")).structure
+    assert found.frequency_hz == pytest.approx([25.0])
+    # 4 kg: a unit of the modal coordinate moves sensor and joint by half a metre
+    assert (found.at_sensors.tolist(), found.at_joints.tolist()) == ([[0.5]], [[0.5]])
+    assert (found.sensors, found.joints) == (("tip",), ("spring",))
+    # as the matrices of this mass on its spring to the ground
+    spring = 4 * (2 * np.pi * 25) ** 2
+    mass = reduce(AffineStructure([[4.0]], [[spring]], {}, ("tip",), ("tip",), {"spring": ("tip",)}), n_modes=0)
+    for name in ("eigenvalue", "at_sensors", "at_joints"):
+        np.testing.assert_allclose(np.abs(getattr(mass, name)), getattr(found, name), rtol=1e-12)
+
+
+def test_what_is_written_of_a_joint_to_the_ground_is_read_back(place):
+    study = study_of(place, STUDY.replace('end = ["c", "tip"]', 'end = ["c", "tip"]\nfoot = "a"'))
+    (place / "again").mkdir()
+    write_study(study, place / "again" / "study.toml")
+    assert read_study(place / "again" / "study.toml").structure.joints == {"end": ("c", "tip"), "foot": ("a",)}
+
+
+@pytest.mark.parametrize(
+    ("text", "change", "by", "words"),
+    [
+        (MODES, '"tip"]', '"top"]', "joint 'end' names the sensor of the modes 'top', which does not exist: did you"),
+        (MODES, '"c", "tip"', '"tip", "tip"', "joint 'end' lies between 'tip' and itself"),
+        (MODES, '"a"', "[]", "'foot' in [structure.joints] is [], give the two degrees of freedom"),
+        (MODES, "modes.npz", "mods.npz", "there is no file of modes"),
+        (MODES, 'end = ["c", "tip"]\nfoot = "a"', "", "the structure has no joint, name the two"),
+        (MODES, 'modes = "modes.npz"', "", "[structure]: it has neither matrices nor modes: give one of"),
+        (MODES, "[structure]", '[structure]\nmatrices = "m.npz"', "it has matrices and modes: give one"),
+        (MODES, "[structure]", "[structure]\ninternal_modes = 3", "'internal_modes' belongs to matrices"),
+        (MODES, "[structure]", '[structure]\nparameters = ["E"]', "the structure is given by its modes"),
+        (MODES, 'sensor = "tip"', 'sensor = "tap"', "'tap', which is not one of its sensors: did you mean"),
+        (MODES, "mode = 1", "mode = 7", "of mode 7 begins at"),
+        (ONE_MODE, "modal_mass_kg = 4\n", "", "'frequency_hz' and 'modal_mass_kg' of one mode belong together"),
+        (ONE_MODE, "= 4", "= -4", "modal_mass_kg is -4"),
+        (ONE_MODE, "frequency_hz = 25", "frequency_hz = 0", "frequency_hz is 0"),
+        (ONE_MODE, '["tip"]', '["tip", "top"]', "is seen by one sensor: give its name"),
+        (ONE_MODE, 'spring = "tip"', 'spring = "top"', "joint 'spring' names the sensor of the modes 'top'"),
+        (ONE_MODE, "frequency_hz = 25", "frequency_hz = 2500", "far from any mode of the structure"),
+    ],
+)  # fmt: skip
+def test_modes_that_do_not_fit_are_refused(modal, text, change, by, words):
+    told = refused(modal, text.replace("first.csv", "tip.csv" if text is ONE_MODE else "first.csv").replace(change, by))
+    assert words in told
+    assert "faults" not in told

@@ -18,9 +18,10 @@ from opid.campaigns.campaign_file import IdentifyOptions, PlannedFlight
 from opid.errors import InputError, NotDeterminedError
 from opid.json_values import json_text, plain
 from opid.provenance import ReadFile, read_file, traced
+from opid.result import RESULT_FILE
 from opid.signals.files import make_directory, write_together, write_whole
 from opid.suspensions.flights.campaign import Outcome, Verdict
-from opid.suspensions.flights.result_file import RESULT_FILE, read_flight
+from opid.suspensions.flights.result_file import read_flight
 
 OUTCOME_FILE = "outcome.json"
 _BEGUN_FILE = "begun.json"

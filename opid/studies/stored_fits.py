@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from opid.errors import InputError
+from opid.result import RESULT_FILE
 from opid.studies.schema import read_tables
 from opid.suspensions.answer.stored_fit import StoredFit
-from opid.suspensions.flights.result_file import RESULT_FILE, load_result
+from opid.suspensions.flights.result_file import load_result
 
 
 @dataclass(frozen=True)

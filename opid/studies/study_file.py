@@ -157,13 +157,15 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     **Backbones** (`UpdatingStudy`): `title`, `form` (of the likelihood), a table `[structure]`, one table
     `[[backbones]]` for each curve and one `[[classes]]` for each candidate law. `[structure]` gives `matrices` (a file,
     or a table with one for each matrix, see `read_structure`), `sensors` (degrees of freedom), `[structure.joints]`
-    (name = [one end, other end]), `dofs` (their names), `parameters` (factors of the linear structure to update; the
-    structure is taken as it is where left out) and `[structure.priors]` (name = ["uniform", low, high]). A backbone
-    gives `file` (see `read_backbone`), `mode` (from 1, rigid ones count), `controlled_sensor`, and optionally `name`
-    and `unit`; `[log]` may give the `unit` of all. A class gives `law` (kinds of spring, joined by +), `scale` (one for
-    all terms or one each, in SI units or with the unit in a text), and optionally `name` and `prior`. `[sampling]` may
-    give `sampler`, `samples` and `seed`; `[noise]` the fields of `NoiseSettings`; `harmonics` stands beside the tables,
-    `internal_modes` in `[structure]`.
+    (name = [one end, other end], or the only end of a joint to the ground), `dofs` (their names), `parameters` (factors
+    of the linear structure to update; the structure is taken as it is where left out) and `[structure.priors]` (name =
+    ["uniform", low, high]); or instead of matrices `modes` (a file, see `read_modes`), or `frequency_hz` and
+    `modal_mass_kg` of one mode that one of `sensors` sees. A backbone gives `file` (see `read_backbone`, and
+    `read_result_backbones` for a result.json), `mode` (from 1, rigid ones count), `controlled_sensor`, and optionally
+    `name` and `unit`; `[log]` may give the `unit` of all. A class gives `law` (kinds of spring, joined by +), `scale`
+    (one for all terms or one each, in SI units or with the unit in a text), and optionally `name` and `prior`.
+    `[sampling]` may give `sampler`, `samples` and `seed`; `[noise]` the fields of `NoiseSettings`; `harmonics` stands
+    beside the tables, `internal_modes` in `[structure]`.
 
     Args:
         path: a TOML file.

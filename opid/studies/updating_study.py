@@ -8,8 +8,13 @@ from dataclasses import astuple, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from opid.errors import InputError, nearest, refuse
+import numpy as np
+
+from opid.errors import InputError, nearest, refuse, require_positive
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.kinds import LAWS, Parameter
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes_file import read_modes
 from opid.progress import Say
 from opid.provenance import read_file
 from opid.signals.units import to_si
@@ -17,9 +22,9 @@ from opid.studies.schema import Document, collect_faults, derive_record, format_
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
-from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
+from opid.updating.measured import MeasuredBackbone, read_backbone, read_result_backbones, write_backbone
 from opid.updating.model_class import Family, ModelClass, Prior, UncertainTerm
-from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.affine import AffineStructure, find_joint_rows, name_faults
 from opid.updating.structure.matrices_file import checked_structure, write_structure
 from opid.updating.study import UpdatingSettings, UpdatingStudy
 
@@ -35,7 +40,10 @@ _PER_METRE = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254}
 _FORCE = {"": 1.0, "k": 1e3, "M": 1e6}
 
 _Dof = str | int
-_Ends = Annotated[tuple[_Dof, _Dof], "the two degrees of freedom that the joint lies between"]
+_Ends = Annotated[
+    _Dof | tuple[_Dof, _Dof],
+    "the two degrees of freedom that the joint lies between, or the one of a joint to the ground",
+]
 
 
 def _derive_settings(*names: str) -> Any:
@@ -45,14 +53,44 @@ def _derive_settings(*names: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Structure:
-    matrices: Annotated[str | Mapping[str, str], "the name of a file in quotes, or a table with one for each matrix"]
+class _Factors:
+    parameters: tuple[_Dof, ...] = ()
+    priors: Mapping[str, PriorRow] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Structure(_Factors):
+    matrices: Annotated[
+        str | Mapping[str, str] | None, "the name of a file in quotes, or a table with one for each matrix"
+    ] = None
+    modes: Annotated[str | None, "the name of a file of modes in quotes"] = None
+    frequency_hz: float | None = None
+    modal_mass_kg: float | None = None
     dofs: Annotated[str | tuple[_Dof, ...] | None, "the name of a file in quotes, or a list of names"] = None
     sensors: Annotated[tuple[_Dof, ...] | None, "a list of degrees of freedom"] = None
     internal_modes: int | None = None
-    parameters: tuple[_Dof, ...] = ()
     joints: Annotated[Mapping[str, _Ends] | None, 'a table of joints, each with its two ends like ["9", "10"]'] = None
-    priors: Mapping[str, PriorRow] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        ways = {"matrices": self.matrices, "modes": self.modes, "frequency_hz": self.frequency_hz}
+        stated = [name for name, value in ways.items() if value is not None]
+        if len(stated) != 1:
+            raise InputError(
+                f"it has {' and '.join(stated) or 'neither matrices nor modes'}: give one of 'matrices', 'modes' (a "
+                "file), or 'frequency_hz' with 'modal_mass_kg' and one sensor"
+            )
+        if (self.modal_mass_kg is None) != (self.frequency_hz is None):
+            raise InputError("'frequency_hz' and 'modal_mass_kg' of one mode belong together: give both or neither")
+        for name in ("frequency_hz", "modal_mass_kg"):
+            if (value := getattr(self, name)) is not None:
+                require_positive(name, value)
+        if self.frequency_hz is not None and len(self.sensors or ()) != 1:
+            raise InputError(
+                "the mode of 'frequency_hz' is seen by one sensor: give its name, like sensors = [\"tip\"]"
+            )
+        for name in ("dofs", "internal_modes"):
+            if self.matrices is None and getattr(self, name) is not None:
+                raise InputError(f"{name!r} belongs to matrices, and the structure is given by its modes: leave it out")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,16 +250,19 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     faults += wrong
     structure, files = None, [source]
     if study.structure:
-        say("the matrices")
+        say("the matrices" if study.structure.matrices else "the modes")
         structure, wrong = _read_structure(study.structure, source.parent)
         files += _list_files(study.structure, source.parent)
         faults += [f"[structure]: {fault}" for fault in wrong]
-    backbones = []
+    backbones: list[MeasuredBackbone] = []
+    noise = study.noise
     alike: dict[str, list[str]] = {}
     for entry in study.backbones or ():
         say(entry.file)
         try:
-            backbones.append(_read_backbone(entry, study.log, source.parent, structure))
+            curves, error = _read_backbones(entry, study.log, source.parent, structure)
+            backbones += curves
+            noise = replace(noise, point_noise=max(noise.point_noise, error))
         except InputError as error:
             file = str(source.parent / entry.file)
             alike.setdefault(str(error).removeprefix(f"{file}: "), []).append(file)
@@ -239,7 +280,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         backbones=tuple(replace(each, files=(*beside, *each.files)) for each in backbones),
         classes=tuple(each.model for each in study.classes),
         parameters=parameters,
-        noise=study.noise,
+        noise=noise,
         source=source,
         **vars(study.settings),
     )
@@ -272,7 +313,7 @@ def _prefix_files(fault: str, files: Sequence[str]) -> str:
 def _read_parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
     """Return the prior of each factor to update, and the faults of these keys, even if other keys are wrong."""
     given = table if isinstance(table, dict) else {}
-    factors, _ = read_tables(_Structure, {name: given[name] for name in ("parameters", "priors") if name in given})
+    factors, _ = read_tables(_Factors, {name: given[name] for name in ("parameters", "priors") if name in given})
     found: dict[str, Prior] = dict.fromkeys(map(str, factors.parameters), FACTOR_PRIOR)
     faults: list[str] = []
     if not found and given.get("parameters"):
@@ -287,32 +328,69 @@ def _read_parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
 
 
 def _list_files(table: _Structure, directory: Path) -> list[Path]:
-    matrices = [table.matrices] if isinstance(table.matrices, str) else [*table.matrices.values()]
-    return [directory / name for name in (*matrices, *([table.dofs] if isinstance(table.dofs, str) else []))]
+    matrices = table.matrices.values() if isinstance(table.matrices, Mapping) else [table.matrices]
+    named = (*matrices, table.modes, table.dofs if isinstance(table.dofs, str) else None)
+    return [directory / name for name in named if name is not None]
 
 
-def _read_structure(table: _Structure, directory: Path) -> tuple[AffineStructure | None, list[str]]:
+def _read_structure(table: _Structure, directory: Path) -> tuple[AffineStructure | JointedModes | None, list[str]]:
     given, dofs = table.matrices, table.dofs
+    sensors = None if table.sensors is None else tuple(map(str, table.sensors))
+    joints = None
+    if table.joints is not None:
+        joints = {
+            name: tuple(map(str, ends if isinstance(ends, tuple) else (ends,))) for name, ends in table.joints.items()
+        }
+    if given is None:
+        return _read_jointed_modes(table, directory, sensors, joints or {})
     return checked_structure(
         directory / given if isinstance(given, str) else {name: directory / file for name, file in given.items()},
-        sensors=None if table.sensors is None else [*map(str, table.sensors)],
-        joints=None if table.joints is None else {name: [*map(str, ends)] for name, ends in table.joints.items()},
+        sensors=sensors,
+        joints=joints,
         dofs=directory / dofs if isinstance(dofs, str) else None if dofs is None else [*map(str, dofs)],
         parameters=[*map(str, table.parameters)],
     )
 
 
-def _read_backbone(
-    entry: _Backbone, log: _Log | None, directory: Path, structure: AffineStructure | None
-) -> MeasuredBackbone:
-    return read_backbone(
-        directory / entry.file,
-        mode=entry.mode,
-        controlled_sensor=str(entry.controlled_sensor),
-        sensors=None if structure is None else structure.sensors,
-        unit=log.unit if entry.unit is None and log else entry.unit,
-        name=entry.name,
-    )
+def _read_jointed_modes(
+    table: _Structure, directory: Path, sensors: tuple[str, ...] | None, joints: Mapping[str, tuple[str, ...]]
+) -> tuple[JointedModes | None, list[str]]:
+    """Return the structure by its modes, those of a file or the one whose modal mass is given, and their faults."""
+    faults: list[str] = []
+    with collect_faults(faults):
+        if table.modes is not None:
+            modes = read_modes(directory / table.modes)
+        else:
+            assert table.modal_mass_kg is not None  # Otherwise the table would have been refused.
+            assert sensors is not None
+            shape = np.array([[table.modal_mass_kg**-0.5]])
+            modes = LinearModes(np.array([table.frequency_hz]), np.zeros(1), shape, sensors)
+        chosen = modes.sensors if sensors is None else sensors
+        faults += name_faults(modes.sensors, chosen, joints, what="sensor of the modes")
+        if not faults:
+            at_sensors = modes.shapes[[modes.sensors.index(name) for name in chosen]]
+            at_joints = find_joint_rows(joints, modes.sensors) @ modes.shapes
+            eigenvalue = (2 * np.pi * modes.frequency_hz) ** 2
+            return JointedModes(eigenvalue, at_sensors, at_joints, chosen, tuple(joints)), faults
+    return None, faults
+
+
+def _read_backbones(
+    entry: _Backbone, log: _Log | None, directory: Path, structure: AffineStructure | JointedModes | None
+) -> tuple[list[MeasuredBackbone], float]:
+    """Return the backbones of a file, and the error of a frequency that it states, as a fraction; 0 of a CSV file."""
+    file, sensor = directory / entry.file, str(entry.controlled_sensor)
+    sensors = None if structure is None else structure.sensors
+    if file.suffix.lower() == ".json":
+        if entry.unit is not None:
+            raise InputError("a result.json is in SI units: leave 'unit' out")
+        modes = structure if isinstance(structure, JointedModes) else None
+        return read_result_backbones(
+            file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, modes=modes, name=entry.name
+        )
+    unit = log.unit if entry.unit is None and log else entry.unit
+    curve = read_backbone(file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, unit=unit, name=entry.name)
+    return [curve], 0.0
 
 
 def find_spring(text: str) -> str:
@@ -396,7 +474,7 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                 sensors=tuple(structure.sensors),
                 internal_modes=study.n_internal,
                 parameters=tuple(study.parameters),
-                joints=structure.joints,
+                joints={name: ends if len(ends) == 2 else ends[0] for name, ends in structure.joints.items()},
                 priors={name: astuple(prior) for name, prior in study.parameters.items()},
             ),
             backbones=tuple(

@@ -10,6 +10,7 @@ from .linear_updating import update_linear as update_linear
 from .measured import (
     MeasuredBackbone as MeasuredBackbone,
     read_backbone as read_backbone,
+    read_result_backbones as read_result_backbones,
     write_backbone as write_backbone,
 )
 from .model_class import (

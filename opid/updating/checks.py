@@ -81,20 +81,20 @@ def nominal_modes(structure: AffineStructure, n_modes: int) -> JointedModes:
     return JointedModes(eigenvalue, at_sensors, structure.joint_rows @ shapes, structure.sensors, names)
 
 
-def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+def backbone_faults(structure: AffineStructure | JointedModes, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
     """Yield what is wrong with backbones against the structure and against each other, one clause for equal faults.
 
     The faults are: frequencies far from any mode, or from the one that is named; the shape of another mode; curves of
     one mode that begin far from each other; modes whose curves begin in the wrong order.
 
     Args:
-        structure: the structure of the study.
+        structure: the structure of the study, or its modes.
         backbones: the backbones that were measured on it.
     """
     # The right mode may lie above the highest that is named.
     n_modes = max((curve.mode for curve in backbones), default=0) + UPDATING.modes_above
     try:
-        modes = nominal_modes(structure, n_modes)
+        modes = structure if isinstance(structure, JointedModes) else nominal_modes(structure, n_modes)
     except InputError:
         return  # `structure_faults` names the reason
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
@@ -155,7 +155,7 @@ def _describe_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
         far = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
         far += f"{hz[nearest]:.4g} Hz)"
     asked = "they may be in rad/s; " if _find_ratio(lowest / max(own, 1e-12), 2 * np.pi) <= 2 else ""
-    return f"{far}: {asked}check the unit of the frequencies, the number of the mode, and the matrices"
+    return f"{far}: {asked}check the unit of the frequencies, the number of the mode, and the structure"
 
 
 def _describe_start(curves: Sequence[MeasuredBackbone]) -> str:

@@ -1,6 +1,7 @@
-"""Measured backbones, frequency and amplitude of each sensor at phase resonance, and their CSV files.
+"""Measured backbones, frequency and amplitude of each sensor at phase resonance, from CSV files, decays and resonances.
 
-A file has a column of frequencies and one of first-harmonic amplitudes for each sensor, in any unit of motion.
+A CSV file has a column of frequencies and one of first-harmonic amplitudes for each sensor, in any unit of motion. The
+result.json of `opid decay` or `opid resonance` gives the amplitude of one sensor.
 """
 
 from __future__ import annotations
@@ -10,18 +11,25 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.provenance import ReadFile, read_file
+from opid.result import load_document
 from opid.signals.files import write_whole
 from opid.signals.frequency_tables import FREQUENCY_NAMES, find_frequency, read_table
 from opid.signals.motion import DERIVATIVES
 from opid.signals.recording import FloatArray
 from opid.signals.units import split_unit, to_si
+from opid.updating.settings import UPDATING
 
 LEAST_POINTS = 3  # points of a backbone: fewer do not make a curve
+
+COMMANDS = {"opid.decay/1": "decay", "opid.resonance/1": "resonance"}
+"""The commands whose result.json holds backbones, by the schema."""
 
 # units of columns that are left out: force, voltage, current, phase, strain
 NO_MOTION = ("N", "V", "A", "rad", "1", "strain", "N*m")
@@ -158,6 +166,66 @@ def read_backbone(
         raise InputError(f"cannot read {path}: {error.strerror or error}") from error
 
 
+def read_result_backbones(
+    path: str | os.PathLike[str],
+    *,
+    mode: int,
+    controlled_sensor: str,
+    sensors: Sequence[str] | None = None,
+    modes: JointedModes | None = None,
+    name: str | None = None,
+) -> tuple[list[MeasuredBackbone], float]:
+    """Return the backbones that a result.json holds, and the standard deviation of a frequency, as a fraction of it.
+
+    A result of `opid decay` gives one backbone, or one for each of its repeats; its windows are averaged in up to 20
+    parts of even width of their amplitudes. One of `opid resonance` gives the levels at phase resonance. Amplitudes are
+    those of one sensor, so that no shape is compared.
+
+    Args:
+        path: the result.json.
+        mode: number of the mode, from 1.
+        controlled_sensor: the sensor from which the decay was read, or one of the sensors of the resonance test.
+        sensors: sensors of the structure; any where left out.
+        modes: modes of the structure, by which a decay in modal coordinates becomes one of the sensor.
+        name: name of the backbone, that of the folder where left out; names of repeats are added to it.
+
+    Raises:
+        InputError: no such file, or the result of another command; a sensor or a mode that it does not have; an angle;
+            modal coordinates without modes; amplitudes that hardly change; or what `MeasuredBackbone` refuses.
+    """
+    source = Path(path)
+    document = load_document(source, COMMANDS)
+    called = source.resolve().parent.name if name is None else name
+    try:
+        if sensors is not None and controlled_sensor not in sensors:
+            raise InputError(
+                f"the controlled sensor {controlled_sensor!r} is not one of the structure: "
+                f"{nearest(controlled_sensor, sensors)}"
+            )
+        if COMMANDS[document["schema"]] == "decay":
+            scale = _find_decay_scale(document, mode, controlled_sensor, sensors or (), modes)
+            repeats = document["repeats"]
+            names = [f"{called}, {each['name']}" for each in repeats] or [called]
+            tables = [_tabulate_decay(each) * [scale, 1, 1] for each in repeats or [document]]
+        else:
+            names, tables = [called], [_tabulate_levels(document, controlled_sensor)]
+        found, errors = [], []
+        for own, (amplitude, frequency_hz, std_hz) in zip(names, map(_average_parts, tables), strict=True):
+            _require_credible({controlled_sensor: amplitude}, {controlled_sensor: "m"})
+            found.append(
+                MeasuredBackbone(
+                    own, mode, controlled_sensor, frequency_hz, amplitude[:, None], (controlled_sensor,),
+                    (read_file(source),),
+                )
+            )  # fmt: skip
+            errors.append(float(np.median(std_hz / frequency_hz)))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{path} is damaged ({type(error).__name__}: {error}): write it again") from None
+    return found, max(errors)
+
+
 def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> None:
     """Write a backbone to a CSV file that `read_backbone` reads back, amplitudes in m; a failure leaves no half file.
 
@@ -231,3 +299,74 @@ def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) 
             f"the amplitude at sensor {sensor!r} reaches {largest / factor:.3g} {units[sensor]}, {1e6 * largest:.3g} "
             "micrometres: if the numbers are metres, name the unit 'm', and if they are that small, 'µm'"
         )
+
+
+def _find_decay_scale(
+    document: dict[str, Any], mode: int, controlled: str, sensors: Sequence[str], modes: JointedModes | None
+) -> float:
+    """Return what turns the amplitudes of a decay into those of the sensor, m."""
+    if document["amplitude_unit"] == "rad":
+        raise InputError("it is the decay of an angle: follow an acceleration, a velocity or a displacement")
+    if document["mode"] is None:
+        channel = document["settings"].get("channel")
+        if channel != controlled and channel in sensors:
+            raise InputError(f"the decay was read from {channel!r}: name this as the controlled sensor")
+        return 1.0
+    if modes is None:
+        raise InputError(
+            "it is a decay in modal coordinates, and the structure is not given by its modes: follow one sensor, "
+            "`opid decay --channel NAME`"
+        )
+    if document["mode"] != mode:
+        raise InputError(f"it is a decay of mode {document['mode']}, and the backbone is of mode {mode}: correct one")
+    return float(np.abs(modes.at_sensors[modes.sensor(controlled), modes.index(mode)]))
+
+
+def _tabulate_decay(decay: dict[str, Any]) -> FloatArray:
+    """Return amplitude, frequency, Hz, and its standard deviation in each window of a decay, (n_windows, 3)."""
+    names = ("amplitude", "frequency_hz", "frequency_std_hz")
+    table = np.column_stack([np.array(decay[name], dtype=np.float64) for name in names])
+    table = table[np.isfinite(table).all(axis=1) & (table > 0).all(axis=1)]
+    low, high = table[:, 0].min(initial=np.inf), table[:, 0].max(initial=0.0)
+    if len(table) < LEAST_POINTS or high < UPDATING.least_range * low:
+        reached = f"from {high:.3g} to {low:.3g}" if len(table) else "nothing"
+        raise InputError(
+            f"the decay {decay['name']!r} shows the frequency in {len(table)} window(s), amplitudes {reached}: a "
+            f"backbone needs {LEAST_POINTS} windows and amplitudes that fall to 1/{UPDATING.least_range:g}"
+        )
+    return table
+
+
+def _tabulate_levels(document: dict[str, Any], controlled: str) -> FloatArray:
+    """Return amplitude, m, frequency, Hz, and its standard deviation at each level of a resonance test, (n_levels, 3).
+
+    The deviation is that of the law at this amplitude; it is tiny where there is no law.
+    """
+    levels = document["levels"]
+    if not levels:
+        raise InputError("it has no level at phase resonance: only levels, not response curves, make a backbone")
+    if controlled not in document["sensors"]:
+        raise InputError(f"its test has no sensor {controlled!r}: {nearest(controlled, document['sensors'])}")
+    row = document["sensors"].index(controlled)
+    driven, hz, modal = (
+        np.array([each[key] for each in levels], dtype=np.float64) for key in ("driven_hz", "resonance_hz", "amplitude")
+    )
+    amplitude = np.array([each["sensors"][row][0] for each in levels]) / (2 * np.pi * driven) ** 2
+    law = document["backbone_law"] or document["records_law"]
+    std = np.interp(modal, law["amplitude"], law["frequency_std_hz"]) if law else np.zeros_like(hz)
+    return np.column_stack([amplitude, hz, np.maximum(std, 1e-9 * hz)])
+
+
+def _average_parts(table: FloatArray) -> FloatArray:
+    """Return amplitude, frequency and its standard deviation in parts of even width of the amplitude, (3, n_points).
+
+    Each is the mean of the rows in its part, weighted by the inverse of their variances; a part may be empty.
+    """
+    amplitude, _, std = table.T
+    edges = np.linspace(amplitude.min(), amplitude.max(), UPDATING.n_parts + 1)
+    part = np.searchsorted(edges[1:-1], amplitude, side="right")
+    weight = 1 / std**2
+    total = np.bincount(part, weight, minlength=UPDATING.n_parts)
+    sums = [np.bincount(part, weight * column, minlength=UPDATING.n_parts) for column in table.T[:2]]
+    there = total > 0
+    return np.array([*(each[there] / total[there] for each in sums), total[there] ** -0.5])

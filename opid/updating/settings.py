@@ -12,6 +12,10 @@ class UpdatingThresholds:
     farthest: float = 3.0  # ratio of frequencies (nine in stiffness) beyond which no updating explains them
     alike: float = 0.8  # modal assurance from which on a measured shape is that of a mode
     unlike: float = 0.3  # modal assurance below which a measured shape is not that of a mode
+    # parts of even width of the amplitudes of a decay that give a point each: enough for any law, and few enough that
+    # the many windows at small amplitudes do not outweigh those at large ones
+    n_parts: int = 20
+    least_range: float = 2.0  # ratio of amplitudes of a decay below which its frequency can hardly show a law
     apart: float = 0.1  # fraction by which curves of one mode may begin at different frequencies
     # fraction of the largest extension of a joint in any mode, below which its law has no effect
     least_extension: float = 1e-3

@@ -139,7 +139,10 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             if known_joints and joint not in known_joints:
                 yield f"class {each.name!r} has a law at {joint!r}, which is no joint: {nearest(joint, known_joints)}"
     if not study.structure.joints:
-        yield "the structure has no joint, name the two degrees of freedom between which the nonlinear law acts"
+        yield (
+            "the structure has no joint, name the two degrees of freedom between which the nonlinear law acts, or the "
+            "one of a joint to the ground"
+        )
     if study.parameters and isinstance(study.structure, JointedModes):
         yield "parameters are named and the structure is given by its modes, give its matrices or name no parameter"
     elif isinstance(study.structure, AffineStructure):

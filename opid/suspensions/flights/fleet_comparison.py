@@ -12,6 +12,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate, format_change
+from opid.result import RESULT_FILE
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.dataset import FleetDataset, FleetTable
 from opid.suspensions.flights.departures import find_threshold
@@ -30,7 +31,7 @@ from opid.suspensions.flights.fleet_model import (
     fit_population,
     judge_flights,
 )
-from opid.suspensions.flights.result_file import RESULT_FILE, Quantity
+from opid.suspensions.flights.result_file import Quantity
 
 _DAYS_A_YEAR = 365.25
 _SETTLED = 0.02

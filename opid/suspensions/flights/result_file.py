@@ -5,7 +5,6 @@ The file is checked while it is read, and all its errors are listed in one messa
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,9 +16,8 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.provenance import ReadFile, read_file
+from opid.result import load_document
 from opid.suspensions.result import SCHEMA
-
-RESULT_FILE = "result.json"
 
 ONE_GEAR = "gear"
 """Name of the suspension of a single-gear result."""
@@ -142,17 +140,7 @@ def load_result(path: Path) -> dict[str, Any]:
     Raises:
         InputError: it cannot be read, or is no result of `opid identify`.
     """
-    try:
-        document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except ValueError as error:
-        raise InputError(f"{path} is no JSON: give the {RESULT_FILE} of `opid identify`") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
-        raise InputError(f"{path} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
-    return document
+    return load_document(path, {SCHEMA: "identify"})
 
 
 def read_flight(path: Path, name: str) -> Flight:

@@ -10,8 +10,9 @@ from datetime import date
 from pathlib import Path
 
 from opid.errors import InputError, NotDeterminedError, list_names
+from opid.result import RESULT_FILE
 from opid.signals.files import nearest_beside
-from opid.suspensions.flights.result_file import RESULT_FILE, Flight, read_flight
+from opid.suspensions.flights.result_file import Flight, read_flight
 
 STUDY_FILE = "study.toml"
 

@@ -63,8 +63,8 @@ class Maximum:
         """Inverse of `covariance`: the curvature, made positive with the slopes at bounds where it is not."""
         for fraction in (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0):
             matrix = -self.hessian + fraction * np.diag(self._steep)
-            scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-            if linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > 1e-12:
+            scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+            if scale.all() and linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > 1e-12:
                 return matrix
         raise NotDeterminedError(
             "the log density has no curvature at its maximum: the data do not determine a parameter, leave it out"

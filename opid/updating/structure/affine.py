@@ -25,7 +25,8 @@ class AffineStructure:
         parts: K_i by the name of the parameter theta_i that multiplies it (1 for the nominal structure), N/m.
         dofs: name of each degree of freedom.
         sensors: names of the degrees of freedom that are measured, in the order of the data.
-        joints: the two degrees of freedom between which each nonlinear joint acts, by the name of the joint.
+        joints: the two degrees of freedom between which each nonlinear joint acts, by the name of the joint; or the one
+            that a joint to the ground holds.
 
     Raises:
         InputError: everything that is wrong with it: shapes, symmetry, a mass that is not positive, unknown names.
@@ -36,7 +37,7 @@ class AffineStructure:
     parts: Mapping[str, sparse.csr_matrix]
     dofs: tuple[str, ...]
     sensors: tuple[str, ...]
-    joints: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    joints: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("dofs", "sensors"):
@@ -45,7 +46,8 @@ class AffineStructure:
             object.__setattr__(self, name, sparse.csr_matrix(getattr(self, name), dtype=np.float64))
         parts = {name: sparse.csr_matrix(part, dtype=np.float64) for name, part in self.parts.items()}
         object.__setattr__(self, "parts", MappingProxyType(parts))
-        object.__setattr__(self, "joints", MappingProxyType({k: (a, b) for k, (a, b) in self.joints.items()}))
+        joints = {name: (ends,) if isinstance(ends, str) else tuple(ends) for name, ends in self.joints.items()}
+        object.__setattr__(self, "joints", MappingProxyType(joints))
         matrices = {"mass": self.mass, "stiffness": self.stiffness}
         matrices |= {f"stiffness part {name!r}": part for name, part in parts.items()}
         faults = [fault for name, matrix in matrices.items() for fault in matrix_faults(name, matrix, self.dofs)]
@@ -73,11 +75,27 @@ class AffineStructure:
 
     @property
     def joint_rows(self) -> FloatArray:
-        """(n_joints, n_dof) extension of each joint, second end less first, for unit motion."""
-        rows = np.zeros((len(self.joints), self.n_dof))
-        for row, (one, other) in zip(rows, self.joints.values(), strict=True):
-            row[self.dofs.index(one)], row[self.dofs.index(other)] = -1.0, 1.0
-        return rows
+        """(n_joints, n_dof) extension of each joint for unit motion, see `find_joint_rows`."""
+        return find_joint_rows(self.joints, self.dofs)
+
+
+def find_joint_rows(joints: Mapping[str, tuple[str, ...]], dofs: Sequence[str]) -> FloatArray:
+    """Return the extension of each joint for unit motion of each degree of freedom, (n_joints, n_dof).
+
+    It is the motion of the second end less that of the first; of a joint to the ground, that of its only end.
+
+    Args:
+        joints: the ends of each joint by its name.
+        dofs: names of the degrees of freedom, or of the sensors of modes.
+
+    >>> find_joint_rows({"link": ("a", "b"), "foot": ("a",)}, ("a", "b")).tolist()
+    [[-1.0, 1.0], [1.0, 0.0]]
+    """
+    rows = np.zeros((len(joints), len(dofs)))
+    for row, ends in zip(rows, joints.values(), strict=True):
+        for end, sign in zip(reversed(ends), (1.0, -1.0), strict=False):
+            row[dofs.index(end)] = sign
+    return rows
 
 
 def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> Iterator[str]:
@@ -95,8 +113,21 @@ def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> 
             yield f"the mass of {bad!r} is not positive: remove the degree of freedom or give it a mass"
 
 
-def name_faults(dofs: Sequence[str], sensors: Sequence[str], joints: Mapping[str, tuple[str, str]]) -> Iterator[str]:
-    """Yield what is wrong with the names of degrees of freedom, sensors and ends of joints."""
+def name_faults(
+    dofs: Sequence[str],
+    sensors: Sequence[str],
+    joints: Mapping[str, tuple[str, ...]],
+    *,
+    what: str = "degree of freedom",
+) -> Iterator[str]:
+    """Yield what is wrong with the names of degrees of freedom, sensors and ends of joints.
+
+    Args:
+        dofs: names of the degrees of freedom, or of the sensors of modes.
+        sensors: names of those that are measured.
+        joints: the ends of each joint by its name.
+        what: what each of `dofs` is, in words.
+    """
     known = dict.fromkeys(dofs)
     if len(known) < len(dofs):
         twice = next(name for name in dofs if dofs.count(name) > 1)
@@ -105,12 +136,14 @@ def name_faults(dofs: Sequence[str], sensors: Sequence[str], joints: Mapping[str
         yield "no sensor is named: name the degrees of freedom that are measured"
     named = [("sensor", sensor) for sensor in sensors]
     named += [(f"joint {joint!r}", end) for joint, ends in joints.items() for end in ends]
-    for what, name in named:
+    for part, name in named:
         if name not in known:
-            yield f"{what} names the degree of freedom {name!r}, which does not exist: {nearest(name, known)}"
-    for joint, (one, other) in joints.items():
-        if one == other:
-            yield f"joint {joint!r} lies between {one!r} and itself: name two degrees of freedom"
+            yield f"{part} names the {what} {name!r}, which does not exist: {nearest(name, known)}"
+    for joint, ends in joints.items():
+        if len(ends) not in (1, 2):
+            yield f"joint {joint!r} has {len(ends)} ends: name the two between which it lies, or one for the ground"
+        elif len(set(ends)) < len(ends):
+            yield f"joint {joint!r} lies between {ends[0]!r} and itself: name two, or one for a joint to the ground"
 
 
 def structure_faults(structure: AffineStructure) -> Iterator[str]:

@@ -37,12 +37,13 @@ def read_structure(
     version 7 (full or sparse). Or each has its file: Matrix Market (.mtx, .mtx.gz), scipy's sparse .npz, or .npy. The
     names are `mass`, `stiffness` (of the parts that are not updated, if any) and `part_NAME` for each parameter.
     A file may also hold `dofs` (n_dof), `sensors` (n_sensors) and `joints` (n_joints, 3: name, one end, other end) as
-    text. Nothing is unpickled.
+    text; the other end of a joint to the ground is empty. Nothing is unpickled.
 
     Args:
         matrices: the file, or a file for each matrix by its name.
         sensors: names of the degrees of freedom that are measured; those in the file where left out.
-        joints: the two ends of each nonlinear joint, by its name; those in the file where left out.
+        joints: the two ends of each nonlinear joint, or the only one of a joint to the ground, by its name; those in
+            the file where left out.
         dofs: names of the degrees of freedom, or a text file with one name on each line, or a CSV file: its column
             "dof", or all its columns joined by a space ("12 UX"). Where left out, those in the file, or "1", "2", ...
         parameters: names of the parts that are updated; the others join the stiffness as they are. All where left out.
@@ -131,7 +132,7 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
     arrays = {f"{name}_{piece}": getattr(matrix, piece) for name, matrix in matrices.items() for piece in PIECES}
     arrays["dofs"] = np.array(structure.dofs, dtype=np.str_)
     arrays["sensors"] = np.array(structure.sensors, dtype=np.str_)
-    ends = [(name, *pair) for name, pair in structure.joints.items()]
+    ends = [(name, *own, *[""] * (2 - len(own))) for name, own in structure.joints.items()]
     arrays["joints"] = np.array(ends, dtype=np.str_).reshape(len(ends), 3)
     with write_whole(path, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -303,19 +304,16 @@ def _to_texts(name: str, given: Any) -> tuple[str, ...]:
     return tuple((f"{cell:g}" if isinstance(cell, float) else str(cell)).strip() for cell in cells)
 
 
-def _read_joint_ends(given: Any) -> dict[str, tuple[str, str]]:
-    """Return the joints by name, from a table or from rows of name, one end, other end."""
+def _read_joint_ends(given: Any) -> dict[str, tuple[str, ...]]:
+    """Return the ends of the joints by name, from a table or from rows of name, one end, other end or nothing."""
     if isinstance(given, Mapping):
         rows = [(name, *((ends,) if isinstance(ends, str) else ends)) for name, ends in given.items()]
     else:
         texts = _to_texts("joints", given)
         width = np.shape(given)[-1] if texts else 3
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
-    for row in rows:
-        if len(row) != 3:
-            raise InputError(f"the joint {row[0]!r} lies between {list(row[1:])}: name two degrees of freedom")
     names = [str(row[0]) for row in rows]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"two joints are called {name!r}: give each a name of its own")
-    return {str(name): (str(one), str(other)) for name, one, other in rows}
+    return {str(name): tuple(str(end) for end in ends if end != "") for name, *ends in rows}
