@@ -220,7 +220,7 @@ def test_curves_that_are_left_out_lie_in_the_band_of_the_others():
     n_curves = sum(each.mode == odd.mode for each in others) + 1
     assert own.left_out < 1.0 - 0.9 / n_curves
     alone = update_study(study(backbones=(others[0],), classes=(made.CUBIC,)))
-    assert np.isnan(alone.prediction[0].left_out)
+    assert alone.prediction[0].left_out is None
 
 
 def test_classes_that_cannot_be_told_apart_are_doubted():

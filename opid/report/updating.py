@@ -283,9 +283,7 @@ def _tabulate_coverage(result: Updating) -> Table:
         ]
         rows.append((f"sensor {sensor}", *cells))
         left_out = [
-            ", ".join(
-                _format_percent(band.left_out) for band in own if band.mode == mode and np.isfinite(band.left_out)
-            )
+            ", ".join(_format_percent(band.left_out) for band in own if band.mode == mode and band.left_out is not None)
             for mode in modes
         ]
         if any(left_out):

@@ -303,15 +303,17 @@ def _make_band(
     return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, coverage, left_out)
 
 
-def _cover_left_out(data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator) -> float:
-    """Return the fraction of the points of a mode within the bands that its other curves give; nan for a single curve.
+def _cover_left_out(
+    data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator
+) -> float | None:
+    """Return the fraction of the points of a mode within the bands that its other curves give; None for one curve.
 
     Each curve is left out in turn: the samples of the posterior get the weight of the likelihood of all curves but that
     one over the likelihood of all.
     """
     n_curves = int(mode.curve[-1]) + 1
     if mode.frequency_noise is None or n_curves < 2:
-        return float("nan")
+        return None
     theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_left_out)]
     at_nodes, shapes, _, lost = make_curves(data, mode, posterior.model_class)(theta)
     at_nodes, shapes = at_nodes[~lost], shapes[~lost]

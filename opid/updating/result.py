@@ -148,7 +148,7 @@ class BackboneBand:
         high_hz: (n,) upper end of the 95 % band, Hz.
         coverage: fraction of the measured points of this mode that lie within the band; nan without any point.
         left_out: the same of points of curves that were left out in turn, within the band that the other curves give;
-            nan where the mode has a single curve, or the form of the likelihood has no errors that curves share.
+            None where the mode has a single curve, or the form of the likelihood has no errors that curves share.
     """
 
     mode: int
@@ -158,7 +158,7 @@ class BackboneBand:
     low_hz: FloatArray
     high_hz: FloatArray
     coverage: float
-    left_out: float = float("nan")
+    left_out: float | None = None
 
     @property
     def n_missing(self) -> int:
