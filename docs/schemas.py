@@ -68,7 +68,7 @@ from opid.suspensions.sensing.result import SCHEMA as SENSING, Sensing, VirtualS
 from opid.suspensions.wheel.result import SCHEMA as WHEEL, WheelIdentification
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
-from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, LinearPosterior, Updating
+from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, Confusion, LinearPosterior, Updating
 from opid.updating.structure.reduction import ReductionErrors
 
 Json = dict[str, Any]
@@ -444,6 +444,7 @@ def _updating() -> Json:
         "system": keys({"frequency_hz": NUMBERS, "sensors": TEXTS, "joints": TEXTS}),
         "reduction": of_type(ReductionErrors | None),
         "reduction_free": of_type(ReductionErrors | None),
+        "confusion": of_type(Confusion | None),
         "measured": array(keys(measured)),
     }
 
