@@ -28,6 +28,7 @@ from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState, find_steady, measure_levels
 from opid.modal.study import StudyTest
 from opid.signals.recording import recording_from_arrays
+from opid.signals.units import STANDARD_GRAVITY
 
 SETTINGS = ResonanceSettings()
 MODES = held_study().modes
@@ -221,3 +222,35 @@ def test_one_log_for_each_level_gives_a_law_that_holds(turned_deg):
     requires_truth_inside(result.records_law)
     assert len({*result.level_tests}) > 8
     assert any("keep the transients" in text for text in result.warnings)
+
+
+def with_motion(study, change, unit="m/s^2"):
+    """Return the study with each channel of a unit multiplied by `change(name)`."""
+    tests = []
+    for each in study.tests:
+        record = each.test.recording
+        gains = [change(name) if record.unit(name) == unit else 1.0 for name in record.names]
+        points = {force.channel: force.drive_point for force in each.test.forces}
+        changed = replace(record, samples=record.samples * gains)
+        tests.append(replace(each, test=modal_test(changed, each.test.modes, name=each.test.name, force=points)))
+    return replace(study, tests=tuple(tests))
+
+
+@pytest.mark.parametrize("factor", [4.4482, 1 / 4.4482])
+def test_a_force_in_another_unit_is_told_by_the_transients(factor):
+    result = identify_resonance(with_motion(held_study(), lambda name: factor, "N"))
+    assert result.records_law is None
+    assert "the levels and the transients between them show a modal mass of" in result.not_determined
+
+
+def test_accelerations_in_g_give_no_law():
+    result = identify_resonance(with_motion(held_study(), lambda name: 1 / STANDARD_GRAVITY))
+    assert result.records_law is None
+    assert "check the units of amplitude and force" in result.not_determined
+
+
+def test_accelerometers_of_another_gain_are_within_the_interval():
+    """The calibration that is believed of them, and a half more."""
+    law = identify_resonance(with_motion(held_study(), lambda name: 1.015)).records_law
+    assert law.stiffness[3].holds(K3)
+    assert law.stiffness[3].std > 0.02 * K3

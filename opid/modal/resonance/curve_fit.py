@@ -164,18 +164,7 @@ def _find_contradiction(check: StateCheck, modes: LinearModes, mode: int, settin
     is_late = abs(rate) > max(settings.hidden_sigma * rate_std, settings.most_lag * bandwidth**2)
     # A motion that lags shows a wrong inertia, too, but none of another unit.
     if is_off and not (is_late and MODAL.mass_range[0] < inertia < MODAL.mass_range[1]):
-        unit = next(
-            (
-                f" ({name} would give this)"
-                for name, factor in UNITS.items()
-                if abs(inertia / factor - 1) < settings.near_unit
-            ),
-            "",
-        )
-        return (
-            f"the response curves show a modal mass of {inertia:.3g} where mass-normalised shapes and the stated units "
-            f"give 1{unit}: check the units of amplitude and force, and the shape of mode {mode} at both"
-        )
+        return describe_wrong_mass(inertia, "the response curves show", mode, settings)
     if is_late:
         return (
             "the motions of the response curves lag behind the frequency, as in a sweep of "
@@ -183,6 +172,23 @@ def _find_contradiction(check: StateCheck, modes: LinearModes, mode: int, settin
             f"{4.0 / bandwidth:.2g} s"
         )
     return ""
+
+
+def describe_wrong_mass(inertia: float, who: str, mode: int, settings: ResonanceSettings) -> str:
+    """Return a clause on a modal mass that is not 1, with the unit that would make it so where there is one.
+
+    Args:
+        inertia: the modal mass.
+        who: what shows it, and the verb.
+        mode: number of the mode, from 1.
+        settings: how near to a unit it must be.
+    """
+    near = (name for name, factor in UNITS.items() if abs(inertia / factor - 1) < settings.near_unit)
+    unit = next((f" ({name} would give this)" for name in near), "")
+    return (
+        f"{who} a modal mass of {inertia:.3g} where mass-normalised shapes and the stated units give 1{unit}: check "
+        f"the units of amplitude and force, and the shape of mode {mode} at both"
+    )
 
 
 def make_curve(

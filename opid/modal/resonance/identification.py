@@ -12,12 +12,13 @@ from opid.errors import InputError, NotDeterminedError
 from opid.modal.forced.mode_tests import find_largest_mode
 from opid.modal.linear.modes import ModalTest, with_sensors
 from opid.modal.resonance.appropriation import Appropriation, Interaction, modal_interaction
-from opid.modal.resonance.curve_fit import CurveFit, CurvesLaw, fit_curves, make_curve
+from opid.modal.resonance.curve_fit import CurveFit, CurvesLaw, describe_wrong_mass, fit_curves, make_curve
 from opid.modal.resonance.curves import ResponseCurve, find_curve_mode
-from opid.modal.resonance.law import ResonanceLaw, fit_states
+from opid.modal.resonance.law import ResonanceLaw, check_states, fit_states
 from opid.modal.resonance.result import Resonance
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import MeasuredLevel, SteadyState, measure_levels
+from opid.modal.settings import MODAL
 from opid.modal.study import ModalStudy
 from opid.progress import Say
 
@@ -163,6 +164,16 @@ def _identify_levels(
         ]
     except NotDeterminedError as error:
         reason = str(error)
+    if laws and outside > MODAL.most_outside:
+        laws, reason = (
+            [],
+            (
+                f"{outside:.0%} of the motion at the sensors has none of the shapes: check the order, signs and units of "
+                "the sensors, and whether a mode is missing"
+            ),
+        )
+    if laws and moving and (reason := _find_wrong_mass([*states, *moving], laws[1], number, chosen)):
+        laws = []
     backbone_law, records_law = laws if laws else (None, None)
     interaction = _check_interaction(appropriation)
     return _Levels(
@@ -180,6 +191,19 @@ def _identify_levels(
         interaction=interaction,
         warnings=tuple(_list_warnings(kept, left_out, outside, records_law, interaction, chosen)),
     )
+
+
+def _find_wrong_mass(states: Sequence[SteadyState], law: ResonanceLaw, mode: int, settings: ResonanceSettings) -> str:
+    """Return why levels and transients give no law although their motions do: a modal mass of another unit.
+
+    The transients are not free enough of other motion for more than that.
+    """
+    found = check_states(states, np.zeros(len(states), dtype=np.complex128), law).inertia
+    inertia, std = float(found.value or 0.0), settings.hidden_sigma * float(found.std or 0.0)
+    low, high = MODAL.mass_range
+    if low - std < inertia < high + std:
+        return ""
+    return describe_wrong_mass(inertia, "the levels and the transients between them show", mode, settings)
 
 
 def _choose_measurements(study: ModalStudy, mode: int | None) -> tuple[list[ModalTest], list[ResponseCurve], int]:
@@ -298,7 +322,8 @@ def _list_warnings(
     if outside > settings.warned_outside:
         yield (
             f"{outside:.1%} of the motion at the sensors has none of the shapes (median of the levels): another mode "
-            "is near, or the shapes are not those of this structure; the intervals hold an error of this size"
+            "is near, a sensor has another gain, or the shapes are not those of this structure; the intervals allow for "
+            "a gain and a phase of this size"
         )
     yield from left_out[: settings.most_named]
     if len(left_out) > settings.most_named:

@@ -348,6 +348,8 @@ def _solve(equations: _Equations, columns: tuple[ComplexArray, ComplexArray], po
     # A gain stands in no column: the noise of the force would be mistaken for it.
     shared = np.concatenate([force.real / std_last[0], force.imag / std_last[1], [0.0]])
     by_gain = equations.prior[0] * (inverse @ shared) / norms
+    # A gain of the motion scales the amplitudes of the powers, too.
+    by_gain[:-1] += equations.prior[0] * depends * value[:-1]
     value[-1] += phase
     return _Fit(powers, value, covariance, by_gain, misfit, misfit, scales)
 
