@@ -99,6 +99,24 @@ def test_two_drive_points_separate_modes_of_nearly_one_frequency():
     np.testing.assert_allclose(np.abs(found.shapes), np.abs(near.shapes[:, 1:]), atol=0.02)
 
 
+@pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0, 1.0), (1.3, 1.0, 1.0, 1.0), (1.0, 0.9, 1.0, 1.0)])
+def test_drive_points_that_contradict_each_other_are_told(gains):
+    """A sensor at one of them has another gain: their responses have no common shape, and masses no interval."""
+    turned = replace(MODES, shapes=MODES.shapes * np.array([[1.0], [-1.0], [1.0], [1.0]]))
+    both = [respond(turned, "tip"), respond(turned, "middle", seed=1)]
+    found = fit_modes([replace(each, value=each.value * np.array(gains)) for each in both], band_hz=BAND_HZ)
+    is_right = gains == (1.0, 1.0, 1.0, 1.0)
+    assert any("do not belong to one shape" in each for each in found.warnings) != is_right
+    assert all((mass.std is not None) == is_right for mass in found.modal_mass_kg)
+
+
+def test_a_force_that_acted_elsewhere_is_told():
+    wrong = [replace(respond(drive="tip"), drive_point="side"), respond(drive="middle", seed=1)]
+    found = fit_modes(wrong, band_hz=BAND_HZ)
+    assert any("do not belong to one shape" in each for each in found.warnings)
+    assert all(mass.std is None for mass in found.modal_mass_kg)
+
+
 def test_a_delay_of_the_accelerations_is_fitted_and_told():
     late = respond()
     late = replace(late, value=late.value * np.exp(-2j * np.pi * late.frequency_hz * 1e-4)[:, np.newaxis])

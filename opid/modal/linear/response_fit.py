@@ -429,9 +429,11 @@ class _Fit:
                 "force or that sensor counts in the other direction, so give one of them sign = -1"
             )
         kept: NDArray[np.int64] = np.flatnonzero(np.max(own / of_own, axis=0) >= settings.least_std)
-        shapes, shape_std, masses = np.empty((len(sensors), kept.size)), np.empty((len(sensors), kept.size)), []
+        shapes, shape_std = np.empty((len(sensors), kept.size)), np.empty((len(sensors), kept.size))
+        masses, misfits = [], []
         for column, mode in enumerate(kept):
-            phi, std = _split_residues(residues[..., mode], of_residues[..., mode], drives)
+            phi, std, misfit = _split_residues(residues[..., mode], of_residues[..., mode], drives)
+            misfits.append(misfit)
             shapes[:, column], shape_std[:, column] = phi, std
             best = max(drives, key=lambda sensor: abs(phi[sensor]) / std[sensor])
             mass_kg = 1 / phi[best] ** 2
@@ -449,6 +451,8 @@ class _Fit:
             tuple(each.without_interval() if low else each for each, low in zip(several, unlike.tolist(), strict=True))
             for several in (frequencies, ratios, masses)
         )
+        apart = np.array(misfits) > MODAL.most_misfit
+        given = tuple(each.without_interval() if off else each for each, off in zip(given, apart.tolist(), strict=True))
         values = np.split(_join(self.shape @ self.residues.T), n_drives, axis=1)
         return FittedModes(
             frequencies,
@@ -466,7 +470,7 @@ class _Fit:
                 FrequencyResponse(each.frequency_hz, value, sensors, each.drive_point, n_averages=0, units=data.units)
                 for each, value in zip(data.responses, values, strict=True)
             ),
-            tuple(_list_warnings(self, kept, unlike, settings)),
+            tuple(_list_warnings(self, kept, unlike, apart, settings)),
         )
 
     def _find_unlike(
@@ -484,8 +488,13 @@ class _Fit:
         return found
 
 
-def _split_residues(residues: FloatArray, stds: FloatArray, drives: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Return the shape whose products with itself at the drive points are the residues, and its standard deviations.
+def _split_residues(
+    residues: FloatArray, stds: FloatArray, drives: Sequence[int]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the shape whose products with itself at the drive points are the residues, its deviations, and the misfit.
+
+    The misfit is that of the several drive points, an rms in standard deviations, 1 where there is one. Where it is
+    larger than 1 the standard deviations grow with it.
 
     Args:
         residues: (n_drives, n_sensors) of one mode.
@@ -498,11 +507,18 @@ def _split_residues(residues: FloatArray, stds: FloatArray, drives: Sequence[int
     begun = residues[best] / np.sqrt(residues[best, drives[best]])
     found = optimize.least_squares(lambda phi: ((phi[drives][:, np.newaxis] * phi - residues) / stds).ravel(), begun)
     covariance = np.linalg.inv(found.jac.T @ found.jac)
-    return found.x * np.sign(found.x[np.argmax(np.abs(found.x))]), np.sqrt(np.diag(covariance))
+    freedom = residues.size - found.x.size
+    misfit = float(np.sqrt(2.0 * found.cost / freedom)) if freedom else 1.0
+    std = np.sqrt(np.diag(covariance)) * max(misfit, 1.0)
+    return found.x * np.sign(found.x[np.argmax(np.abs(found.x))]), std, misfit
 
 
 def _list_warnings(
-    fit: _Fit, kept: NDArray[np.int64], unlike: NDArray[np.bool_], settings: ResponseFitSettings
+    fit: _Fit,
+    kept: NDArray[np.int64],
+    unlike: NDArray[np.bool_],
+    apart: NDArray[np.bool_],
+    settings: ResponseFitSettings,
 ) -> Iterator[str]:
     """Yield what limits the modes, one sentence each."""
     data = fit.data
@@ -512,6 +528,12 @@ def _list_warnings(
         yield (
             f"{len(lost)} mode(s) at {', '.join(lost)} Hz are left out, because they hardly move {names}, where the "
             "force acts, so that their modal masses are unknown: drive the structure at a further point"
+        )
+    if apart.any():
+        where = ", ".join(f"{own_hz:.4g}" for own_hz in fit.poles[kept][apart, 0])
+        yield (
+            f"the responses to forces at {names} do not belong to one shape at {where} Hz, so that no interval is "
+            "given for the modal masses: check which force acted where, and the gains and signs of the sensors there"
         )
     if unlike.any():
         low = ", ".join(f"{own_hz:.4g}" for own_hz in fit.poles[kept][unlike, 0])

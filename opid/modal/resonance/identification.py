@@ -165,12 +165,10 @@ def _identify_levels(
     except NotDeterminedError as error:
         reason = str(error)
     if laws and outside > MODAL.most_outside:
-        laws, reason = (
-            [],
-            (
-                f"{outside:.0%} of the motion at the sensors has none of the shapes: check the order, signs and units of "
-                "the sensors, and whether a mode is missing"
-            ),
+        laws = []
+        reason = (
+            f"{outside:.0%} of the motion at the sensors has none of the shapes: check the order, signs and units of "
+            "the sensors, and whether a mode is missing"
         )
     if laws and moving and (reason := _find_wrong_mass([*states, *moving], laws[1], number, chosen)):
         laws = []
@@ -322,8 +320,8 @@ def _list_warnings(
     if outside > settings.warned_outside:
         yield (
             f"{outside:.1%} of the motion at the sensors has none of the shapes (median of the levels): another mode "
-            "is near, a sensor has another gain, or the shapes are not those of this structure; the intervals allow for "
-            "a gain and a phase of this size"
+            "is near, a sensor has another gain, or the shapes are not those of this structure; the intervals allow "
+            "for a gain and a phase of this size"
         )
     yield from left_out[: settings.most_named]
     if len(left_out) > settings.most_named:
