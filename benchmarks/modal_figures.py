@@ -312,7 +312,7 @@ def coupled(seed: int) -> Figures:
     first = Product((10, 10, 18))
     figures["coefficient of q10^2 q18, %"] = 100 * (float(known[first].value) / truth[first] - 1)
     figures["interval of q10^2 q18 holds"] = float(known[first].holds(truth[first]))
-    figures["intervals of its relatives, fraction right, %"] = 100 * float(
+    figures["relatives whose interval holds, %"] = 100 * float(
         np.mean([known[each].holds(truth[each]) if each in known else False for each in truth if each != first])
     )
     (test,) = found.truth_tests
