@@ -173,6 +173,7 @@ def test_tables_of_laws_are_read_as_they_are_written():
     np.testing.assert_allclose(own.coefficients([2.0, 0.5]), [1.36e8, 20.0, 2e-3])
     assert own.terms[1].priors == (Prior("uniform", 0, 3), None)
     assert tabulate_class(own).model == own
+    assert ClassTable(law="cubic", scale="6.8e7").model.terms[0].scales == (6.8e7,)
     assert own.law("left", [1, 1]).name == "cubic_stiffness"
     assert own.law("elsewhere", [1, 1]).terms == ()
     assert group_joints([own], ["left", "x", "r", "y"]) == [("left",), ("x", "y"), ("r",)]
@@ -182,7 +183,7 @@ def test_tables_of_laws_are_read_as_they_are_written():
     ("table", "words"),
     [
         ({"name": "a"}, "class 'a' has no law: give law and scale"),
-        ({"law": "cubic"}, "class 'cubic' lacks 'scale'"),
+        ({"law": "cubic"}, "class 'cubic' lacks 'scale': give both"),
         ({"law": "cubic", "scale": 1, "laws": (LawTable(law="cubic", scale=1),)}, "has law and laws"),
         ({"law": "signed power", "scale": (1, -2), "prior": ("uniform", 0, 1)}, "give a positive one"),
         ({"law": "signed power", "scale": (1, 2), "prior": ("normal", 0, 1)}, "its prior allows values below 0"),

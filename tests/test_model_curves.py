@@ -288,3 +288,16 @@ def test_a_band_runs_smoothly_past_an_interaction(wing):
     assert np.isfinite(second.frequency_hz).all()
     smooth = np.polynomial.Chebyshev.fit(second.amplitude, second.frequency_hz, 6)(second.amplitude)
     np.testing.assert_allclose(second.frequency_hz, smooth, rtol=6e-5)
+
+
+def test_a_law_without_any_curve_has_no_band(predicted, measured, monkeypatch):
+    data, found, _ = predicted
+    made_curves = identification.make_curves
+
+    def lose_all(*args):
+        return lambda theta: (*made_curves(*args)(theta)[:3], np.ones(len(theta), dtype=bool))
+
+    monkeypatch.setattr(identification, "make_curves", lose_all)
+    if data.form == "recommended":
+        with pytest.raises(NotDeterminedError):
+            predict(data, found, measured, rng=np.random.default_rng(0))

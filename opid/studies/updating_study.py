@@ -202,7 +202,8 @@ class ClassTable:
         tables = self.laws
         if not tables:
             if self.law is None or self.scale is None:
-                raise InputError(f"class {self.name or self.law!r} lacks {'law' if self.law is None else 'scale'!r}")
+                missing = "law" if self.law is None else "scale"
+                raise InputError(f"class {self.name or self.law!r} lacks {missing!r}: give both")
             tables = (LawTable(law=self.law, scale=self.scale, prior=self.prior),)
         name = self.name or " + ".join(each.words for each in tables)
         try:
@@ -423,8 +424,10 @@ def _read_scale(given: float | str, parameter: Parameter) -> float:
         raise InputError(
             f'the scale of {name} is {given!r}: give a number in {unit}, or text like "0.068 N/mm^3" or "2 mm"'
         ) from None
+    if not found and not own_unit:
+        return value
     if not found:
-        factor, si = to_si(own_unit or unit)
+        factor, si = to_si(own_unit)
         if si != unit:
             raise InputError(f"the scale of {name} is {given!r}: its unit is {unit}, give it in that")
         return value * factor

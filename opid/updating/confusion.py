@@ -49,7 +49,8 @@ def find_confusion(
             known = (with_noise(mode, data.noise, each) for mode, each in zip(modes, errors, strict=True))
             drawn = replace(data, modes=tuple(known))
             evidence = [estimate_evidence(drawn, other.model_class, rng) for other in classes]
-            chosen[number, int(np.argmax(evidence))] += 1.0 / n_sets
+            if max(evidence) > -np.inf:
+                chosen[number, int(np.argmax(evidence))] += 1.0 / n_sets
             if progress:
                 progress((number * n_sets + repeat + 1) / (len(classes) * n_sets))
     return Confusion(tuple(each.model_class.name for each in classes), chosen, n_sets)

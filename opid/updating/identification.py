@@ -306,7 +306,7 @@ def _make_band(
 def _cover_left_out(
     data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator
 ) -> float | None:
-    """Return the fraction of the points of a mode within the bands that its other curves give; None for one curve.
+    """Return the fraction of the points of a mode within the bands that its other curves give; None where none is.
 
     Each curve is left out in turn: the samples of the posterior get the weight of the likelihood of all curves but that
     one over the likelihood of all.
@@ -316,6 +316,8 @@ def _cover_left_out(
         return None
     theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_left_out)]
     at_nodes, shapes, _, lost = make_curves(data, mode, posterior.model_class)(theta)
+    if lost.all():
+        return None
     at_nodes, shapes = at_nodes[~lost], shapes[~lost]
     whole, held = weigh_as_recommended(mode, at_nodes, shapes), []
     for curve in range(n_curves):

@@ -200,7 +200,7 @@ def _fit_with_prior(
     return _make_law(fits, equations, amplitude, settings)
 
 
-_ROUNDS = 5  # of the errors, and of the phase: 40 degrees are found to a part in 10^6
+_ROUNDS = 5  # of the errors, and of the phase, which is found up to 60 degrees and more
 
 # ---- the equations --------------------------------------------------------------------------------------
 
