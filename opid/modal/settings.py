@@ -91,6 +91,12 @@ class ModalThresholds:
     after_peak_cycles: float = 0.75
     # peak over the motion before it, from which on a record holds an impact and not the end of a dwell
     impact_rise: float = 2.5
+    # step between levels of an envelope, a fraction: a dwell swings by less, and so does the first envelope at an end
+    steady_step: float = 0.1
+    # time that a dwell stays within such a step, over that of the decay in the next steps: the damping of a mode does
+    # not change by that from one step to the next
+    steady_times: float = 5.0
+    least_steady: float = 0.2  # fraction of the largest envelope below which no dwell is searched
     # rms of a cycle over that of each of the three before it, at which the next impact has come
     next_impact_rise: float = 3.0
     clipped_samples: int = 3  # successive samples at the largest value that make a record clipped
@@ -105,6 +111,9 @@ class ModalThresholds:
     smallest_signal: float = 5.0  # amplitude over its standard deviation at which the decay has reached the noise
     longest_decay: float = 3.0  # largest decay of the log-amplitude in a window that has to separate neighbours
     most_neighbours: int = 6  # frequencies beside the mode that are searched
+    # cycles by which a frequency that glides and one that stays may part in the first window: with more, no window
+    # follows the one that stays
+    most_glide: float = 0.25
     # highest neighbour over the frequency of the mode: the taper of the windows suppresses those beyond
     highest_neighbour: float = 10.0
     smallest_neighbour: float = 0.005  # fraction of the mode's peak from which on a neighbour is fitted
@@ -118,6 +127,9 @@ class ModalThresholds:
     rival_score: float = 25.0
     # criterion by which a form with more coefficients must be better; less is not worth a mention (Kass, Raftery 1995)
     bare_mention: float = 2.0
+    # criterion by which a rival takes the damping at zero amplitude from a law without it: very strong evidence (same)
+    decisive: float = 10.0
+    rivals_with_friction: int = 2  # such rivals that are fitted where the orders are given: each takes a second
     # what dry friction or an Iwan joint must gain in that criterion: strong evidence (Kass and Raftery 1995), for with
     # friction there is no damping ratio at zero amplitude
     joint_evidence: float = 6.0

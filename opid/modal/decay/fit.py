@@ -10,7 +10,7 @@ Several forms of the law are fitted; the values at zero amplitude contain the ch
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -177,17 +177,109 @@ def fit_decays(
         damping / rate,
         damping_std / rate,
     )
-    free = None if damping_order is None else False
-    forms = search_forms(
+    problem = _Problem(
         seen,
-        stiffness_order=stiffness_order,
-        damping_order=damping_order,
-        friction=free if friction is None else friction,
-        memory=free if memory is None else memory,
+        [_ScaledTrack.from_track(track, length, rate, derivative) for track in tracks],
+        _Units(length, rate, derivative),
+        stiffness_order,
+        damping_order,
     )
-    decays = [_ScaledTrack.from_track(track, length, rate, derivative) for track in tracks]
-    fits = _fit_forms(decays, forms, derivative, float(np.median(seen.damping)))
-    return _describe_law(decays, fits, _Units(length, rate, derivative), float(level.min()))
+    free = None if damping_order is None else False
+    fitted = _fit_what_is_asked(problem, free if friction is None else friction, free if memory is None else memory)
+    return _describe_law(problem, _doubt_without_friction(problem, fitted) if friction is None else fitted)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Decays in the units of a fit, their harmonic linearisation, and the orders that are asked for."""
+
+    seen: Linearisation
+    decays: Sequence[_ScaledTrack]
+    units: _Units
+    stiffness_order: int | None
+    damping_order: int | None
+
+    @property
+    def n_data(self) -> int:
+        """The number of amplitudes and phases."""
+        return 2 * sum(each.time.size for each in self.decays)
+
+    def search_forms(self, friction: bool | None, memory: bool | None) -> list[tuple[LawForm, FloatArray]]:
+        """Return forms of the orders that are asked for, with or without a joint, as `search_forms` does."""
+        return search_forms(
+            self.seen,
+            stiffness_order=self.stiffness_order,
+            damping_order=self.damping_order,
+            friction=friction,
+            memory=memory,
+        )
+
+    def score(self, fits: Sequence[_Fit]) -> FloatArray:
+        """Return the Bayesian criterion of forms that were fitted to the decays, lower is better, the best has 0, (m,)."""
+        sizes = [each.form.size * each.repeats for each in fits]
+        scores = score_misfit([each.squares for each in fits], self.n_data, sizes)
+        scores += [each.form.prior_score for each in fits]
+        return scores - scores.min()
+
+    def weigh(self, fits: Sequence[_Fit]) -> FloatArray:
+        """Return the probabilities of forms by that criterion, (m,); those of unlikely ones are zero."""
+        weights = np.exp(-0.5 * self.score(fits))
+        weights = np.where(weights < MODAL.least_weight, 0.0, weights)
+        return weights / weights.sum()
+
+
+def _fit_what_is_asked(problem: _Problem, friction: bool | None, memory: bool | None) -> _Fitted:
+    """Return the forms that describe the decays; where a joint is not determined, the best ones without it."""
+    tried = _try_forms(problem, problem.search_forms(friction, memory))
+    if tried.fits:
+        return _Fitted(_weigh_fits(problem, tried.fits), False, ())
+    if friction is not None and memory is not None:
+        raise tried.failed or NotDeterminedError("no law describes the decay: lower the orders")
+    simpler = _try_forms(problem, problem.search_forms(friction or False, memory or False))
+    if not simpler.fits:
+        raise tried.failed or NotDeterminedError("no law describes the decay: lower the orders")
+    fits = _weigh_fits(problem, simpler.fits)
+    is_doubted = bool(problem.score([fits[0][0], *tried.undetermined])[0] > MODAL.decisive)
+    return _Fitted(
+        fits,
+        is_doubted,
+        (
+            "the curves suggest dry friction or a joint that slips, which this decay does not determine: the law is "
+            "the best one without, for these amplitudes only"
+            + (", and the damping at zero amplitude is not told" if is_doubted else "")
+            + "; record with less noise or a stronger impact",
+        ),
+    )
+
+
+def _doubt_without_friction(problem: _Problem, fitted: _Fitted) -> _Fitted:
+    """Return a law from which given orders exclude dry friction, with friction as a rival that widens its intervals.
+
+    The law is doubted where friction explains decisively more. The powers of damping beside friction may be fewer than
+    those asked for.
+    """
+    best, order = fitted.best, problem.damping_order
+    if order is None or best.form.has_friction:
+        return fitted
+    try:
+        rivals = replace(problem, damping_order=None).search_forms(True, False)
+    except NotDeterminedError:
+        return fitted
+    likely = [each for each in rivals if each[0].damping_order <= order][: MODAL.rivals_with_friction]
+    fits = [best, *_try_forms(problem, likely).fits]
+    gain = float(problem.score(fits)[0])
+    if gain <= MODAL.decisive:
+        return replace(fitted, fits=list(zip(fits, problem.weigh(fits).tolist(), strict=True)))
+    return _Fitted(
+        fitted.fits,
+        True,
+        (
+            *fitted.warnings,
+            f"dry friction explains the decay better than powers of the damping_order {order} (by {gain:.3g} in the "
+            f"Bayesian criterion, {MODAL.decisive:g} is decisive): neither damping at zero amplitude nor intervals of "
+            "the damping are told; leave damping_order out, so that the law may have friction",
+        ),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,23 +363,46 @@ class _Fit:
         return bool(self.vector[place] + 2.0 * np.sqrt(self.covariance[place, place]) < 0.0)
 
 
-def _fit_forms(
-    decays: Sequence[_ScaledTrack], forms: Sequence[tuple[LawForm, FloatArray]], derivative: int, damping: float
-) -> list[tuple[_Fit, float]]:
-    """Return the forms that describe all decays with their weights, first the simplest of the best criterion."""
-    n_data = 2 * sum(each.time.size for each in decays)
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """Forms that were fitted, those whose joint is not determined, and why the first one failed."""
+
+    fits: list[_Fit]
+    undetermined: list[_Fit]
+    failed: NotDeterminedError | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Forms with their weights, the chosen one first, and whether its damping at zero amplitude is to be doubted."""
+
+    fits: Sequence[tuple[_Fit, float]]
+    is_doubted: bool
+    warnings: tuple[str, ...]
+
+    @property
+    def best(self) -> _Fit:
+        """The fit of the form that was chosen."""
+        return self.fits[0][0]
+
+
+def _try_forms(problem: _Problem, forms: Sequence[tuple[LawForm, FloatArray]]) -> _Tried:
+    """Fit forms to all decays."""
     fits: list[_Fit] = []
+    undetermined: list[_Fit] = []
     failed: NotDeterminedError | None = None
     for form, guess in forms:
         try:
-            if n_data <= (form.size + 2) * len(decays) + 2:
+            if problem.n_data <= (form.size + 2) * len(problem.decays) + 2:
                 raise NotDeterminedError(
-                    f"{n_data} amplitudes and phases cannot determine {form.size} coefficients: lower the orders"
+                    f"{problem.n_data} amplitudes and phases cannot determine {form.size} coefficients: lower the "
+                    "orders"
                 )
-            fit = _fit_form(decays, form, guess, derivative, damping)
+            fit = _fit_form(problem, form, guess)
             if not form.is_possible(fit.vector):
                 raise NotDeterminedError("the fitted law has no stiffness at zero amplitude: lower the orders")
             if not form.is_determined(fit.vector, np.sqrt(np.diag(fit.covariance))):
+                undetermined.append(fit)
                 raise NotDeterminedError(
                     "the decay does not determine the friction or the slip of the joint that its curves suggest: give "
                     "a damping_order, which leaves them out"
@@ -295,22 +410,19 @@ def _fit_forms(
             fits.append(fit)
         except NotDeterminedError as why:
             failed = failed or why
-    if not fits:
-        raise failed or NotDeterminedError("no law describes the decay: lower the orders")
+    return _Tried(fits, undetermined, failed)
+
+
+def _weigh_fits(problem: _Problem, fits: list[_Fit]) -> list[tuple[_Fit, float]]:
+    """Return fits with their weights, first the simplest of the best criterion."""
     fits = [each for each in fits if not each.is_active] or fits
-    scores = score_misfit([each.squares for each in fits], n_data, [each.form.size * each.repeats for each in fits])
-    scores += [each.form.prior_score for each in fits]
-    scores -= scores.min()
-    chosen = min(np.flatnonzero(scores < MODAL.bare_mention), key=lambda j: fits[j].form.size)
-    weights = np.exp(-0.5 * scores)
-    weights = np.where(weights < MODAL.least_weight, 0.0, weights)
-    weighed = [(fit, float(weight)) for fit, weight in zip(fits, weights / weights.sum(), strict=True)]
+    chosen = min(np.flatnonzero(problem.score(fits) < MODAL.bare_mention), key=lambda j: fits[j].form.size)
+    weighed = list(zip(fits, problem.weigh(fits).tolist(), strict=True))
     return [weighed[chosen], *weighed[:chosen], *weighed[chosen + 1 :]]
 
 
-def _fit_form(
-    decays: Sequence[_ScaledTrack], form: LawForm, guess: FloatArray, derivative: int, damping: float
-) -> _Fit:
+def _fit_form(problem: _Problem, form: LawForm, guess: FloatArray) -> _Fit:
+    decays, derivative, damping = problem.decays, problem.units.derivative, float(np.median(problem.seen.damping))
     each_fit = [_refine(decay, form, guess, derivative, damping) for decay in decays]
     p, vector = form.size, each_fit[0][0]
     covariance, scatter = each_fit[0][1], np.zeros(p)
@@ -372,47 +484,32 @@ def _span(decays: Sequence[_ScaledTrack]) -> tuple[float, float]:
     return low, max(float(each.log_amplitude.max()) for each in decays) + 0.4
 
 
-def _describe_law(
-    decays: Sequence[_ScaledTrack], fits: Sequence[tuple[_Fit, float]], units: _Units, lowest: float
-) -> DecayLaw:
+def _describe_law(problem: _Problem, fitted: _Fitted) -> DecayLaw:
     """Return the best fit in SI units; what its rivals say otherwise widens the intervals."""
-    best, rate = fits[0][0], units.rate
+    best, decays, units, lowest = fitted.best, problem.decays, problem.units, float(problem.seen.level.min())
     k, c, joint = best.form.split(best.vector)
     flow = solve_slow_flow(k, c, *_span(decays), joint)
     if flow is None:
         raise NotDeterminedError("no law of these orders decays over all amplitudes of the decays: lower the orders")
     low, spread = best.find_low()
     few = _widen_few_windows(sum(each.log_amplitude.size for each in decays), best.form.size)
-    low_std = few * _widen(fits, low)
+    low_std = few * _widen(fitted.fits, low)
     wider = np.full(best.vector.size, few)
     wider[list(best.places)] = low_std[:2] / np.sqrt(np.maximum(np.diag(spread)[:2], 1e-300))
     factors = units.find_factors(best.form, best.vector)
     covariance = best.covariance * np.outer(wider, wider) * np.outer(factors, factors)
-    values, std = best.vector * factors, np.sqrt(np.diag(covariance))
-    n_k, n_c = best.form.stiffness_order, best.form.damping_order
-    estimates = [
-        _estimate(value, each, best.repeats if j in best.places else 1)
-        for j, (value, each) in enumerate(zip(values, std, strict=True))
-    ]
-    if best.is_active:
-        # No structure at rest has negative damping: what the record holds beside the decay is not known.
-        estimates[n_k] = estimates[n_k].without_interval()
-    rest = estimates[n_k + n_c :]
-    friction = Estimate()
-    if best.form.has_friction:
-        rest.pop(0)
-        friction = Estimate.normal(values[n_k + n_c], few * _widen_friction(fits) * factors[n_k + n_c])
-    slip, exponent = rest if rest else (Estimate(), Estimate())
+    n_k = best.form.stiffness_order
+    stiffness, damping, (friction, slip, exponent) = _estimate_coefficients(fitted, factors, covariance, few)
     # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
     reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
-    has_ratio = reaches and not best.form.has_friction and not best.is_active
-    scale_hz = rate / (2.0 * np.pi)
+    has_ratio = reaches and not (best.form.has_friction or best.is_active or fitted.is_doubted)
+    scale_hz = units.rate / (2.0 * np.pi)
     seen = flow.log_amplitude + units.derivative * np.log(flow.natural)
     logs = np.concatenate([each.log_amplitude for each in decays])
     measured = (seen >= logs.min()) & (seen <= logs.max())
     return DecayLaw(
-        stiffness=dict(enumerate(estimates[:n_k], start=1)),
-        damping=dict(enumerate(estimates[n_k : n_k + n_c], start=1)),
+        stiffness=dict(enumerate(stiffness, start=1)),
+        damping=dict(enumerate(damping, start=1)),
         friction=friction,
         slip=slip,
         slip_exponent=exponent,
@@ -426,8 +523,37 @@ def _describe_law(
         covariance=covariance,
         misfit=best.misfit,
         phase_error=best.phase_error,
-        warnings=tuple(_warn_of_law(best, lowest)),
+        warnings=(*_warn_of_law(best, lowest), *fitted.warnings),
     )
+
+
+def _estimate_coefficients(
+    fitted: _Fitted, factors: FloatArray, covariance: FloatArray, few: float
+) -> tuple[list[Estimate], list[Estimate], tuple[Estimate, Estimate, Estimate]]:
+    """Return k_n, c_n, and friction, slip and exponent of the best fit in SI units, empty where it has none.
+
+    `factors` lead to SI units, in which the covariance is, and `few` widens for few windows.
+    """
+    best = fitted.best
+    values, std = best.vector * factors, np.sqrt(np.diag(covariance))
+    n_k, n_c = best.form.stiffness_order, best.form.damping_order
+    estimates = [
+        _estimate(value, each, best.repeats if j in best.places else 1)
+        for j, (value, each) in enumerate(zip(values, std, strict=True))
+    ]
+    damping = estimates[n_k : n_k + n_c]
+    if best.is_active:
+        # No structure at rest has negative damping: what the record holds beside the decay is not known.
+        damping[0] = damping[0].without_interval()
+    if fitted.is_doubted:
+        damping = [each.without_interval() for each in damping]
+    rest = estimates[n_k + n_c :]
+    friction = Estimate()
+    if best.form.has_friction:
+        rest.pop(0)
+        friction = Estimate.normal(values[n_k + n_c], few * _widen_friction(fitted.fits) * factors[n_k + n_c])
+    slip, exponent = rest if rest else (Estimate(), Estimate())
+    return estimates[:n_k], damping, (friction, slip, exponent)
 
 
 def _widen(fits: Sequence[tuple[_Fit, float]], low: FloatArray) -> FloatArray:

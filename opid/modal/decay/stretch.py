@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft, rfftfreq
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend, fftconvolve, find_peaks, peak_prominences
@@ -80,11 +81,16 @@ def find_stretch(
 
 def find_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
     """Return the amplitude of a signal near a frequency, (n,), through a Hann kernel of six cycles."""
+    return np.abs(find_phasor(samples, fs=fs, frequency_hz=frequency_hz))
+
+
+def find_phasor(samples: FloatArray, *, fs: float, frequency_hz: float) -> NDArray[np.complex128]:
+    """Return amplitude and phase beside that of a frequency as complex numbers, (n,), through the same kernel."""
     length = max(3, round(MODAL.kernel_cycles * fs / frequency_hz))
     kernel = np.hanning(length + 2)[1:-1]
     turned = samples * np.exp(-2j * np.pi * frequency_hz / fs * np.arange(samples.size))
     weight = fftconvolve(np.ones(samples.size), kernel, mode="same")
-    return 2.0 * np.abs(fftconvolve(turned, kernel, mode="same")) / weight
+    return np.asarray(2.0 * fftconvolve(turned, kernel, mode="same") / weight, dtype=np.complex128)
 
 
 def find_spectrum_peaks(
@@ -161,6 +167,9 @@ def _find_decaying_peak(part: FloatArray, fs: float, low: float, high: float) ->
 def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
     """Return the first sample after an impact, or after a dwell."""
     highest, reach = int(np.argmax(envelope)), round(0.5 * MODAL.kernel_cycles * cycle) + 1
+    steady = _find_steady_end(envelope, cycle)
+    if steady is not None:
+        return steady + reach
     # The mean over a cycle follows slower motion, and the mode cancels in it.
     level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
     first = max(0, highest - 4 * reach)
@@ -177,6 +186,31 @@ def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
         return loud + reach
     # A hammer that drives the mode touches for less than half of its period, so the impact is over by then.
     return (peak if peak < onset + 2.5 * cycle else onset) + round(MODAL.after_peak_cycles * cycle)
+
+
+def _find_steady_end(envelope: FloatArray, cycle: float) -> int | None:
+    """Return the last sample of a steady motion before the decay, which something drives; None where there is none.
+
+    A decay passes one level after another in times that change slowly; a drive holds its envelope at one level.
+    """
+    reach = round(0.5 * MODAL.kernel_cycles * cycle) + 1
+    inner = envelope[reach:-reach]  # the kernel reaches beyond the record at its ends
+    if inner.size < 4 * reach:
+        return None
+    step = 1.0 - MODAL.steady_step
+    levels = inner.max() * step ** np.arange(1, 1 + int(np.log(MODAL.least_steady) / np.log(step)))
+    levels = levels[levels > inner[-reach:].max()]  # those that are passed within the record
+    if levels.size < 4:
+        return None
+    last = np.array([int(np.flatnonzero(inner >= level)[-1]) for level in levels])
+    began = np.concatenate([[int(np.argmax(inner >= levels[0]))], last[:-1]])
+    times = last - began
+    for k in range(levels.size - 4, -1, -1):
+        is_long = times[k] > MODAL.steady_times * max(float(np.median(times[k + 1 : k + 4])), 0.5 * reach)
+        held = inner[began[k] : last[k]]
+        if is_long and float(np.quantile(held, 0.05)) > step * float(np.median(held)):
+            return reach + int(np.flatnonzero(inner >= 0.97 * np.median(held))[-1])
+    return None
 
 
 def _skip_clipped(part: FloatArray, cycle: float, warnings: list[str]) -> int:

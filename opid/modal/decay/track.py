@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.modal.decay.stretch import Stretch, find_spectrum_peaks
+from opid.modal.decay.stretch import Stretch, find_phasor, find_spectrum_peaks
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -86,36 +86,89 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
     """
     part = samples[stretch.start : stretch.stop]
     part = part - np.median(part[-max(8, part.size // 4) :])
-    try:
-        windows, reference, neighbours, close = _follow(part, stretch, np.empty(0), fs)
-    except NotDeterminedError:
-        # A strong neighbour may spoil the first rounds, so those in the spectrum are now fitted from the beginning.
-        strong = _find_strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
-        if not strong.size:
-            raise
+    return _make_track(part, *_follow_best(part, stretch, fs), stretch, fs)
+
+
+_Followed = tuple[list[_Window], _Reference, FloatArray, FloatArray]
+"""The windows and the reference of the last round, the neighbours that were fitted and those too close."""
+
+
+def _follow_best(part: FloatArray, stretch: Stretch, fs: float) -> _Followed:
+    """Return what explains most of the record, of first references with one frequency and with one that glides."""
+    steady, gliding, none = _guess_steady(part, stretch, fs), _guess_gliding(part, stretch, fs), np.empty(0)
+    guesses = [steady]
+    first = _choose_length(part.size, gliding, 0, none, fs)
+    if np.ptp(gliding.phase[:first] - steady.phase[:first]) > 2.0 * np.pi * MODAL.most_glide:
+        guesses.append(gliding)
+    found: list[_Followed] = []
+    failed: NotDeterminedError | None = None
+    for guess in guesses:
         try:
-            windows, reference, neighbours, close = _follow(part, stretch, strong, fs)
-        except NotDeterminedError:
-            raise NotDeterminedError(
-                f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be "
-                "separated in one signal: separate them with several sensors (a modal filter); if it is one mode whose "
-                "frequency moves fast, begin later with start_s"
-            ) from None
-    return _make_track(part, windows, reference, neighbours, close, stretch, fs)
+            found.append(_follow(part, stretch, guess, none, fs))
+        except NotDeterminedError as why:
+            failed = failed or why
+    if found:
+        return min(found, key=lambda each: _find_unexplained(part, each[0]))
+    # A strong neighbour may spoil the first rounds, so those in the spectrum are now fitted from the beginning.
+    strong = _find_strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
+    if not strong.size:
+        raise failed or NotDeterminedError("the decay cannot be followed: give near_hz, start_s and stop_s")
+    try:
+        return _follow(part, stretch, steady, strong, fs)
+    except NotDeterminedError:
+        raise NotDeterminedError(
+            f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be "
+            "separated in one signal: separate them with several sensors (a modal filter); if it is one mode whose "
+            "frequency moves fast, begin later with start_s"
+        ) from None
 
 
-def _follow(
-    part: FloatArray, stretch: Stretch, neighbours: FloatArray, fs: float
-) -> tuple[list[_Window], _Reference, FloatArray, FloatArray]:
-    """Return the windows and the reference of the last round, the neighbours that were fitted and those too close."""
-    n_sure = stretch.sure_stop - stretch.start
+def _guess_steady(part: FloatArray, stretch: Stretch, fs: float) -> _Reference:
+    """Return the first reference: one frequency and one rate."""
     omega = 2.0 * np.pi * stretch.frequency_hz
     rate = max(stretch.rate, 1e-4 * omega)
     time = np.arange(part.size) / fs
     amplitude = np.sqrt(2.0) * float(part[: max(8, round(fs * 2 * np.pi / omega))].std()) + 1e-300
-    reference = _Reference(
+    return _Reference(
         np.log(amplitude) - rate * time, omega * time, np.full(time.size, omega), np.full(time.size, rate)
     )
+
+
+def _guess_gliding(part: FloatArray, stretch: Stretch, fs: float) -> _Reference:
+    """Return a first reference whose frequency moves with the amplitude, both from the phase of a short kernel.
+
+    A window in which the frequency moves by a cycle follows no reference of one frequency.
+    """
+    from scipy.integrate import cumulative_trapezoid
+
+    n, time = stretch.sure_stop - stretch.start, np.arange(part.size) / fs
+    turned = find_phasor(part[:n], fs=fs, frequency_hz=stretch.frequency_hz)
+    height = np.abs(turned)
+    edge = min(round(0.5 * MODAL.kernel_cycles * fs / stretch.frequency_hz), n // 4)
+    inside = slice(edge, n - edge)
+    omega = 2.0 * np.pi * stretch.frequency_hz + np.gradient(np.unwrap(np.angle(turned)), 1.0 / fs)
+    log_of = np.poly1d(np.polyfit(time[inside], np.log(height[inside] + 1e-300), 5, w=np.sqrt(height[inside])))
+    ahead = max(stretch.rate, 1e-4 * omega[edge])
+    rate = np.clip(-log_of.deriv()(time), 0.2 * ahead, 20.0 * ahead)
+    rate[n:] = ahead
+    log_amplitude = -cumulative_trapezoid(rate, dx=1.0 / fs, initial=0.0)
+    root = np.exp(0.5 * log_amplitude)
+    by_root = np.polyfit(root[inside], omega[inside], 3, w=height[inside])
+    middle = float(np.median(omega[inside]))
+    moved = np.clip(np.polyval(by_root, root), 0.8 * middle, 1.25 * middle)
+    return _Reference(
+        log_amplitude + float(log_of(time[edge])) - log_amplitude[edge],
+        cumulative_trapezoid(moved, dx=1.0 / fs, initial=0.0),
+        moved,
+        rate,
+    )
+
+
+def _follow(
+    part: FloatArray, stretch: Stretch, reference: _Reference, neighbours: FloatArray, fs: float
+) -> _Followed:
+    """Return what a first reference leads to."""
+    n_sure = stretch.sure_stop - stretch.start
 
     def fit_early(reference: _Reference, neighbours: FloatArray) -> list[_Window]:
         return _fit_windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
@@ -124,16 +177,23 @@ def _follow(
         reference = _renew_reference(fit_early(reference, neighbours), reference, fs)
     windows = fit_early(reference, neighbours)
     close: list[float] = []
+    own: list[float] = []
     for _ in range(MODAL.most_neighbours):
-        found, resolved = _find_next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
+        found, resolved = _find_next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close, *own], fs)
         if found is None:
             break
-        if resolved:
-            neighbours = np.append(neighbours, found)
-            reference = _renew_reference(fit_early(reference, neighbours), reference, fs)
-            windows = fit_early(reference, neighbours)
-        else:
+        if not resolved:
             close.append(found)
+            continue
+        more = np.append(neighbours, found)
+        renewed = _renew_reference(fit_early(reference, more), reference, fs)
+        refitted = fit_early(renewed, more)
+        if _find_unexplained(part, refitted) < _find_unexplained(part, windows):
+            neighbours, reference, windows = more, renewed, refitted
+        else:
+            # Beside a mode whose frequency moves as far, a line that explains nothing is what the fit left of the mode.
+            moves = float(np.ptp(reference.omega[:n_sure])) / (2.0 * np.pi)
+            (own if moves > np.abs(reference.omega[:n_sure] / (2.0 * np.pi) - found).min() else close).append(found)
     reference = _renew_reference(windows, reference, fs)
     for _ in range(2):  # further rounds no longer change the reference
         reference = _renew_reference(_fit_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
@@ -292,7 +352,10 @@ def _find_next_neighbour(
     rate = float(np.median(reference.rate))
     width = 3.0 * max(1.0 / (size / fs), rate / (2.0 * np.pi), 0.004 * own)
     apart = (frequency < swept.min() - width) | (frequency > swept.max() + width)
-    apart &= np.min(np.abs(frequency[:, None] / own - np.array([2.0, 3.0])), axis=1, initial=np.inf) > 0.06
+    # The harmonics of the mode are in the remainder, and glide with it.
+    for harmonic in (2, 3):
+        below, above = harmonic * swept.min() - 0.06 * own, harmonic * swept.max() + 0.06 * own
+        apart &= (frequency < below) | (frequency > above)
     apart &= np.min(np.abs(frequency[:, None] - np.array(known)), axis=1, initial=np.inf) > width
     apart &= height > max(MODAL.smallest_neighbour * largest, 6.0 * floor)
     # A window that is longer than the decay itself separates nothing.
