@@ -149,3 +149,32 @@ def test_coarse_steps_are_not_clipping():
     slow = np.exp(-0.5 * time) * np.cos(2 * np.pi * 6.0 * time)
     decay = free_decay(np.round(slow * 200) / 200, fs=FS, quantity="displacement")
     assert not any("clipped" in each for each in decay.warnings)
+
+
+@pytest.mark.parametrize("duration_s", [0.35, 0.6, 1.0])
+@pytest.mark.parametrize("orders", [(1, 1), (3, 3)])
+def test_orders_that_leave_friction_out_tell_no_wrong_damping(orders, duration_s):
+    """Given orders exclude friction, whose part of the damping grows towards zero amplitude."""
+    for seed, zeta in enumerate((0.002, 0.004, 0.008)):
+        for fraction in (0.002, 0.005, 0.01):
+            samples = rubbing(seed, friction=fraction * K0 * LEVEL, c0=2.0 * zeta * OMEGA)[
+                : 500 + round(duration_s * FS)
+            ]
+            decay = free_decay(samples, fs=FS, stiffness_order=orders[0], damping_order=orders[1])
+            told = decay.damping_low
+            assert told.value is None or abs(told.value - zeta) < 3.0 * told.std
+            doubted = any("dry friction explains the decay better" in each for each in decay.warnings)
+            assert doubted == (decay.damping[1].std is None)
+            if doubted:
+                assert told.value is None
+
+
+def test_orders_of_a_mode_without_friction_keep_their_intervals():
+    """Ten decays of a linear mode, whose friction is zero whatever orders are given."""
+    held = []
+    for seed in range(10):
+        order = 1 + seed % 3
+        decay = free_decay(rubbing(seed, friction=0.0), fs=FS, stiffness_order=order, damping_order=order)
+        assert decay.warnings == ()
+        held.append(decay.damping_low.holds(0.004))
+    assert sum(held) >= 7

@@ -31,7 +31,7 @@ from opid.progress import Say
 if TYPE_CHECKING:
     from opid.modal.decay.free_decay import Decay
     from opid.modal.linear.fitted_modes import FittedModes
-    from opid.signals.recording import Recording
+    from opid.signals.recording import FloatArray, Recording
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)
 OPTIONS = {
@@ -316,7 +316,7 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
         for length in LENGTHS
         for unit, quantity in zip(UNITS, QUANTITIES, strict=True)
     }
-    record = _read_channel(log, settings, kinds)
+    record, force = _read_channel(log, settings, kinds)
     length, quantity = kinds[record.channels[0].unit]
     say("the decay")
     found = free_decay(
@@ -327,6 +327,7 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
         near_hz=settings["near"],
         start_s=settings["start"],
         stop_s=settings["stop"],
+        force=force,
         stiffness_order=settings["stiffness_order"],
         damping_order=settings["damping_order"],
         name=_name_source(settings, None),
@@ -383,8 +384,10 @@ def _name_options(text: str, settings: Mapping[str, Any]) -> str:
     return re.sub(rf"\b({'|'.join(options)})\b", lambda found: options[found[0]], text)
 
 
-def _read_channel(log: Path, settings: Mapping[str, Any], units: Collection[str]) -> Recording:
-    """Return the channel of a log in SI units, which must be among some."""
+def _read_channel(
+    log: Path, settings: Mapping[str, Any], units: Collection[str]
+) -> tuple[Recording, FloatArray | None]:
+    """Return the channel of a log in SI units, which must be among some, and forces that the log holds beside it."""
     from opid.signals.conversion import recording_of
     from opid.signals.log import ChannelSettings, LogSettings
     from opid.signals.logs import open_log
@@ -395,11 +398,19 @@ def _read_channel(log: Path, settings: Mapping[str, Any], units: Collection[str]
     track, column = opened.find(channel)
     if unit is None and track.channels[column].unit is None:
         raise InputError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
-    record = recording_of(opened, how, channels={channel: ChannelSettings(channel, unit=unit)})
+    wanted = {channel: ChannelSettings(channel, unit=unit)}
+    record = recording_of(opened, how, channels=wanted)
     if record.channels[0].unit not in units:
         raise InputError(
             f"channel {channel!r} of {log} is in {record.channels[0].unit}: a free decay is followed in an "
             "acceleration, a velocity, a displacement, an angle or a strain; choose such a channel, or give the unit "
             "of its numbers, like --unit g"
         )
-    return record
+    forces = [each.name for each in track.channels if each.name != channel and each.is_in("N")]
+    if not forces:
+        return record, None
+    try:
+        beside = recording_of(opened, how, channels=wanted | {name: ChannelSettings(name) for name in forces})
+    except InputError:
+        return record, None  # A force with gaps tells nothing; the motion is complete.
+    return record, beside.samples[:, 1:] if len(beside.samples) == len(record.samples) else None

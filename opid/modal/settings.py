@@ -91,6 +91,10 @@ class ModalThresholds:
     after_peak_cycles: float = 0.75
     # peak over the motion before it, from which on a record holds an impact and not the end of a dwell
     impact_rise: float = 2.5
+    acting: float = 0.05  # fraction of the largest force from which on a force acts on a decay ...
+    acting_over_noise: float = 6.0  # ... if it also exceeds its noise, rms, by so much, which chance never does
+    # periods of a force in which it falls from half to its end, above which it may be one that the motion itself causes
+    sudden_end: float = 10.0
     # step between levels of an envelope, a fraction: a dwell swings by less, and so does the first envelope at an end
     steady_step: float = 0.1
     # time that a dwell stays within such a step, over that of the decay in the next steps: the damping of a mode does
@@ -114,6 +118,7 @@ class ModalThresholds:
     # cycles by which a frequency that glides and one that stays may part in the first window: with more, no window
     # follows the one that stays
     most_glide: float = 0.25
+    glide_gain: float = 0.5  # fraction of the residual that a frequency which glides must leave, to be preferred
     # highest neighbour over the frequency of the mode: the taper of the windows suppresses those beyond
     highest_neighbour: float = 10.0
     smallest_neighbour: float = 0.005  # fraction of the mode's peak from which on a neighbour is fitted

@@ -10,6 +10,7 @@ from typing import Any
 from opid.estimate import Estimate, format_number, format_percent, rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
+from opid.modal.decay.stretch import Beginning
 from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, build_warnings, write_options
 from opid.report.estimates import build_estimate_row, format_estimate, tabulate_estimates
@@ -20,6 +21,14 @@ PER = {"": "", "m": ", per unit mass", "rad": ", per unit of inertia", "strain":
 
 AMPLITUDES = {"": "displacement", "m": "displacement", "rad": "angle", "strain": "strain"}
 """What the amplitudes are of, likewise."""
+
+
+BEGINNINGS: Mapping[Beginning, str] = {
+    "given": "",
+    "impact": "",
+    "drive": "The decay begins after a steady motion, which something drove and which is left out. ",
+    "force": "The decay begins after the end of the measured force. ",
+}
 
 
 def build_document(decay: Decay) -> Document:
@@ -75,9 +84,9 @@ def _build_figure(decay: Decay) -> Figure:
 
 def _say_basis(decay: Decay) -> str:
     return (
-        f"From {format_number(decay.start_s, 4)} to {format_number(decay.stop_s, 4)} s; amplitudes are of "
-        f"{AMPLITUDES[decay.length]}. {format_percent(decay.residual_fraction, 2)} of the record (rms) is neither "
-        "this mode nor what was found beside it."
+        f"{BEGINNINGS[decay.beginning]}From {format_number(decay.start_s, 4)} to {format_number(decay.stop_s, 4)} s; "
+        f"amplitudes are of {AMPLITUDES[decay.length]}. {format_percent(decay.residual_fraction, 2)} of the record "
+        "(rms) is neither this mode nor what was found beside it."
     )
 
 

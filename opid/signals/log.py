@@ -35,6 +35,13 @@ class LoggedChannel:
     unit: str | None = None  # unit as it is written; None where the file states none
     is_clock: bool = False  # whether it runs with the time and is no signal; it is only read where the user names it
 
+    def is_in(self, unit: str) -> bool:
+        """Whether its unit is of the kind of `unit`, of SI; an unknown one is refused when the channel is read."""
+        try:
+            return bool(self.unit) and to_si(str(self.unit))[1] == unit
+        except InputError:
+            return False
+
 
 @dataclass(frozen=True, eq=False)
 class Block:

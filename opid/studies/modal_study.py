@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,10 +20,9 @@ from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.progress import Say
 from opid.provenance import read_file
 from opid.signals.conversion import recording_of, require_distinct
-from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings
+from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LoggedChannel, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
-from opid.signals.units import to_si
 from opid.studies.run_files import CHANNEL, ChannelTable, add_files, tabulate_channel
 from opid.studies.schema import (
     NO_KEY,
@@ -294,7 +294,8 @@ def _read_test(
     wanted = _choose_channels(log, modes, list(points), channels)
     if entry.use == "resonance" and (voltage := _find_channel(log, "V")):
         wanted[voltage] = ChannelSettings(voltage)
-    recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
+    read = partial(recording_of, log, how, start_s=entry.start_s, stop_s=entry.stop_s)
+    recording = _add_forces(log, wanted, channels, read) if entry.use == "decay" else read(channels=wanted)
     _require_alive(recording, modes)
     return modal_test(recording, modes, name=entry.label, force=points)
 
@@ -332,16 +333,25 @@ def _choose_channels(
     return wanted
 
 
+def _add_forces(
+    log: Log,
+    wanted: Mapping[str, ChannelSettings],
+    channels: Mapping[str, ChannelSettings],
+    read: Callable[..., Recording],
+) -> Recording:
+    """Return the recording of a decay with the forces on the clock of its sensors, after whose end it begins."""
+    track, _ = log.find(next(iter(wanted.values())).channel)
+    forces = {each.name: ChannelSettings(each.name) for each in track.channels if each.is_in("N")}
+    forces |= {name: each for name, each in channels.items() if LoggedChannel(name, each.unit).is_in("N")}
+    try:
+        return read(channels={**forces, **wanted})
+    except InputError:
+        return read(channels=wanted)  # A force with gaps tells nothing of the decay, and the motion may be complete.
+
+
 def _find_channel(log: Log, unit: str) -> str:
     """Return the name of a channel in a unit of the kind of `unit`, of SI; "" if there is none."""
-    for track in log.tracks:
-        for channel in track.channels:
-            try:
-                if channel.unit and to_si(channel.unit)[1] == unit:
-                    return channel.name
-            except InputError:
-                continue  # An unknown unit is refused when the channel is used.
-    return ""
+    return next((each.name for track in log.tracks for each in track.channels if each.is_in(unit)), "")
 
 
 def _require_alive(recording: Recording, modes: LinearModes) -> None:

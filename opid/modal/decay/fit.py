@@ -215,7 +215,7 @@ class _Problem:
         )
 
     def score(self, fits: Sequence[_Fit]) -> FloatArray:
-        """Return the Bayesian criterion of forms that were fitted to the decays, lower is better, the best has 0, (m,)."""
+        """Return the Bayesian criterion of forms that were fitted to the decays above that of the best, (m,)."""
         sizes = [each.form.size * each.repeats for each in fits]
         scores = score_misfit([each.squares for each in fits], self.n_data, sizes)
         scores += [each.form.prior_score for each in fits]

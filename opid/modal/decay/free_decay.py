@@ -14,7 +14,7 @@ from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import DecayLaw, find_backbone, fit_decays
-from opid.modal.decay.stretch import Stretch, find_stretch
+from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.forced.mode_tests import check_shapes
 from opid.modal.linear.modes import ModalTest
@@ -65,6 +65,8 @@ class Decay(Result):
         derivative: 2 where the signal is an acceleration, 1 where it is a velocity, 0 where it is a displacement.
         fitted: the law with its friction and joint, and its curves; of all repeats where there are several.
         warnings: one sentence for each warning about the result.
+        beginning: where the decay begins: "given", or found after an "impact", after a steady motion that something
+            drove ("drive"), or after the end of a measured "force".
         repeats: the single decays, where several were pooled; the curves over amplitude are those of the largest.
         settings: the options of `opid decay` by their names, and `log`; empty if another program made the result.
         files: the files that the record was read from.
@@ -95,6 +97,7 @@ class Decay(Result):
     derivative: int
     fitted: DecayLaw | None
     warnings: tuple[str, ...]
+    beginning: Beginning = "impact"
     repeats: tuple[Decay, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[ReadFile, ...] = ()
@@ -136,7 +139,7 @@ class Decay(Result):
         """Return the fields without the record; `k` and `c` by power, 1 is k0 and c0."""
         names = (
             *("name", "mode", "amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio"),
-            *("damping_std", "start_s", "stop_s", "law_misfit", "warnings"),
+            *("damping_std", "start_s", "stop_s", "beginning", "law_misfit", "warnings"),
         )
         return {
             **{name: getattr(self, name) for name in names},
@@ -168,7 +171,7 @@ def decay_of(
     Its law has powers only where nothing else is asked for: these are what a nonlinear modal model is made of.
 
     Args:
-        test: the test; a force in it is ignored, and must have ended.
+        test: the test; the decay begins after the end of the forces that its recording holds, channels in N.
         mode: number of the mode, from 1; it is searched near its linear frequency.
         stiffness_order: order of the stiffness; it and `damping_order`, `start_s`, `stop_s`, `friction`, `memory` are
             those of `free_decay`.
@@ -184,10 +187,12 @@ def decay_of(
     faults, doubts = check_shapes(test, mode, (0.8 * frequency, 1.2 * frequency))
     if faults:
         raise InputError("; ".join(faults))
+    forces = [test.recording.channel(each.name) for each in test.recording.channels if each.unit == "N"]
     found = free_decay(
         test.modal_acceleration(mode),
         fs=test.fs,
         near_hz=frequency,
+        force=np.stack(forces, axis=1) if forces else None,
         stiffness_order=stiffness_order,
         damping_order=damping_order,
         start_s=start_s,
@@ -209,6 +214,7 @@ def free_decay(
     band_hz: tuple[float, float] | None = None,
     start_s: float | None = None,
     stop_s: float | None = None,
+    force: ArrayLike | None = None,
     stiffness_order: int | None = None,
     damping_order: int | None = None,
     friction: bool | None = None,
@@ -219,8 +225,9 @@ def free_decay(
 ) -> Decay:
     """Return frequency and damping over amplitude of a free decay, and the law of the mode, from one signal.
 
-    The largest impact of the record is found and left out; the decay after it is followed until it reaches the noise or
-    the next impact. Amplitudes are those of displacement, whichever quantity was measured.
+    The largest impact of the record, or the steady motion that something drives before the decay, is found and left
+    out; the decay after it is followed until it reaches the noise or the next impact. Amplitudes are those of
+    displacement, whichever quantity was measured.
 
     Args:
         samples: (n,) the signal, in SI units.
@@ -231,6 +238,7 @@ def free_decay(
         band_hz: band of the mode, Hz, instead of `near_hz`.
         start_s: start of the free decay, s from the first sample; found where None.
         stop_s: end of the free decay, s from the first sample; found where None.
+        force: (n,) force that was measured with the signal, or (n, m) several: the decay begins after their end.
         stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; where None, the Bayesian criterion
             chooses it.
         damping_order: N_d of c_n q'|q'|^(n-1), 1 for linear damping; where None, the Bayesian criterion chooses it.
@@ -250,10 +258,11 @@ def free_decay(
     """
     series = _read_series(samples, fs, quantity)
     derivative = QUANTITIES.index(quantity)
-    stretch = find_stretch(series, fs=fs, near_hz=near_hz, band_hz=band_hz, start_s=start_s, stop_s=stop_s)
-    track, late = _track_late_if_needed(series, stretch, fs, start_s is None)
+    acting = None if force is None else find_free_part(series, force, fs=fs)
+    limits = _Limits(near_hz, band_hz, start_s, stop_s)
+    track, beginning, early = _follow_free(series, fs, limits, acting)
     amplitude, natural, natural_std, damping, damping_std = find_backbone(track, derivative)
-    warnings = [*stretch.warnings, *late, *_warn_of_track(track, amplitude)]
+    warnings = [*early, *_warn_of_track(track, amplitude)]
     law: DecayLaw | None = None
     try:
         law = fit_decays(
@@ -300,6 +309,7 @@ def free_decay(
         derivative=derivative,
         fitted=law,
         warnings=tuple(warnings),
+        beginning=beginning,
     )
 
 
@@ -391,6 +401,46 @@ def _read_series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
             f"the signal reaches {largest:.3g}, which no structure does in SI units: check its unit and scale"
         )
     return series
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """The band and the times of a decay as they were given."""
+
+    near_hz: float | None
+    band_hz: tuple[float, float] | None
+    start_s: float | None
+    stop_s: float | None
+
+
+def _follow_free(
+    series: FloatArray, fs: float, limits: _Limits, acting: ActingForce | None
+) -> tuple[Track, Beginning, list[str]]:
+    """Return the track of the decay after the end of a measured force, where it begins, and warnings of the choice."""
+
+    def follow(free: tuple[int, int] | None) -> tuple[Track, Beginning, list[str]]:
+        stretch = find_stretch(series, fs=fs, free=free, **vars(limits))
+        track, late = _track_late_if_needed(series, stretch, fs, limits.start_s is None)
+        return track, stretch.beginning, [*stretch.warnings, *late]
+
+    if acting is None:
+        return follow(None)
+    try:
+        found = follow(acting.free if acting.ends and limits.start_s is None else None)
+    except NotDeterminedError:
+        if not acting.ends or limits.start_s is not None:
+            raise
+        found = follow(None)
+    track, beginning, warnings = found
+    used = slice(round(track.start_s * fs), round(track.stop_s * fs) + 1)
+    if acting.acts[used].any():
+        until = track.start_s + float(np.flatnonzero(acting.acts[used])[-1]) / fs
+        warnings.append(
+            f"the measured force is {100 * acting.fraction[used].max():.2g} % of its largest value in the stretch that "
+            f"is used, and acts until {until:.4g} s: if it drives the structure, this is no free decay; give start_s "
+            "after its end"
+        )
+    return track, beginning, warnings
 
 
 def _track_late_if_needed(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:

@@ -1,11 +1,12 @@
-"""Find the free decay in a record: its frequency, the end of the impact before it, and what comes after it."""
+"""Find the free decay in a record: its frequency, the end of the impact or the force before it, what comes after it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.fft import next_fast_len, rfft, rfftfreq
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend, fftconvolve, find_peaks, peak_prominences
@@ -13,6 +14,10 @@ from scipy.signal import detrend, fftconvolve, find_peaks, peak_prominences
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
+
+Beginning = Literal["given", "impact", "drive", "force"]
+"""Where a decay begins: at a time that was given, after an impact, after a steady motion that something drove, or after
+the end of a measured force."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,25 @@ class Stretch:
     stop: int  # sample after the last that may be used
     sure_stop: int  # sample where the envelope comes near its value at the end of the record
     warnings: tuple[str, ...]  # one sentence for each warning about the choice
+    beginning: Beginning
+
+
+@dataclass(frozen=True, eq=False)
+class ActingForce:
+    """When a measured force acts.
+
+    Args:
+        acts: (n,) whether it stands out of its noise and of its rest, for each sample.
+        fraction: (n,) size of the force over its largest.
+        free: first sample and sample after the last of the part in which no force acts and the motion is largest.
+        ends: whether the force ends before that part; else it falls with the motion, as a load cell in the structure
+            does, or acts until the end.
+    """
+
+    acts: NDArray[np.bool_]
+    fraction: FloatArray
+    free: tuple[int, int]
+    ends: bool
 
 
 def find_stretch(
@@ -35,11 +59,13 @@ def find_stretch(
     band_hz: tuple[float, float] | None = None,
     start_s: float | None = None,
     stop_s: float | None = None,
+    free: tuple[int, int] | None = None,
 ) -> Stretch:
     """Return the stretch of a record where its strongest mode, or the one asked for, decays freely.
 
     The mode is the peak of the spectrum that loses most from the first half of the decay to the second; hum, which
-    stays, is therefore not taken for a mode. The peak lies within a tenth of `near_hz`, or in `band_hz`.
+    stays, is therefore not taken for a mode. The peak lies within a tenth of `near_hz`, or in `band_hz`. Only the
+    samples `free`, the first and the one after the last, are looked at; None for all of them.
 
     Raises:
         InputError: a band or times outside the record.
@@ -47,6 +73,8 @@ def find_stretch(
     """
     n = samples.size
     first, last = _find_limits(n, fs, start_s, stop_s)
+    if free is not None:
+        first, last = max(first, free[0]), min(last, free[1])
     low, high = _choose_band(last - first, fs, near_hz, band_hz)
     part = samples[first:last] - np.median(samples[first:last])
     peak = 0 if start_s is not None else int(np.argmax(np.abs(detrend(part))))
@@ -62,8 +90,9 @@ def find_stretch(
     warnings: list[str] = []
     envelope = find_envelope(part, fs=fs, frequency_hz=frequency)
     start = 0
+    beginning: Beginning = "given"
     if start_s is None:
-        start = _find_start(part, envelope, cycle)
+        start, beginning = _find_start(part, envelope, cycle)
         start = max(start, _skip_clipped(part, cycle, warnings))
     stop = _find_next_impact(part, start, cycle)
     if stop - start < MODAL.fewest_cycles * cycle:
@@ -76,7 +105,42 @@ def find_stretch(
     sure = start + int(quiet[0]) if quiet.size else stop
     sure = min(stop, max(sure, start + int(MODAL.fewest_cycles * fs / frequency)))
     rate = _fit_slope(envelope[start:sure], fs)
-    return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings))
+    if free is not None and free[0] > 0 and beginning == "impact":
+        beginning = "force"
+    return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings), beginning)
+
+
+def find_free_part(samples: FloatArray, force: ArrayLike, *, fs: float) -> ActingForce:
+    """Return when any of some forces acts on a structure whose motion is (n,) `samples`.
+
+    Args:
+        samples: (n,) the motion.
+        force: (n,) one force, or (n, m) several.
+        fs: sampling rate, Hz.
+
+    Raises:
+        InputError: forces of another length, or that are not finite.
+    """
+    columns = np.asarray(force, dtype=np.float64)
+    columns = columns[:, None] if columns.ndim == 1 else columns
+    if columns.ndim != 2 or len(columns) != samples.size or not np.isfinite(columns).all():
+        raise InputError(
+            f"the force has shape {columns.shape} for {samples.size} samples of the motion, or is not finite: give a "
+            "number for each sample"
+        )
+    n = samples.size
+    fractions, period = np.zeros(n), 4.0
+    for column in columns.T:
+        fraction, own_period = _compare_with_largest(column)
+        fractions, period = np.maximum(fractions, fraction), max(period, own_period)
+    acts = fractions > MODAL.acting
+    edges = np.concatenate([[-1], np.flatnonzero(acts), [n]])
+    gaps = np.flatnonzero(np.diff(edges) > 2.0 * period)
+    if not acts.any() or not gaps.size:
+        return ActingForce(acts, fractions, (0, n), False)
+    parts = [(int(edges[gap]) + 1, int(edges[gap + 1])) for gap in gaps]
+    first, last = max(parts, key=lambda part: float(np.abs(detrend(samples[part[0] : part[1]])).max()))
+    return ActingForce(acts, fractions, (first, last), first > 0 and not _falls_with(samples, fractions, first, period))
 
 
 def find_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
@@ -104,6 +168,32 @@ def find_spectrum_peaks(
     inside = (frequency >= low_hz) & (frequency <= high_hz)
     floor = float(np.median(height[inside])) if inside.any() else 0.0
     return *_select_peaks(frequency, height, low_hz, high_hz), floor
+
+
+def _compare_with_largest(force: FloatArray) -> tuple[FloatArray, float]:
+    """Return the size of a force over its largest, zero where it is noise, and its period, samples."""
+    n = force.size
+    blocks = force[: n - n % 50].reshape(50, -1) if n >= 200 else force[None, :]
+    spread = blocks.std(axis=1)
+    # The force at rest is that of its quietest part: a load cell may be preloaded.
+    size = np.abs(force - float(np.median(blocks[int(np.argmin(spread))])))
+    largest = float(size.max())
+    if not largest > MODAL.acting_over_noise * float(spread.min()):
+        return np.zeros(n), 4.0
+    size = np.where(size > MODAL.acting_over_noise * float(spread.min()), size, 0.0)
+    spectrum = np.abs(rfft(detrend(force)))
+    period = 1.0 / float(rfftfreq(n)[1 + int(np.argmax(spectrum[1:]))])
+    return size / largest, min(period, n / 50.0)
+
+
+def _falls_with(samples: FloatArray, fraction: FloatArray, end: int, period: float) -> bool:
+    """Return whether a force falls to its end gradually, and the motion with it."""
+    half = int(np.flatnonzero(fraction[:end] > 0.5)[-1]) if (fraction[:end] > 0.5).any() else end
+    if end - half < MODAL.sudden_end * period:
+        return False
+    width = max(4, round(2.0 * period))
+    before, after = (np.ptp(samples[max(0, at - width) : at + width]) for at in (half, end))
+    return bool(after < 0.3 * before)
 
 
 def _compute_spectrum(samples: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
@@ -164,12 +254,12 @@ def _find_decaying_peak(part: FloatArray, fs: float, low: float, high: float) ->
     return float(peaks[np.argmax(np.interp(peaks, frequency, lost))])
 
 
-def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
-    """Return the first sample after an impact, or after a dwell."""
+def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> tuple[int, Beginning]:
+    """Return the first sample after an impact, or after a dwell, and which of them it is."""
     highest, reach = int(np.argmax(envelope)), round(0.5 * MODAL.kernel_cycles * cycle) + 1
     steady = _find_steady_end(envelope, cycle)
     if steady is not None:
-        return steady + reach
+        return steady + reach, "drive"
     # The mean over a cycle follows slower motion, and the mode cancels in it.
     level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
     first = max(0, highest - 4 * reach)
@@ -183,9 +273,9 @@ def _find_start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
     begins_loud = onset < 1.25 * cycle
     if not (loud < peak + 2 * reach if begins_loud else rise and onset > first + 1.25 * cycle):
         # After a dwell the kernel must not reach back across the end of the dwell.
-        return loud + reach
+        return loud + reach, "drive"
     # A hammer that drives the mode touches for less than half of its period, so the impact is over by then.
-    return (peak if peak < onset + 2.5 * cycle else onset) + round(MODAL.after_peak_cycles * cycle)
+    return (peak if peak < onset + 2.5 * cycle else onset) + round(MODAL.after_peak_cycles * cycle), "impact"
 
 
 def _find_steady_end(envelope: FloatArray, cycle: float) -> int | None:

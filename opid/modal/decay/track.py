@@ -96,19 +96,22 @@ _Followed = tuple[list[_Window], _Reference, FloatArray, FloatArray]
 def _follow_best(part: FloatArray, stretch: Stretch, fs: float) -> _Followed:
     """Return what explains most of the record, of first references with one frequency and with one that glides."""
     steady, gliding, none = _guess_steady(part, stretch, fs), _guess_gliding(part, stretch, fs), np.empty(0)
-    guesses = [steady]
+    found: _Followed | None = None
+    failed: NotDeterminedError | None = None
+    try:
+        found = _follow(part, stretch, steady, none, fs)
+    except NotDeterminedError as why:
+        failed = why
     first = _choose_length(part.size, gliding, 0, none, fs)
     if np.ptp(gliding.phase[:first] - steady.phase[:first]) > 2.0 * np.pi * MODAL.most_glide:
-        guesses.append(gliding)
-    found: list[_Followed] = []
-    failed: NotDeterminedError | None = None
-    for guess in guesses:
+        most = MODAL.most_residual if found is None else MODAL.glide_gain * _find_unexplained(part, found[0])
         try:
-            found.append(_follow(part, stretch, guess, none, fs))
+            glided = _follow(part, stretch, gliding, none, fs)
+            found = glided if _find_unexplained(part, glided[0]) < most else found
         except NotDeterminedError as why:
             failed = failed or why
-    if found:
-        return min(found, key=lambda each: _find_unexplained(part, each[0]))
+    if found is not None:
+        return found
     # A strong neighbour may spoil the first rounds, so those in the spectrum are now fitted from the beginning.
     strong = _find_strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
     if not strong.size:
@@ -147,15 +150,18 @@ def _guess_gliding(part: FloatArray, stretch: Stretch, fs: float) -> _Reference:
     edge = min(round(0.5 * MODAL.kernel_cycles * fs / stretch.frequency_hz), n // 4)
     inside = slice(edge, n - edge)
     omega = 2.0 * np.pi * stretch.frequency_hz + np.gradient(np.unwrap(np.angle(turned)), 1.0 / fs)
-    log_of = np.poly1d(np.polyfit(time[inside], np.log(height[inside] + 1e-300), 5, w=np.sqrt(height[inside])))
+    log_of = np.polynomial.Polynomial.fit(
+        time[inside], np.log(height[inside] + 1e-300), 5, w=np.sqrt(height[inside]), domain=[0.0, n / fs]
+    )
     ahead = max(stretch.rate, 1e-4 * omega[edge])
     rate = np.clip(-log_of.deriv()(time), 0.2 * ahead, 20.0 * ahead)
     rate[n:] = ahead
     log_amplitude = -cumulative_trapezoid(rate, dx=1.0 / fs, initial=0.0)
     root = np.exp(0.5 * log_amplitude)
-    by_root = np.polyfit(root[inside], omega[inside], 3, w=height[inside])
+    weight, powers = height[inside, None], np.arange(4)
+    by_root = np.linalg.lstsq(weight * root[inside, None] ** powers, weight[:, 0] * omega[inside], rcond=1e-12)[0]
     middle = float(np.median(omega[inside]))
-    moved = np.clip(np.polyval(by_root, root), 0.8 * middle, 1.25 * middle)
+    moved = np.clip(root[:, None] ** powers @ by_root, 0.8 * middle, 1.25 * middle)
     return _Reference(
         log_amplitude + float(log_of(time[edge])) - log_amplitude[edge],
         cumulative_trapezoid(moved, dx=1.0 / fs, initial=0.0),
@@ -164,9 +170,7 @@ def _guess_gliding(part: FloatArray, stretch: Stretch, fs: float) -> _Reference:
     )
 
 
-def _follow(
-    part: FloatArray, stretch: Stretch, reference: _Reference, neighbours: FloatArray, fs: float
-) -> _Followed:
+def _follow(part: FloatArray, stretch: Stretch, reference: _Reference, neighbours: FloatArray, fs: float) -> _Followed:
     """Return what a first reference leads to."""
     n_sure = stretch.sure_stop - stretch.start
 
@@ -188,12 +192,13 @@ def _follow(
         more = np.append(neighbours, found)
         renewed = _renew_reference(fit_early(reference, more), reference, fs)
         refitted = fit_early(renewed, more)
-        if _find_unexplained(part, refitted) < _find_unexplained(part, windows):
-            neighbours, reference, windows = more, renewed, refitted
+        swept = reference.omega[:n_sure] / (2.0 * np.pi)
+        # Beside a mode whose frequency moves as far, a line that explains nothing is what the fit left of the mode.
+        is_near = float(np.abs(swept - found).min()) < float(np.ptp(swept))
+        if is_near and _find_unexplained(part, refitted) > _find_unexplained(part, windows):
+            own.append(found)
         else:
-            # Beside a mode whose frequency moves as far, a line that explains nothing is what the fit left of the mode.
-            moves = float(np.ptp(reference.omega[:n_sure])) / (2.0 * np.pi)
-            (own if moves > np.abs(reference.omega[:n_sure] / (2.0 * np.pi) - found).min() else close).append(found)
+            neighbours, reference, windows = more, renewed, refitted
     reference = _renew_reference(windows, reference, fs)
     for _ in range(2):  # further rounds no longer change the reference
         reference = _renew_reference(_fit_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
