@@ -101,7 +101,6 @@ def updated(structure: AffineStructure, curves: Sequence[MeasuredCurve], form: s
     study = UpdatingStudy(
         "Song et al. (2021) on virtual data", structure, tuple(convert_curve(curve) for curve in curves), PAPER_CLASSES,
         parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), form=form, harmonics=FORMS[form], seed=seed,  # type: ignore[arg-type]
-        sampler="metropolis" if form == "paper" else "adaptive",
     )  # fmt: skip
     begun = perf_counter()
     result = update_study(study)

@@ -6,13 +6,16 @@ its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" e
 0.1 % a point, "small" ones those of a virtual measurement (0.05 and 0.15 % a curve, 0.01 % a point). The linear error
 of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
 cubic and the other quadratic. Rows "coverage study" run
-both phases from nominal moduli; the other ones of coverage take the structure with its linear error as it is.
+both phases from nominal moduli; the other ones of coverage take the structure with its linear error as it is. Rows
+"joint" update both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint
+evidence" compares the evidence with nested sampling (`pip install dynesty`).
 """
 
 import argparse
 import os
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from multiprocessing import get_context
 from time import perf_counter, process_time
 
@@ -25,10 +28,13 @@ from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.identification import predict, update_study
-from opid.updating.likelihood.backbones import BackboneData, backbone_data, likelihood_function
+from opid.updating.likelihood.backbones import BackboneData, backbone_data
+from opid.updating.likelihood.curves import likelihood_function
+from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior
+from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
+from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.measured import synthetic_backbones
@@ -163,6 +169,75 @@ def pylons(seed: int, errors: str) -> Figures:
     return figures
 
 
+def joint_study(seed: int, errors: str, linear: str) -> tuple[UpdatingStudy, dict[str, float]]:
+    """Both pylons are cubic and quintic; the moduli and all four coefficients are unknown. With the truth."""
+    structure, both = wing_engine_structure(), CLASSES[4]
+    apart = laws_of_pylons(both, both)
+    rng, factors = drawn(seed, linear)
+    theta = (1.49, 0.51, 1.3, 0.6)
+    share = 0.004 if linear == "mode" else 0.0
+    measured = synthetic_backbones(
+        system(*factors.values()), apart, theta, rng=rng, linear_error=share, **ERRORS[errors]
+    )
+    study = UpdatingStudy(
+        title="joint", structure=structure, backbones=measured, classes=(apart,), is_joint=True, sampler="nuts",
+        parameters=dict.fromkeys(structure.parts, Prior("uniform", 0.05, 5.0)), seed=seed,
+    )  # fmt: skip
+    return study, dict(zip([f"theta_{k}" for k in range(1, 7)], [*theta, *factors.values()], strict=True))
+
+
+def joint(seed: int, errors: str, linear: str) -> Figures:
+    study, true = joint_study(seed, errors, linear)
+    cpu, wall = process_time(), perf_counter()
+    found = update_study(study).classes[0]
+    figures = {
+        "CPU s": process_time() - cpu,
+        "wall s": perf_counter() - wall,
+        "effective samples, least": found.diagnostics.effective_samples,
+        "standard deviation of the log evidence": found.evidences[0].std,
+    }
+    for name, each, estimate in zip(true, found.model_class.parameters, found.estimates.values(), strict=True):
+        figures[f"95 % interval of {each.key} holds"] = float(estimate.holds(true[name]))
+        figures[f"error of {each.key}, %"] = 100 * (estimate.value / true[name] - 1)
+        figures[f"standard deviation of {each.key}, %"] = 100 * estimate.std / true[name]
+    return figures
+
+
+def joint_evidence(seed: int, errors: str, linear: str) -> Figures:
+    """The evidence of six parameters against dynesty, which walks from the prior to the posterior by itself."""
+    from dynesty import NestedSampler
+
+    study, _ = joint_study(seed, errors, linear)
+    rng = np.random.default_rng(seed)
+    noise = NoiseSettings(linear_error_growth=0.22)  # stated, so that both methods have the same density
+    parts = study.structure.parts
+    structure = factored_modes(study.structure, dict(zip(parts, FACTORS, strict=True)), 1e-4 * np.eye(2))
+    data = replace(backbone_data(system(), study.backbones, noise=noise), structure=structure)
+    factors = tuple(StiffnessFactor(name, Prior("uniform", 0.05, 5.0)) for name in parts)
+    model_class = replace(study.classes[0], factors=factors)
+    found = update_class(data, model_class, rng=rng, sampler="nuts")
+    likelihood = likelihood_function(data, model_class)
+
+    def evaluate(theta: np.ndarray) -> float:
+        return max(float(likelihood(theta[None])[0][0]), -1e300)
+
+    def place(cube: np.ndarray) -> np.ndarray:
+        return np.array([p.support[0] + c * np.ptp(p.support) for p, c in zip(model_class.priors, cube, strict=True)])
+
+    nested = NestedSampler(evaluate, place, 6, nlive=300, sample="rwalk", rstate=rng)
+    nested.run_nested(print_progress=False)
+    reference, error = float(nested.results.logz[-1]), float(nested.results.logzerr[-1])
+    importance, laplace = found.evidences
+    apart = importance.log_evidence - reference
+    return {
+        "importance sampling less nested sampling": apart,
+        "stated error of the first": importance.std,
+        "stated error of the second": error,
+        "within two of both errors": float(abs(apart) <= 2 * np.hypot(importance.std, error)),
+        "Laplace less nested sampling": laplace.log_evidence - reference,
+    }
+
+
 def bands(seed: int, form: str, errors: str) -> Figures:
     measured = backbones(seed, errors)
     data = prepared(measured, form)
@@ -209,6 +284,8 @@ ROWS: dict[str, Row] = {
     **{f"coverage study {form} {errors} {linear}": (coverage_study, (form, errors, linear), 200)
        for form in ("recommended", "paper") for errors in ERRORS for linear in ("mode", "moduli")},
     **{f"pylons {errors}": (pylons, (errors,), 60) for errors in ERRORS},
+    **{f"joint {errors} {linear}": (joint, (errors, linear), 60) for errors in ERRORS for linear in ("mode", "moduli")},
+    "joint evidence": (joint_evidence, ("small", "mode"), 3),
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
     **{f"times {form}": (times, (form,), 3) for form in FORMS[:2]},

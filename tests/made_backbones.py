@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
-from opid.updating.likelihood.backbones import likelihood_function
+from opid.updating.likelihood.curves import likelihood_function
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure

@@ -52,7 +52,6 @@ def test_effective_samples_and_r_hat_are_those_of_arviz(three_columns):
     np.testing.assert_allclose(split_r_hat(three_columns), r_hat, rtol=1e-10)
 
 
-@pytest.mark.filterwarnings("ignore::FutureWarning")  # ArviZ 0.23 announces its successor once a day
 @pytest.mark.parametrize("memory", [-0.5, 0.0, 0.9, 0.99])
 @pytest.mark.parametrize(("n_chains", "n"), [(2, 9), (4, 500), (3, 1001)])
 def test_diagnostics_agree_with_the_arviz_that_is_installed(n_chains, n, memory):
@@ -233,7 +232,6 @@ def test_without_arviz_the_groups_are_plain(monkeypatch, three_columns):
         to_inference_data(chain, ["a", "b", "b"])
 
 
-@pytest.mark.filterwarnings("ignore::FutureWarning")
 def test_with_arviz_its_own_object_is_returned(three_columns):
     pytest.importorskip("arviz")
     data = to_inference_data(chain_of(three_columns), ["a", "b", "c"])

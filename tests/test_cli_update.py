@@ -93,10 +93,10 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_without_emcee_its_sampler_is_refused_before_any_work(study, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "emcee", None)
+def test_without_nutpie_its_sampler_is_refused_before_any_work(study, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "nutpie", None)
     monkeypatch.setattr(identification, "update_linear", None)
-    refused(opid("update", study, "--sampler", "ensemble", "--out", tmp_path / "out"), "pip install '.[ensemble]'")
+    refused(opid("update", study, "--sampler", "nuts", "--out", tmp_path / "out"), "pip install '.[nuts]'")
     assert not (tmp_path / "out").exists()
 
 
@@ -218,14 +218,14 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
-    """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
+    """From Matrix Market files by the no-U-turn sampler to the report: the true class stands first, near the truth."""
     monkeypatch.setattr("opid.report.updating.list_figures", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])
     (simulated / "two.toml").write_text(chosen.replace("harmonics = [1, 3]", "harmonics = [1]"), encoding="utf-8")
     done = opid("update", simulated / "two.toml", "--truth", simulated / "truth.json", "--out", tmp_path,
-                "--samples", 1000, "--sampler", "ensemble")  # fmt: skip
+                "--samples", 1000, "--sampler", "nuts")  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
     told = " ".join(done.stdout.split())
     assert "Reduction: 29 coordinates, modes with sensors and joints held: frequency of modes 7 and 8 off" in told
@@ -239,4 +239,4 @@ def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     assert max(result["reduction"]["relative"][:9]) < 1e-3
     assert max(result["reduction_free"]["relative"][:15]) < 1e-8
     assert result["settings"]["harmonics"] == [1]
-    assert {each["diagnostics"]["sampler"] for each in result["classes"]} == {"ensemble"}
+    assert {each["diagnostics"]["sampler"] for each in result["classes"]} == {"nuts"}

@@ -7,7 +7,8 @@ import pytest
 from opid.errors import InputError
 from opid.studies.updating_study import ClassTable
 from opid.updating.confusion import find_confusion
-from opid.updating.likelihood.backbones import backbone_data, draw_curves, make_curves
+from opid.updating.likelihood.backbones import backbone_data, draw_curves
+from opid.updating.likelihood.curves import make_curves
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.posterior import update_class

@@ -18,7 +18,7 @@ from opid.signals.logs import formats
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.flights.dataset import read_dataset
 from opid.updating.chain_files import write_chains
-from opid.updating.sampling.samplers import ensemble
+from opid.updating.sampling.samplers import nuts
 from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
 
 PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -29,14 +29,14 @@ def recording():
     return recording_from_arrays(np.zeros((1, 16)), fs=10.0, unit="m/s^2", names=["a"])
 
 
-def walkers():
-    return ensemble(None, None, n_samples=1, n_warm_up=0, rng=np.random.default_rng(0))
+def walks():
+    return nuts(None, None, covariance=1.0, n_samples=1, n_warm_up=0, rng=np.random.default_rng(0))
 
 
 NEEDED = {
     "arviz": ("bayes", "arviz", lambda folder: write_chains(small_updating(), folder)),
     "distributed": ("campaign", "distributed", lambda folder: run_campaign(CampaignPlan("none", ()), folder)),
-    "emcee": ("ensemble", "emcee", lambda folder: walkers()),
+    "nutpie": ("nuts", "nutpie", lambda folder: walks()),
     "pandas": ("tables", "pandas", lambda folder: small_body().to_frame()),
     "pandas of a recording": ("tables", "pandas", lambda folder: frame_of(recording())),
     "pyarrow": ("campaign", "pyarrow", read_dataset),
@@ -72,5 +72,5 @@ def test_the_extras_that_are_named_have_these_libraries():
 def test_all_has_every_extra_that_a_user_needs():
     (every,) = EXTRAS["all"]
     assert {*every.removeprefix("opid[").removesuffix("]").split(",")} == EXTRAS.keys() - {
-        *("all", "bayes", "campaign", "dev", "docs", "fuzz", "notebooks", "test"),
+        *("all", "bayes", "campaign", "dev", "docs", "fuzz", "notebooks", "nuts", "test"),
     }

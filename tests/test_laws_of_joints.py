@@ -12,7 +12,8 @@ from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.laws.law import Law, Term
 from opid.studies.updating_study import ClassTable, LawTable, tabulate_class
-from opid.updating.likelihood.backbones import backbone_data, make_curves
+from opid.updating.likelihood.backbones import backbone_data
+from opid.updating.likelihood.curves import make_curves
 from opid.updating.likelihood.error_growth import with_modal_errors
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm, group_joints

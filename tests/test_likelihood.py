@@ -7,7 +7,7 @@ from scipy.stats import invgamma, multivariate_normal
 
 from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone
-from opid.updating.likelihood import backbones as likelihood
+from opid.updating.likelihood import backbones
 from opid.updating.likelihood.backbones import backbone_data, coefficient_of_variation
 from opid.updating.likelihood.noise import (
     OWN_WEIGHT,
@@ -84,7 +84,7 @@ def test_coefficient_of_variation_of_curves_that_differ_by_offsets(measured):
 
 def test_few_nodes_are_as_good_as_all_amplitudes(measured, monkeypatch):
     few = backbone_data(made.system(), measured, form="recommended", harmonics=(1,))
-    monkeypatch.setattr(likelihood, "N_NODES", 200)
+    monkeypatch.setattr(backbones, "N_NODES", 200)
     all_of_them = backbone_data(made.system(), measured, form="recommended", harmonics=(1,))
     assert all_of_them.modes[0].parts[0][1].size > 12
     both = [made.log_likelihood(data, made.CUBIC, THETA) for data in (few, all_of_them)]

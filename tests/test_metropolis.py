@@ -1,13 +1,11 @@
-"""Metropolis-Hastings, adaptive Metropolis and the ensemble sampler against distributions that are known."""
-
-from functools import partial
+"""Adaptive Metropolis and the no-U-turn sampler against distributions that are known."""
 
 import numpy as np
 import pytest
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 from opid.updating.sampling.chains import diagnose, effective_samples, split_r_hat, spread_starts
-from opid.updating.sampling.samplers import ensemble, metropolis
+from opid.updating.sampling.samplers import metropolis, nuts
 
 MEAN = np.array([1.6, -1.0])
 # as narrow and as correlated as the posterior of the paper's class 4
@@ -29,7 +27,6 @@ def half_normal(theta):
 
 
 # each with its mean, its covariance, and coordinates whose squares are 1 in the mean
-adaptive_metropolis = partial(metropolis, adaptive=True)
 TARGETS = {
     "correlated": (
         correlated,
@@ -46,10 +43,23 @@ TARGETS = {
     "half normal": (half_normal, np.array([np.sqrt(2 / np.pi), 0.0]), np.diag([1 - 2 / np.pi, 1.0]), lambda t: t),
 }
 
+SLOPES = {
+    correlated: lambda t: (MEAN - t) @ np.linalg.inv(COVARIANCE),
+    banana: lambda t: np.stack(
+        [-t[:, 0] + 8.0 * t[:, 0] * (t[:, 1] - t[:, 0] ** 2), -4.0 * (t[:, 1] - t[:, 0] ** 2)], axis=1
+    ),
+    half_normal: lambda t: np.where(t[:, :1] >= 0, -t, 0.0),
+}
+
+
+def walk(density, start, covariance, **how):
+    slopes = SLOPES.get(density, SLOPES[correlated])
+    return nuts(lambda t: (density(t), slopes(t)), start, covariance=covariance, **how)
+
+
 SAMPLERS = {
-    "metropolis": lambda f, start, covariance, **how: metropolis(f, start, covariance=covariance, **how),
-    "adaptive": lambda f, start, covariance, **how: adaptive_metropolis(f, start, covariance=covariance, **how),
-    "ensemble": lambda f, start, covariance, **how: ensemble(f, start, **how),
+    "adaptive": lambda f, start, covariance, **how: metropolis(f, start, covariance=covariance, **how),
+    "nuts": walk,
 }
 
 
@@ -73,25 +83,36 @@ def test_mean_and_spread_of_a_known_distribution(sampler, target):
     np.testing.assert_allclose(density(chain.pooled).reshape(32, -1), chain.log_density, rtol=1e-12)
 
 
-def test_the_laplace_covariance_is_worth_several_times_a_diagonal_one():
+@pytest.mark.parametrize("covariance", [COVARIANCE, np.diag(COVARIANCE.diagonal())])
+def test_adaptive_chains_know_the_covariance_or_learn_it(covariance):
     rng = np.random.default_rng(6)
     start = spread_starts(correlated, MEAN, COVARIANCE, n_chains=8, rng=rng)
-    run = partial(metropolis, correlated, start, n_samples=625, n_warm_up=63, rng=rng)
-    diagonal, whole = (diagnose(run(covariance=each)) for each in (np.diag(COVARIANCE), COVARIANCE))
-    assert whole.effective_samples > 3 * diagonal.effective_samples
-    assert 400 < whole.effective_samples < 1200  # of 5000 samples
-    assert 0.25 < whole.acceptance < 0.45
-    adaptive = adaptive_metropolis(
-        correlated, start, covariance=np.diag(COVARIANCE), n_samples=625, n_warm_up=63, rng=rng
-    )
-    assert diagnose(adaptive).effective_samples > 2 * diagonal.effective_samples
+    found = diagnose(metropolis(correlated, start, covariance=covariance, n_samples=625, n_warm_up=63, rng=rng))
+    assert 400 < found.effective_samples < 1200  # of 5000 samples
+    assert 0.25 < found.acceptance < 0.45
+
+
+def test_walks_along_the_slope_are_worth_ten_times_as_much_in_eight_dimensions():
+    root = np.random.default_rng(9).standard_normal((8, 8))
+    covariance, rng = root @ root.T, np.random.default_rng(10)
+    inverse = np.linalg.inv(covariance)
+
+    def density(t):
+        return -0.5 * np.einsum("ni,ij,nj->n", t, inverse, t)
+
+    start = spread_starts(density, np.zeros(8), covariance, n_chains=4, rng=rng)
+    how = {"covariance": covariance, "n_samples": 500, "rng": rng}
+    walked = diagnose(nuts(lambda t: (density(t), -t @ inverse), start, n_warm_up=100, **how))
+    stepped = diagnose(metropolis(density, start, n_warm_up=100, **how))
+    assert walked.effective_samples > 10 * stepped.effective_samples
+    assert walked.divergent == 0.0
 
 
 @pytest.mark.parametrize("wrong", [1e-6, 1e4])
 def test_adaptation_mends_a_covariance_that_is_far_off(wrong):
     rng = np.random.default_rng(7)
     start = spread_starts(correlated, MEAN, COVARIANCE, n_chains=8, rng=rng)
-    chain = adaptive_metropolis(
+    chain = metropolis(
         correlated, start, covariance=wrong * np.diag(COVARIANCE.diagonal()), n_samples=1000, n_warm_up=1500, rng=rng
     )
     assert 0.2 < chain.acceptance < 0.5
@@ -100,7 +121,7 @@ def test_adaptation_mends_a_covariance_that_is_far_off(wrong):
 
 def test_a_single_adaptive_chain_far_from_the_posterior_finds_it():
     rng = np.random.default_rng(8)
-    chain = adaptive_metropolis(
+    chain = metropolis(
         correlated, MEAN + np.array([1.0, -20.0]), covariance=1.0, n_samples=4000, n_warm_up=4000, rng=rng
     )
     assert chain.samples.shape == (1, 4000, 2)
@@ -125,12 +146,11 @@ def test_the_same_chance_gives_the_same_bits_and_changes_no_input(sampler):
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
     assert one.samples.shape == (8, 120, 2)
-    assert one.n_evaluations == 8 * 151
+    assert one.n_evaluations >= 8 * 151
     assert one.n_warm_up == 30
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
-def test_all_chains_are_evaluated_together(sampler):
+def test_all_adaptive_chains_are_evaluated_together():
     rows = []
 
     def counted(theta):
@@ -138,16 +158,17 @@ def test_all_chains_are_evaluated_together(sampler):
         return correlated(theta)
 
     start = spread_starts(correlated, MEAN, COVARIANCE, n_chains=40, rng=np.random.default_rng(1))
-    chain = SAMPLERS[sampler](counted, start, COVARIANCE, n_samples=50, n_warm_up=0, rng=np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    chain = metropolis(counted, start, covariance=COVARIANCE, n_samples=50, n_warm_up=0, rng=rng)
     assert sum(rows) == chain.n_evaluations
-    assert len(rows) <= 101  # emcee moves one half after the other
+    assert len(rows) == 51
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_what_no_sampler_can_go_on_with(sampler):
     run = SAMPLERS[sampler]
     start = np.random.default_rng(1).normal(1.0, 0.1, (8, 2))
-    how = {"n_samples": 50, "n_warm_up": 0, "rng": np.random.default_rng(1)}
+    how = {"n_samples": 50, "n_warm_up": 10, "rng": np.random.default_rng(1)}
     with pytest.raises(InputError, match=r"return one number for each row, shape \(8,\)"):
         run(lambda t: t, start, np.eye(2), **how)
     with pytest.raises(InputError, match="outside the support"):
@@ -161,10 +182,12 @@ def test_what_no_sampler_can_go_on_with(sampler):
 
 
 def test_proposals_that_make_no_sense_are_refused():
-    how = {"n_samples": 5, "n_warm_up": 0, "rng": np.random.default_rng(1)}
+    how = {"n_samples": 5, "n_warm_up": 10, "rng": np.random.default_rng(1)}
     with pytest.raises(InputError, match="not positive definite"):
         metropolis(correlated, MEAN, covariance=-COVARIANCE, **how)
-    with pytest.raises(InputError, match="even number of at least 4"):
-        ensemble(correlated, MEAN + np.eye(2), **how)
-    with pytest.raises(InputError, match="in one plane"):
-        ensemble(correlated, MEAN + 0.01 * np.arange(6)[:, None], **how)
+
+
+def test_a_density_without_slope_is_refused():
+    how = {"covariance": COVARIANCE, "n_samples": 50, "n_warm_up": 10, "rng": np.random.default_rng(1)}
+    with pytest.raises(NotDeterminedError, match="where the density has no slope"):
+        nuts(lambda t: (np.zeros(len(t)), np.zeros_like(t)), MEAN, **how)

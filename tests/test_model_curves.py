@@ -11,15 +11,14 @@ from opid.json_values import plain
 from opid.mechanics.backbones.family import family_evaluator
 from opid.updating import identification, warnings
 from opid.updating.identification import predict
-from opid.updating.likelihood import backbones
-from opid.updating.likelihood.backbones import (
-    backbone_data,
+from opid.updating.likelihood import curves
+from opid.updating.likelihood.backbones import backbone_data
+from opid.updating.likelihood.curves import (
     describe_failures,
     describe_interactions,
     find_met_modes,
     likelihood_function,
     make_curves,
-    without_interactions,
 )
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import PAPER_CLASSES
@@ -43,7 +42,7 @@ def data(measured):
     return backbone_data(made.system(), measured, harmonics=(1,))
 
 
-def with_holes(monkeypatch, fails, module=backbones, maker="family_evaluator"):
+def with_holes(monkeypatch, fails, module=curves, maker="family_evaluator"):
     """Let points fail: `fails` takes coefficients (n,) and amplitudes (n_points,) to (n, n_points)."""
     made_evaluator = getattr(module, maker)
 
@@ -238,7 +237,7 @@ def test_beside_an_interaction_the_curve_is_that_of_the_whole_structure(wing):
     system, measured = wing
     data = backbone_data(system, measured)
     mode = data.modes[1]
-    assert (find_met_modes(data, mode) + 1).tolist() == [12, 13]
+    assert (find_met_modes(data, mode).columns + 1).tolist() == [12, 13]
     third = 3 * np.sqrt(mode.eigenvalue) / (2 * np.pi)
     apart = np.abs(third / system.frequency_hz[12] - 1) > 0.02
     amplitude = np.sort(mode.amplitude[apart])
@@ -253,15 +252,16 @@ def test_the_first_harmonic_keeps_the_modes_that_others_meet(wing):
     system, measured = wing
     data = backbone_data(system, measured)
     mode = data.modes[1]
-    smooth = without_interactions(data, mode)
+    smooth = find_met_modes(data, mode).remove_from(system)
     for one in (system, smooth):
         assert one.frequency_hz[7] == system.frequency_hz[7]
     middle = mode.eigenvalue.mean()
     flexibility = [one.at_joints / (one.eigenvalue - middle) @ one.at_joints.T for one in (system, smooth)]
     np.testing.assert_allclose(flexibility[0], flexibility[1], rtol=1e-9)
     with_one_harmonic = replace(data, harmonics=(1,))
-    assert find_met_modes(with_one_harmonic, mode).size == 0
-    assert without_interactions(with_one_harmonic, mode) is system
+    met = find_met_modes(with_one_harmonic, mode)
+    assert met.columns.size == 0
+    assert met.remove_from(system) is system
 
 
 def test_measured_points_at_an_interaction_are_told(wing_structure):

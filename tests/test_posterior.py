@@ -6,7 +6,7 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating import posterior
-from opid.updating.likelihood import backbones as likelihood
+from opid.updating.likelihood import curves as likelihood
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.model_class import Prior
 from opid.updating.posterior import density_of, update_class
@@ -79,7 +79,7 @@ def test_a_law_that_does_not_fit_has_less_evidence(data, cubic):
     assert other.log_evidence < cubic.log_evidence - 15
 
 
-@pytest.mark.parametrize("sampler", ["metropolis", "ensemble", "transitional"])
+@pytest.mark.parametrize("sampler", ["nuts", "transitional"])
 def test_every_sampler_finds_the_same(data, cubic, sampler):
     found = update_class(data, made.CUBIC, rng=np.random.default_rng(3), sampler=sampler, n_samples=1100)
     mine, other = found.estimates["theta_1"], cubic.estimates["theta_1"]
@@ -91,7 +91,7 @@ def test_every_sampler_finds_the_same(data, cubic, sampler):
         assert abs(stages.log_evidence - cubic.log_evidence) < 4 * stages.std
 
 
-def test_the_transitional_sampler_tells_its_progress_and_walkers_are_enough(data):
+def test_the_transitional_sampler_tells_its_progress(data):
     fractions = []
     found = update_class(
         data, made.CUBIC, rng=np.random.default_rng(3), sampler="transitional", n_samples=1000, evidences=("laplace",),
@@ -101,10 +101,6 @@ def test_the_transitional_sampler_tells_its_progress_and_walkers_are_enough(data
     assert fractions == sorted(fractions)
     assert len(fractions) > 2
     assert fractions[-1] == 1.0
-    found = update_class(
-        data, made.CUBIC, rng=np.random.default_rng(3), sampler="ensemble", n_samples=1000, evidences=("laplace",)
-    )
-    assert found.samples.shape == (904, 1)  # 8 walkers, 113 each
 
 
 def test_a_density_with_steps_still_has_a_peak(data, cubic, monkeypatch):

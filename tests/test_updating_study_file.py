@@ -106,8 +106,7 @@ def test_what_may_be_left_out_has_its_default(place):
     study = study_of(place, text.replace('title = "A chain"', ""))
     assert study.title == "study"
     assert dict(study.parameters) == {}
-    assert (study.n_samples, study.n_samples_of_class) == (None, 5500)
-    assert replace(study, sampler="ensemble").n_samples_of_class == 20000
+    assert study.n_samples == 5500
     # what is not updated is as it was
     assert abs(study.structure.stiffness_at({}) - small_chain().stiffness_at({})).max() == 0
     named = study_of(place, STUDY.replace('E = ["lognormal", 1, 0.3]', ""))

@@ -28,7 +28,7 @@ N_COMPARED = 20
 )
 @click.option(
     "--sampler",
-    type=click.Choice(("adaptive", "metropolis", "transitional", "ensemble")),
+    type=click.Choice(("adaptive", "nuts", "transitional")),
     help="Sampler of the posterior, whatever the study says.",
 )
 @click.option(
@@ -44,6 +44,12 @@ N_COMPARED = 20
     type=click.IntRange(min=1),
     metavar="N",
     help="Draw N sets of curves with each class as the truth, and tell how often another class would be chosen.",
+)
+@click.option(
+    "--joint/--apart",
+    "is_joint",
+    default=None,
+    help="Update the linear parameters together with the laws, or before them; whatever the study says.",
 )
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of the sampling, whatever the study says.")
 @truth_option

@@ -37,7 +37,12 @@ from opid.updating.structure.reduction import ReductionErrors
 
 _COLUMNS = 3
 
-_METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
+_METHODS = {
+    "laplace": ("o", "Laplace"),
+    "transitional": ("s", "transitional MCMC"),
+    "importance": ("D", "importance sampling"),
+    "quadrature": ("x", "quadrature"),
+}
 _DECISIVE = 5.0  # a class whose log evidence lies farther below that of the best one is ruled out
 _LEAST_BELOW = 0.3  # a class that is nearer to the best one stands beside it
 _FEW_DECADES = 3  # an axis with more decades has a number at each of them only

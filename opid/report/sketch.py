@@ -156,11 +156,12 @@ def sketch_joints(result: Updating) -> Sketch | None:
         return None
     words = [f"f(z): {best.model_class.law_in_words} ({result.best_class})"]
     words += [
-        f"{each.words}: {with_std(estimate.value, estimate.std)} {format_units(each.own.unit)}"
+        f"{each.words}: {with_std(estimate.value, estimate.std)} {format_units(each.unit)}"
         for each, estimate in best.coefficients.items()
     ]
     linear = {} if result.linear is None else result.linear.estimates
-    words += [_write_equation(name, estimate, "of nominal") for name, estimate in linear.items()]
+    joint = {each.key for each in best.model_class.factors}
+    words += [_write_equation(name, value, "of nominal") for name, value in linear.items() if name not in joint]
     names = result.system.joints[:_MOST_JOINTS]
     more = len(result.system.joints) - len(names)
     words += [f"and {more} more joints"] * (more > 0)

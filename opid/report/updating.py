@@ -106,7 +106,7 @@ def _write_command(result: Updating) -> list[str]:
     settings = result.settings
     words = ["opid", "update", str(settings.get("study") or "STUDY.toml"), "--form", result.form]
     given = {name: settings[name] for name in ("sampler", "samples", "seed") if settings.get(name) is not None}
-    return [*words, *write_options(given)]
+    return [*words, *write_options(given), *(["--joint"] if settings.get("joint") else [])]
 
 
 def _say_basis(result: Updating) -> str:
@@ -200,7 +200,7 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
         for joints, each in formulas.items()
     )
     scales = (
-        f"{name} x {format_number(each.scale, 4)} {each.own.unit}"
+        f"{name} x {format_number(each.scale, 4)} {each.unit}"
         for name, each in zip(posterior.estimates, own.parameters, strict=True)
     )
     yield (f"{own.name}: {'; '.join(laws)}; {', '.join(scales)}",)
@@ -209,7 +209,7 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
     for (name, estimate), (parameter, coefficient), value in of_theta:
         yield build_estimate_row(name, "1", estimate, value)
         known = None if value is None else value * parameter.scale + 0.0
-        yield build_estimate_row(parameter.words, parameter.own.unit, coefficient, known)
+        yield build_estimate_row(parameter.words, parameter.unit, coefficient, known)
 
 
 def _tabulate_linear(result: Updating, truth: UpdatingTruth | None) -> Table:
@@ -534,7 +534,7 @@ def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> l
     if truth is None:
         return [None] * own.n_parameters
     true: list[float | None] = []
-    for each in own.parameters:
+    for each in own.law_parameters:
         held = set()
         for joint in each.term.joints or truth.laws:
             terms = truth.laws[joint].parameters
@@ -545,7 +545,7 @@ def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> l
             held.add(terms.get(each.term.kind, missing).get(each.own.name))
         value = held.pop() if len(held) == 1 else None
         true.append(None if value is None else value / each.scale + 0.0)
-    return true
+    return [*true, *(truth.linear.get(each.name) for each in own.factors)]
 
 
 def _draw_forces(result: Updating, truth: UpdatingTruth | None, joint: str) -> Any:

@@ -217,6 +217,7 @@ class ClassTable:
 class _Sampling(_derive_settings("sampler", "seed")):  # type: ignore[misc]
     samples: int | None = None
     confused: int | None = None
+    joint: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,6 +238,7 @@ class _Study(_derive_settings("form", "harmonics")):  # type: ignore[misc]
             "sampler": self.sampling.sampler,
             "n_samples": self.sampling.samples,
             "n_confused": self.sampling.confused,
+            "is_joint": self.sampling.joint,
             "seed": self.sampling.seed,
             "n_internal": self.structure and self.structure.internal_modes,
         }
@@ -491,7 +493,11 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
             ),
             classes=tuple(tabulate_class(each) for each in study.classes),
             sampling=_Sampling(
-                sampler=study.sampler, samples=study.n_samples, seed=study.seed, confused=study.n_confused or None
+                sampler=study.sampler,
+                samples=study.n_samples,
+                seed=study.seed,
+                confused=study.n_confused or None,
+                joint=study.is_joint or None,
             ),
             noise=study.noise,
         )

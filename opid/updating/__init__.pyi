@@ -3,8 +3,8 @@ from .identification import predict as predict, update_study as update_study
 from .likelihood.backbones import (
     BackboneData as BackboneData,
     backbone_data as backbone_data,
-    likelihood_function as likelihood_function,
 )
+from .likelihood.curves import likelihood_function as likelihood_function
 from .likelihood.noise import NoiseSettings as NoiseSettings
 from .linear_updating import update_linear as update_linear
 from .measured import (

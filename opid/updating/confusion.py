@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, draw_curves, make_curves, with_noise
+from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, draw_curves, with_noise
+from opid.updating.likelihood.curves import make_curves
 from opid.updating.likelihood.error_growth import with_modal_errors
 from opid.updating.posterior import estimate_evidence
 from opid.updating.result import ClassPosterior, Confusion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,22 +19,21 @@ from opid.updating.likelihood.backbones import (
     BackboneData,
     ModeData,
     backbone_data,
-    describe_points,
-    make_curves,
-    make_solver,
-    weigh_as_recommended,
     without_curve,
-    without_interactions,
 )
+from opid.updating.likelihood.curves import describe_points, make_curves, make_solver, weigh_as_recommended
 from opid.updating.likelihood.error_growth import growth_of_linear_error, with_modal_errors
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_errors
 from opid.updating.linear_updating import update_linear
 from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.model_class import ModelClass, StiffnessFactor
 from opid.updating.posterior import update_class
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
-from opid.updating.sampling.samplers import require_emcee
+from opid.updating.sampling.samplers import require_nutpie
 from opid.updating.settings import UPDATING
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.updating.warnings import warn_of_choice, warn_of_classes
@@ -60,14 +59,20 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     """
     if not isinstance(study, UpdatingStudy):
         raise InputError(f"study is of type {type(study).__name__}: give an UpdatingStudy, as read_study makes one")
-    if study.sampler == "ensemble":
-        require_emcee()
+    if study.sampler == "nuts":
+        require_nutpie()
     say = progress or (lambda step: None)
     linear, system = _update_linear(study, say)
     say("backbones")
     growth = _find_growth(study, linear)
     data = _prepare(study, system, growth)
-    classes, lost = _update_classes(study, data, say)
+    given = study.classes
+    if study.is_joint and linear is not None and isinstance(study.structure, AffineStructure):
+        factors = tuple(StiffnessFactor(name, study.parameters[name]) for name in linear.names)
+        given = tuple(replace(each, factors=factors) for each in given)
+        structure = factored_modes(study.structure, linear.factors, linear.covariance, n_modes=study.n_internal)
+        data = replace(data, structure=structure)
+    classes, lost = _update_classes(study, given, data, say)
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best)
@@ -158,6 +163,8 @@ def _find_growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[i
     noise = study.noise
     growth = dict.fromkeys(by_mode(study.backbones), noise.growth_of_linear_error)
     stated = noise.linear_error_growth is not None
+    if study.is_joint and not stated:
+        return dict.fromkeys(growth, UNMENDED_GROWTH)  # The errors of the factors are parameters of the classes.
     if linear is None or stated or study.form != "recommended" or isinstance(study.structure, JointedModes):
         return growth
     left = growth_of_linear_error(
@@ -185,9 +192,11 @@ def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, fl
     return replace(of_modes[0], modes=tuple(mode for each in of_modes for mode in each.modes), noise=study.noise)
 
 
-def _update_classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
+def _update_classes(
+    study: UpdatingStudy, given: Sequence[ModelClass], data: BackboneData, say: Say
+) -> tuple[list[ClassPosterior], list[str]]:
     classes, lost = [], []
-    for number, model_class in enumerate(study.classes):
+    for number, model_class in enumerate(given):
         name = model_class.name
         say(name)
         try:
@@ -196,7 +205,7 @@ def _update_classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple
                 model_class,
                 rng=np.random.default_rng([study.seed, 2, number]),
                 sampler=study.sampler,
-                n_samples=study.n_samples_of_class,
+                n_samples=study.n_samples,
                 progress=lambda fraction, name=name: say(Step(name, fraction)),  # type: ignore[misc]
             )
             n_evaluations = found.diagnostics.n_evaluations
@@ -226,8 +235,9 @@ def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int
     return {
         "form": study.form,
         "sampler": study.sampler,
-        "samples": study.n_samples_of_class,
+        "samples": study.n_samples,
         "seed": study.seed,
+        "joint": study.is_joint,
         "harmonics": list(study.harmonics),
         "internal_modes": study.n_internal,
         "noise": noise,
@@ -286,7 +296,7 @@ def _make_band(
     curves = [one for one in measured if one.mode == mode.mode and sensor in one.sensors]
     seen = [np.abs(one.amplitude[:, one.sensors.index(sensor)]) for one in curves]
     amplitude = np.linspace(min(each.min() for each in seen), max(each.max() for each in seen), N_AMPLITUDES)
-    solve = make_solver(data, posterior.model_class, without_interactions(data, mode), mode.mode, sensor, amplitude)
+    solve = make_solver(data, posterior.model_class, mode, sensor, amplitude)
     found = solve(theta)
     errors = _draw_errors(data, mode, posterior, theta, found.eigenvalue, rng)
     frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)

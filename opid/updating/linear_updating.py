@@ -71,7 +71,6 @@ def update_linear(
         n_samples=n_samples,
         n_warm_up=n_warm_up,
         rng=rng,
-        adaptive=True,
         progress=progress,
     )
     diagnostics = diagnose(chain)

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special, stats
 
 from opid.errors import InputError, nearest
 from opid.mechanics.backbones.harmonic_balance import refuse_velocity
@@ -84,6 +84,30 @@ class Prior:
     def log_density(self, value: ArrayLike) -> FloatArray:
         """Logarithm of the density, of the shape of `value`; -inf outside the support."""
         return np.asarray(self._distribution.logpdf(value))
+
+    def from_normal(self, score: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Values at the probabilities that a standard normal variable has at `score`, and their derivatives by it.
+
+        >>> value, slope = Prior("lognormal", 2.0, 0.5).from_normal([0.0, 1.0])
+        >>> value.round(3).tolist(), slope.round(3).tolist()
+        ([2.0, 3.297], [1.0, 1.649])
+        """
+        given = np.asarray(score, dtype=np.float64)
+        if self.family == "uniform":
+            width = self.second - self.first
+            return self.first + width * special.ndtr(given), width * np.exp(-0.5 * given**2) / np.sqrt(2 * np.pi)
+        if self.family == "normal":
+            return self.first + self.second * given, np.full_like(given, self.second)
+        value = self.first * np.exp(self.second * given)
+        return value, self.second * value
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        """Scores of a standard normal variable at the probabilities of `value`: the inverse of `from_normal`."""
+        given = np.asarray(value, dtype=np.float64)
+        if self.family == "uniform":
+            return special.ndtri((given - self.first) / (self.second - self.first))
+        given = np.log(given / self.first) if self.family == "lognormal" else given - self.first
+        return np.asarray(given / self.second)
 
     def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n,) independent draws."""
@@ -159,6 +183,16 @@ class ClassParameter:
         return LAWS[self.term.kind].parameters[self.index]
 
     @property
+    def unit(self) -> str:
+        """The unit of the parameter."""
+        return self.own.unit
+
+    @property
+    def is_amplitude(self) -> bool:
+        """Whether the term is nothing where the parameter is 0."""
+        return self.index == 0
+
+    @property
     def scale(self) -> float:
         """The factor that takes theta to the parameter in its unit."""
         return self.term.scales[self.index]
@@ -184,6 +218,33 @@ class ClassParameter:
 
 
 @dataclass(frozen=True)
+class StiffnessFactor:
+    """A factor of a part of the linear stiffness that is unknown together with the laws of a class.
+
+    Args:
+        name: its name in the structure.
+        prior: its prior; 1 is the nominal structure.
+    """
+
+    name: str
+    prior: Prior
+
+    scale: ClassVar[float] = 1.0
+    unit: ClassVar[str] = "1"
+    is_amplitude: ClassVar[bool] = False
+
+    @property
+    def key(self) -> str:
+        """The name in files."""
+        return self.name
+
+    @property
+    def words(self) -> str:
+        """The name in short words."""
+        return self.name
+
+
+@dataclass(frozen=True)
 class ModelClass:
     """Candidate laws of the joints: f(z) = sum of terms at each joint, whose parameters are theta times their scales.
 
@@ -193,6 +254,7 @@ class ModelClass:
     Args:
         name: the name of the class.
         terms: the terms; those of one kind are at different joints.
+        factors: factors of the linear stiffness that are unknown, too; none where the structure is taken as it is.
 
     Raises:
         InputError: no term, no unknown parameter, or two terms of one kind at a joint.
@@ -204,11 +266,12 @@ class ModelClass:
 
     name: str
     terms: tuple[UncertainTerm, ...]
+    factors: tuple[StiffnessFactor, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.terms:
             raise InputError(f"class {self.name!r} has no term: give at least one law")
-        if not self.parameters:
+        if not self.law_parameters:
             raise InputError(f"class {self.name!r} has no unknown parameter: give one a prior")
         for number, one in enumerate(self.terms):
             for other in self.terms[:number]:
@@ -225,9 +288,14 @@ class ModelClass:
         """The joints of each term; empty for a term of all joints."""
         return tuple(each.joints for each in self.terms)
 
+    @property
+    def parameters(self) -> tuple[ClassParameter | StiffnessFactor, ...]:
+        """The unknown parameters, in the order of theta: those of the laws, then the factors."""
+        return (*self.law_parameters, *self.factors)
+
     @cached_property
-    def parameters(self) -> tuple[ClassParameter, ...]:
-        """The unknown parameters, in the order of theta."""
+    def law_parameters(self) -> tuple[ClassParameter, ...]:
+        """The unknown parameters of the laws."""
         return tuple(
             ClassParameter(term, index)
             for term in self.terms
@@ -239,6 +307,11 @@ class ModelClass:
     def is_unknown(self) -> NDArray[np.bool_]:
         """(n,) whether each parameter of all terms is unknown."""
         return np.array([prior is not None for each in self.terms for prior in each.priors])
+
+    @property
+    def scales(self) -> FloatArray:
+        """(n,) the factor that takes theta to each unknown parameter of the laws in its unit."""
+        return np.array([each.scale for each in self.law_parameters])
 
     @property
     def priors(self) -> tuple[Prior, ...]:
@@ -258,6 +331,9 @@ class ModelClass:
     def with_prior(self, number: int, prior: Prior) -> ModelClass:
         """Return the class with another prior of its parameter `number`, which counts from 0."""
         changed = self.parameters[number]
+        if isinstance(changed, StiffnessFactor):
+            factors = (replace(each, prior=prior) if each is changed else each for each in self.factors)
+            return replace(self, factors=tuple(factors))
         at = changed.index
         priors = (*changed.term.priors[:at], prior, *changed.term.priors[at + 1 :])
         terms = (replace(each, priors=priors) if each is changed.term else each for each in self.terms)
@@ -265,7 +341,7 @@ class ModelClass:
 
     def coefficients(self, theta: ArrayLike) -> FloatArray:
         """Parameters of all terms in their units, (..., n), for unknown ones theta, (..., n_parameters)."""
-        unknown = np.asarray(theta, dtype=np.float64)
+        unknown = np.asarray(theta, dtype=np.float64)[..., : len(self.law_parameters)]
         scales = np.array([scale for each in self.terms for scale in each.scales])
         values = np.broadcast_to(scales, (*unknown.shape[:-1], scales.size)).copy()
         values[..., self.is_unknown] *= unknown
@@ -284,7 +360,10 @@ class ModelClass:
     def log_prior(self, theta: ArrayLike) -> FloatArray:
         """Logarithm of the prior density of each row of theta, (n, n_parameters) -> (n,)."""
         rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-        return np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(self.priors)], axis=0)
+        total = np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(self.priors)], axis=0)
+        # A factor of stiffness is positive, whatever its prior.
+        is_stiff = (rows[:, len(self.law_parameters) :] > 0).all(axis=1)
+        return np.where(is_stiff, total, -np.inf)
 
     def sample_prior(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n, n_parameters) independent draws."""

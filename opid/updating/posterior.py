@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import BackboneData, describe_failures, likelihood_function
+from opid.updating.likelihood.backbones import BackboneData
+from opid.updating.likelihood.curves import describe_failures, likelihood_function, slopes_function
 from opid.updating.likelihood.error_growth import with_modal_errors
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
@@ -25,18 +26,19 @@ from opid.updating.sampling.chains import (
 from opid.updating.sampling.evidence import (
     Evidence,
     Maximum,
+    importance,
     laplace,
     laplace_of_samples,
     maximum_a_posteriori,
     prior_sensitivity,
     quadrature,
 )
-from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, transitional
+from opid.updating.sampling.samplers import Transitional, metropolis, nuts, transitional
 from opid.updating.settings import UPDATING
 from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
 
-METHODS = ("quadrature", "laplace", "transitional")
+METHODS = ("quadrature", "laplace", "importance", "transitional")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +73,17 @@ def update_class(
     """Return the posterior of the parameters of one law and the evidence of that law (Song et al. 2021, section 2).
 
     The search for the maximum a posteriori starts at the best of many draws of the prior; its curvature gives the first
-    covariance of the proposals. Metropolis samplers run up to twenty chains side by side with n_samples in all. One in
+    covariance of the proposals. Adaptive Metropolis runs up to twenty chains side by side with n_samples in all. One in
     eleven is dropped (5000 of 5500 are left, as in the paper).
 
     Args:
         data: the backbones, from `backbone_data`.
         model_class: the law with its priors.
         rng: source of chance.
-        sampler: "adaptive", "metropolis", "transitional" or "ensemble".
+        sampler: "adaptive", "nuts" or "transitional".
         n_samples: number of samples of all chains, the warm-up included.
-        evidences: some of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None,
-            quadrature, which is exact, and Laplace up to three parameters; Laplace and transitional beyond.
+        evidences: some of "quadrature", "laplace", "importance" and "transitional"; classes are compared by the first.
+            Where None, quadrature, which is exact, and Laplace up to three parameters; importance and Laplace beyond.
         progress: a function that is called with the fraction of the samples that are drawn; by transitional Markov
             chain Monte Carlo with the exponent of the likelihood, which ends at 1, too.
 
@@ -92,6 +94,8 @@ def update_class(
     methods = _choose_methods(evidences, model_class.n_parameters)
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
+    if sampler == "nuts" and data.form != "recommended":
+        raise InputError(f"the likelihood {data.form!r} has no slopes: take another sampler, or the recommended form")
     data, density, peak, warnings = _find_widened_peak(data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
@@ -103,9 +107,12 @@ def update_class(
         chain = stages.chain
     else:
         assert peak is not None
-        chain = _sample(density, peak, sampler, n_samples, rng, progress)
+        if sampler == "nuts":
+            chain = _walk(data, model_class, peak, n_samples, rng, progress)
+        else:
+            chain = _sample(density, peak, n_samples, rng, progress)
     best = chain.best if peak is None else peak.theta
-    found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages)
+    found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages, rng)
     estimates = estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
     diagnostics = diagnose(chain)
     is_idle = has_no_effect(data, model_class)
@@ -158,7 +165,7 @@ def _find_widened_peak(
 
 def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
     if evidences is None:
-        return METHODS[:2] if n_parameters <= UPDATING.most_by_quadrature else METHODS[1:]
+        return METHODS[:2] if n_parameters <= UPDATING.most_by_quadrature else ("importance", "laplace")
     for method in evidences:
         if method not in METHODS:
             raise InputError(f"there is no evidence {method!r}: {nearest(method, METHODS)}")
@@ -167,7 +174,7 @@ def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple
     if "quadrature" in evidences and n_parameters > UPDATING.most_by_quadrature:
         raise InputError(
             f"quadrature takes up to {UPDATING.most_by_quadrature} parameters and the class has {n_parameters}: take "
-            "laplace"
+            "importance"
         )
     return tuple(evidences)
 
@@ -177,7 +184,7 @@ def _find_peak(
 ) -> tuple[Maximum | None, list[str]]:
     """Return the highest maximum from several starts, None where none has a curvature, and warnings about it."""
     support = [prior.support for prior in model_class.priors]
-    starts = model_class.sample_prior(UPDATING.n_starts, rng)
+    starts = _draw_starts(data, model_class, rng)
     values = density.posterior(starts)
     if not np.isfinite(values).any():
         where = "; in ".join(describe_failures(data, model_class, starts, lost=True))
@@ -217,6 +224,16 @@ def _find_peak(
             "in log density: take the transitional sampler, which finds both"
         )
     return peaks[0], warnings
+
+
+def _draw_starts(data: BackboneData, model_class: ModelClass, rng: np.random.Generator) -> FloatArray:
+    """Return draws of the prior, (n, n_parameters), with factors of the stiffness about those that phase I found."""
+    starts = model_class.sample_prior(UPDATING.n_starts, rng)
+    if data.structure is not None:
+        known = data.structure
+        factors = rng.multivariate_normal(known.reference, known.covariance, size=len(starts))
+        starts[:, -factors.shape[1] :] = factors
+    return starts
 
 
 def _climb(
@@ -269,22 +286,66 @@ def _fit_rough_peak(
 
 
 def _sample(
-    density: Density, peak: Maximum, sampler: str, n_samples: int, rng: np.random.Generator, progress: Progress | None
+    density: Density, peak: Maximum, n_samples: int, rng: np.random.Generator, progress: Progress | None
 ) -> Chain:
     n_chains = int(np.clip(n_samples // UPDATING.shortest_chain, 4, UPDATING.most_chains))
-    if sampler == "ensemble":
-        # The authors of emcee advise more than twice as many walkers as parameters.
-        n_chains = max(UPDATING.least_walkers, 2 * peak.theta.size + 2)
     # `spread_starts` doubles the scatter, so the starts follow the Laplace approximation and need a short warm-up only.
     start = spread_starts(density.posterior, peak.theta, peak.covariance_inside / 4, n_chains=n_chains, rng=rng)
     dropped = n_samples // (UPDATING.warm_up * n_chains)
     kept = (n_samples - n_samples // UPDATING.warm_up) // n_chains
-    if sampler == "ensemble":
-        return ensemble(density.posterior, start, n_samples=kept, n_warm_up=dropped, rng=rng, progress=progress)
     return metropolis(
         density.posterior, start, covariance=peak.covariance_inside, n_samples=kept, n_warm_up=dropped, rng=rng,
-        adaptive=sampler == "adaptive", progress=progress,
+        progress=progress,
     )  # fmt: skip
+
+
+def _walk(
+    data: BackboneData,
+    model_class: ModelClass,
+    peak: Maximum,
+    n_samples: int,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> Chain:
+    """Return chains of the no-U-turn sampler, which walks where the prior is a standard normal distribution."""
+    slopes_of, priors = slopes_function(data, model_class), model_class.priors
+
+    def to_theta(score: FloatArray) -> tuple[FloatArray, FloatArray]:
+        pairs = [prior.from_normal(score[:, k]) for k, prior in enumerate(priors)]
+        return np.stack([value for value, _ in pairs], axis=1), np.stack([slope for _, slope in pairs], axis=1)
+
+    def find_slopes(score: FloatArray) -> tuple[FloatArray, FloatArray]:
+        theta, stretch = to_theta(score)
+        value, slopes = np.full(len(score), -np.inf), np.zeros(score.shape)
+        inside = np.isfinite(model_class.log_prior(theta))
+        if inside.any():
+            found, by_theta = slopes_of(theta[inside])
+            value[inside] = found - 0.5 * np.sum(score[inside] ** 2, axis=1)
+            slopes[inside] = by_theta * stretch[inside] - score[inside]
+        return value, np.where(np.isfinite(value)[:, np.newaxis], slopes, 0.0)
+
+    # A maximum at a bound has no finite score.
+    low, high = np.transpose([prior.support for prior in priors])
+    within = 0.5 * np.minimum(np.sqrt(np.diag(peak.covariance_inside)), high - low)
+    best = np.clip(peak.theta, low + within, high - within)
+    middle = np.array([[float(prior.to_normal(value)) for prior, value in zip(priors, best, strict=True)]])
+    stretch = to_theta(middle)[1][0]
+    # The curvature of the prior limits the scores where the data do not.
+    precision = np.linalg.inv(peak.covariance_inside) * np.outer(stretch, stretch)
+    covariance = np.linalg.inv(precision + np.eye(len(precision)))
+    start = spread_starts(
+        lambda score: find_slopes(score)[0], middle[0], covariance / 4, n_chains=UPDATING.n_walks, rng=rng
+    )
+    kept = (n_samples - n_samples // UPDATING.warm_up) // UPDATING.n_walks
+    walked = nuts(
+        find_slopes, start, covariance=covariance, n_samples=kept, n_warm_up=UPDATING.steps_learnt, rng=rng,
+        progress=progress,
+    )  # fmt: skip
+    theta = to_theta(walked.pooled)[0]
+    # The density of theta is that of the scores over the stretch of the coordinates.
+    value = walked.log_density + 0.5 * np.sum(walked.samples**2, axis=2)
+    value = value + model_class.log_prior(theta).reshape(value.shape)
+    return replace(walked, samples=theta.reshape(walked.samples.shape), log_density=value)
 
 
 def _compute_evidences(
@@ -294,6 +355,7 @@ def _compute_evidences(
     peak: Maximum | None,
     chain: Chain,
     stages: Transitional | None,
+    rng: np.random.Generator,
 ) -> tuple[tuple[Evidence, ...], list[str]]:
     """Return the evidence by each method, at least one, and the reasons where a method has none."""
     support = [prior.support for prior in model_class.priors]
@@ -312,6 +374,8 @@ def _compute_evidences(
                 found.append(stages.evidence)
             elif method == "laplace":
                 found.append(laplace(peak, support=support) if peak else by_samples())
+            elif method == "importance":
+                found.append(importance(density.posterior, chain, rng=rng))
             else:
                 found.append(quadrature(
                     density.posterior, chain.pooled.mean(axis=0), chain.covariance, support=support, tolerance=1e-3,

@@ -15,7 +15,7 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import ClassParameter, ModelClass
+from opid.updating.model_class import ClassParameter, ModelClass, StiffnessFactor
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.settings import UPDATING
@@ -67,8 +67,8 @@ class ClassPosterior:
         return [f"θ{number} ({each.words})" for number, each in enumerate(self.model_class.parameters, start=1)]
 
     @property
-    def coefficients(self) -> dict[ClassParameter, Estimate]:
-        """Each unknown parameter of the laws in its unit, theta times its scale."""
+    def coefficients(self) -> dict[ClassParameter | StiffnessFactor, Estimate]:
+        """Each unknown parameter in its unit, theta times its scale."""
         of_theta = zip(self.model_class.parameters, self.estimates.values(), strict=True)
         return {each: _scale_estimate(estimate, each.scale) for each, estimate in of_theta}
 
@@ -264,7 +264,7 @@ class Updating(Result):
         for each in sorted(self.classes, key=lambda each: each.model_class.name != self.best_class):
             name = each.model_class.name
             coefficients = each.coefficients.items()
-            rows += [SummaryRow.of(f"{name}.{own.key}", found, own.own.unit) for own, found in coefficients]
+            rows += [SummaryRow.of(f"{name}.{own.key}", found, own.unit) for own, found in coefficients]
         return tuple(rows)
 
     @property
@@ -303,12 +303,13 @@ def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
         "name": own.name,
         "law": own.law_in_words,
         "terms": [asdict(term) for term in own.terms],
+        "factors": [asdict(factor) for factor in own.factors],
         "log_evidence": first.log_evidence,
         "log_evidence_std": first.std,
         "evidences": [asdict(evidence) for evidence in posterior.evidences],
         "parameters": {name: _convert_estimate(estimate) for name, estimate in posterior.estimates.items()},
         "coefficients": {
-            each.key: {**_convert_estimate(estimate), "unit": each.own.unit}
+            each.key: {**_convert_estimate(estimate), "unit": each.unit}
             for each, estimate in posterior.coefficients.items()
         },
         "diagnostics": asdict(posterior.diagnostics),

@@ -49,12 +49,21 @@ class UpdatingThresholds:
     rough_drop: float = 1.0  # drop of the log density to which a rough quadratic reaches along each parameter
     most_chains: int = 20  # Metropolis chains side by side
     shortest_chain: int = 250  # samples of one chain below which there are fewer chains
-    least_walkers: int = 8  # walkers of the ensemble; twenty have no more effective samples, in chains that mix less
+    n_walks: int = 4  # chains of the no-U-turn sampler: the fewest with which R-hat tells whether they agree
+    # samples in which each of them learns its steps; its coordinates begin with the covariance of the posterior
+    steps_learnt: int = 200
+    usual_steps: int = 4  # steps of a walk along the slope for one sample, by which its progress is told
+    most_divergent: float = 0.01  # fraction of walks that went astray above which a bound cuts the posterior off
     warm_up: int = 11  # number of samples of which one is warm-up: 500 of 5500, as in Song et al
     n_moves: int = 5  # Metropolis steps of each particle in each stage of transitional Monte Carlo
     most_by_quadrature: int = 3  # parameters up to which the evidence is integrated by quadrature
     most_nodes: int = 6_000  # evaluations after which quadrature of one or two parameters gives up ...
     most_nodes_of_three: int = 60_000  # ... and of three parameters
+    proposal_freedom: float = (
+        5.0  # degrees of freedom of the proposal for the evidence: tails that weigh no draw too much
+    )
+    # fraction of those draws that they are worth, below which their scatter does not tell their error
+    least_worth: float = 0.05
     aimed_acceptance: float = 0.3  # fraction of accepted proposals to which the jumps of transitional MCMC are scaled
     # coefficient of variation of the weights in each stage; a smaller one needs more stages (Ching & Chen 2007)
     weight_variation: float = 1.0

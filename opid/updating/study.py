@@ -23,11 +23,8 @@ from opid.updating.model_class import ModelClass, Prior
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 
-Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
+Sampler = Literal["adaptive", "nuts", "transitional"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
-
-USUAL_SAMPLES: dict[Sampler, int] = {"adaptive": 5500, "metropolis": 5500, "transitional": 5500, "ensemble": 20000}
-"""Samples where a study gives no number: as in the paper, and more for the ensemble, which mixes slowly."""
 
 FEWEST_SAMPLES = 1000  # samples of all chains, the warm-up included: fewer give no reliable 95 % interval
 
@@ -38,29 +35,26 @@ class UpdatingSettings:
 
     Args:
         form: form of the likelihood, see `opid.updating.backbone_data`.
-        sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
-            Carlo, or the affine-invariant "ensemble" of emcee.
-        n_samples: number of samples of each class, in all chains, the warm-up (an eleventh of them) included;
-            `USUAL_SAMPLES` of the sampler where None.
+        sampler: "adaptive" Metropolis, "nuts", which follows the slope of the posterior, or "transitional" Markov chain
+            Monte Carlo.
+        n_samples: number of samples of each class, in all chains, of which an eleventh is dropped, as in the paper.
         seed: seed of all random numbers; the same seed gives the same result.
         harmonics: harmonics of the model.
         n_internal: internal modes that the reduction keeps beside sensors and joints.
         n_confused: number of sets that are drawn with each class as the truth, to tell how often another class would be
             chosen; none where 0.
+        is_joint: whether the factors of the linear stiffness are updated once more with the laws of each class, which
+            the paper takes as known in its second phase.
     """
 
     form: Form = "recommended"
     sampler: Sampler = "adaptive"
-    n_samples: int | None = None
+    n_samples: int = 5500
     seed: int = 0
     harmonics: tuple[int, ...] = (1, 3)
     n_internal: int = 15
     n_confused: int = 0
-
-    @property
-    def n_samples_of_class(self) -> int:
-        """Samples of each class: `n_samples`, or the usual number of the sampler."""
-        return USUAL_SAMPLES[self.sampler] if self.n_samples is None else self.n_samples
+    is_joint: bool = False
 
     @property
     def setting_faults(self) -> list[str]:
@@ -71,8 +65,10 @@ class UpdatingSettings:
                 found.append(f"{name} is {getattr(self, name)!r}, give one of {', '.join(known)}")
         for name, least in (("n_samples", FEWEST_SAMPLES), ("seed", 0), ("n_internal", 0), ("n_confused", 0)):
             value = getattr(self, name)
-            if value is not None and value < least:
+            if value < least:
                 found.append(f"{name} is {value}, give {f'at least {least}' if least else '0 or more'}")
+        if self.sampler == "nuts" and self.form != "recommended":
+            found.append(f"sampler is 'nuts' in the form {self.form!r}, which has no slopes, take the recommended form")
         if self.n_confused and self.form != "recommended":
             found.append(f"n_confused is {self.n_confused} in the form {self.form!r}, take the recommended form")
         whole = all(isinstance(each, int | np.integer) and each >= 0 for each in self.harmonics)
@@ -133,6 +129,10 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             if names.count(name) > 1:
                 yield f"{names.count(name)} {what} are called {name!r}, rename them"
     yield from study.setting_faults
+    if study.is_joint and not study.parameters:
+        yield "joint is true and no parameter of the structure is named, name those to update with the laws"
+    elif study.is_joint and study.form != "recommended":
+        yield f"joint is true in the form {study.form!r}, take the recommended form, which knows the errors it needs"
     known_joints = tuple(study.structure.joints)
     for each in study.classes:
         for joint in dict.fromkeys(joint for term in each.terms for joint in term.joints):

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, format_percent
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import (
-    BackboneData,
-    ModeData,
+from opid.updating.likelihood.backbones import BackboneData, ModeData
+from opid.updating.likelihood.curves import (
     describe_failures,
     describe_interactions,
     describe_points,
@@ -65,6 +64,11 @@ def warn_of_class(
         )
     if diagnostics.r_hat > UPDATING.most_r_hat:
         yield f"the chains differ (R-hat {diagnostics.r_hat:.2f}): draw more samples, or take the transitional sampler"
+    if diagnostics.divergent > UPDATING.most_divergent:
+        yield (
+            f"{format_percent(diagnostics.divergent)} of the walks of the sampler went astray: the posterior has an "
+            "edge, as where the model has no solution; take the adaptive sampler"
+        )
     first, *others = evidences
     for other in others:
         apart = abs(other.log_evidence - first.log_evidence)
@@ -72,7 +76,7 @@ def warn_of_class(
             yield f"log evidence by {other.method} differs by {apart:.1f} from that by {first.method}: use the latter"
     if model_class.n_parameters > 1:
         for (name, estimate), own in zip(estimates.items(), model_class.parameters, strict=True):
-            if own.index == 0 and estimate.holds(0.0):
+            if own.is_amplitude and estimate.holds(0.0):
                 yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,17 @@ class BackboneFamily:
     def frequency_hz(self) -> FloatArray:
         """(n_samples, n_points) frequencies, Hz."""
         return np.sqrt(self.eigenvalue) / (2 * np.pi)
+
+
+def join_families(families: Sequence[BackboneFamily]) -> BackboneFamily:
+    """Return the samples of several families of one mode at the same amplitudes as one family."""
+    return replace(
+        families[0],
+        eigenvalue=np.concatenate([each.eigenvalue for each in families]),
+        shapes=np.concatenate([each.shapes for each in families]),
+        converged=np.concatenate([each.converged for each in families]),
+        extension=np.concatenate([each.extension for each in families]),
+    )
 
 
 def backbone(
@@ -216,6 +227,22 @@ class FamilyEvaluator:
         return BackboneFamily(
             self.mode, self.sensor, curves.amplitude, curves.harmonics, eigenvalue, shapes, np.isfinite(eigenvalue),
             extension,
+        )  # fmt: skip
+
+    def with_system(self, system: JointedModes) -> FamilyEvaluator:
+        """Return the function for another linear structure with the same modes, sensors and joints."""
+        seen = _condense(system, system.index(self.mode), system.sensor(self.sensor))
+        curves = replace(self.curves, arguments=(*seen, *self.curves.arguments[2:]))
+        return replace(self, system=system, curves=curves)
+
+    def without_solution(self) -> BackboneFamily:
+        """Return a family of one sample that has a solution at no amplitude."""
+        n_points, n_joints = self.curves.amplitude.size, len(self.system.joints)
+        nothing = np.full((1, n_points), np.nan)
+        return BackboneFamily(
+            self.mode, self.sensor, self.curves.amplitude, self.curves.harmonics, nothing,
+            np.full((1, n_points, len(self.system.sensors)), np.nan), np.isfinite(nothing),
+            np.full((1, n_points, len(self.curves.harmonics) * n_joints), np.nan),
         )  # fmt: skip
 
     def find_slopes(

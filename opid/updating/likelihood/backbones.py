@@ -1,27 +1,21 @@
-"""The likelihood of measured backbones given the coefficients of a law, in the paper's forms and a recommended one.
-
-The model's curves run smoothly past interactions of modes, and gaps in them are interpolated.
-"""
+"""Measured backbones by mode, with everything of their likelihood that does not depend on the law."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from opid.errors import InputError, NotDeterminedError, nearest
-from opid.mechanics.backbones.family import BackboneFamily, FamilyEvaluator, family_evaluator
+from opid.errors import InputError, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.checks import joint_fault, sensor_faults
-from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set, log_marginal
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set
 from opid.updating.measured import MeasuredBackbone, by_mode
-from opid.updating.model_class import ModelClass
-from opid.updating.settings import UPDATING
+from opid.updating.structure.factored_modes import FactoredModes
 
 Form = Literal["paper", "literal", "recommended", "independent"]
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -88,6 +82,8 @@ class BackboneData:
         form: form of the likelihood.
         harmonics: harmonics of the model.
         noise: settings for the errors.
+        structure: the same structure as a function of the factors of its stiffness, for classes whose parameters they
+            are; None where it is known.
     """
 
     system: JointedModes
@@ -95,6 +91,7 @@ class BackboneData:
     form: Form
     harmonics: tuple[int, ...]
     noise: NoiseSettings
+    structure: FactoredModes | None = None
 
 
 def backbone_data(
@@ -293,292 +290,3 @@ def _place_nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights = (-1.0) ** np.arange(N_NODES)
     weights[[0, -1]] /= 2
     return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES), wi=weights)(amplitude)
-
-
-MOST_NAMED = 4  # largest number of points that a sentence names
-
-BoolArray = NDArray[np.bool_]
-
-Curves = Callable[[FloatArray], tuple[FloatArray, FloatArray, BoolArray, BoolArray]]
-"""theta (n, d) -> lambda (n, n_nodes), shapes of unit length (n, n_nodes, n_sensors), nodes without a solution
-(n, n_nodes), and whether a theta has no curve (n,) because too many nodes are missing."""
-
-Likelihood = Callable[[ArrayLike], tuple[FloatArray, int]]
-"""theta (n, d) -> log p(D | theta) (n,), and the number of points of the model that did not converge."""
-
-
-def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likelihood:
-    """Return theta (n, d) -> log p(D | theta), (n,), and the number of points of the model that did not converge.
-
-    Every form has its normalising constant (Song eq. 17; eq. 7 misprints it). Points of the model that did not converge
-    are interpolated; a theta for which too many are missing (see `make_curves`) has the logarithm -inf.
-
-    Args:
-        data: the backbones, from `backbone_data`, which names the form.
-        model_class: the law.
-    """
-    models = [(mode, make_curves(data, mode, model_class)) for mode in data.modes]
-
-    def likelihood(theta: ArrayLike) -> tuple[FloatArray, int]:
-        rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-        total, impossible, failed = np.zeros(len(rows)), np.zeros(len(rows), dtype=bool), 0
-        for mode, curves in models:
-            eigenvalue, shapes, missing, lost = curves(rows)
-            if data.form == "recommended":
-                total += weigh_as_recommended(mode, eigenvalue, shapes)
-            else:
-                total += _weigh_as_in_paper(data, mode, eigenvalue, shapes)
-            impossible |= lost
-            failed += int(missing.sum())
-        return np.where(impossible, -np.inf, total), failed
-
-    return likelihood
-
-
-def weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Return the log likelihood of one mode in the recommended form, (n,).
-
-    Args:
-        mode: the curves.
-        eigenvalue: (n, n_nodes) lambda of the model at its nodes.
-        shapes: (n, n_nodes, n_sensors) unit shapes there.
-    """
-    if mode.frequency_noise is None:
-        raise NotDeterminedError("the backbones were not prepared for the recommended form: call backbone_data with it")
-    total = log_marginal(mode.frequency_noise, eigenvalue[..., None] / mode.linear)
-    if mode.shape_noise is not None:
-        total = total + log_marginal(mode.shape_noise, shapes[..., mode.free])
-    return total
-
-
-def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
-    """Return e_lambda of every point, with the r_m of its curve (Song eq. 10): (n, n_nodes) -> (n, n_points)."""
-    first = np.unique(mode.curve, return_index=True)[1]
-    r_m = (mode.linear - mode.eigenvalue[first])[mode.curve]
-    return mode.eigenvalue - eigenvalue @ mode.between.T + r_m
-
-
-def _weigh_as_in_paper(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Return the log likelihood of one mode by eqs. (12) and (17), with one of three sums over points."""
-    noise, n_sensors = data.noise, mode.rows.size
-    sigma = noise.weight * mode.cov * mode.eigenvalue
-    factor = noise.shape_factor if noise.shape_factor is not None else np.sqrt(n_sensors)
-    sigma_phi = factor * noise.weight * mode.cov
-    score = residuals(mode, eigenvalue) / sigma
-    of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
-    weight = of_curve / (1.0 if data.form == "independent" else of_curve.sum(axis=0))
-    misfit = ((score @ weight) ** 2 if data.form == "literal" else score**2 @ weight).sum(axis=1)
-    n_errors, log_sigmas = sigma.size, np.log(sigma).sum()
-    if noise.shapes and n_sensors > 1:
-        misfit = misfit + (_find_shape_misfit(mode, shapes) @ weight).sum(axis=1) / sigma_phi**2
-        # The unit length fixes one entry of a shape.
-        n_free = len(mode.shapes) * (n_sensors - 1)
-        n_errors, log_sigmas = n_errors + n_free, log_sigmas + n_free * np.log(sigma_phi)
-    return -0.5 * n_errors * np.log(2 * np.pi) - log_sigmas - 0.5 * misfit
-
-
-def _find_shape_misfit(mode: ModeData, shapes: FloatArray) -> FloatArray:
-    """Return e_phi^T e_phi of every point, which is exactly 1 - MAC (Song eq. 11)."""
-    model = np.einsum("jk,nks->njs", mode.between, shapes, optimize=True)
-    return 1 - np.einsum("njs,js->nj", model, mode.shapes) ** 2 / np.einsum("njs,njs->nj", model, model)
-
-
-# ---- the model's curves ----------------------------------------------------------------------------
-
-
-def make_curves(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Curves:
-    """Return theta -> the model of one mode at its nodes.
-
-    A point where Newton's method fails, as in an interaction with another mode, is interpolated by a polynomial through
-    the others, so that the remainder of the curve still counts. There is no curve where too many points fail, or where
-    the others span too little of the range (`UpdatingThresholds`). The curve has no loops where a harmonic meets
-    another mode (`without_interactions`), for one node on a loop would bend the whole polynomial.
-    """
-    system = without_interactions(data, mode)
-    solvers = [make_solver(data, model_class, system, mode.mode, sensor, amplitude) for sensor, amplitude in mode.parts]
-    middle = mode.shapes.mean(axis=0)
-
-    def curves(theta: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-        found = [solve(theta) for solve in solvers]
-        lost = np.zeros(len(theta), dtype=bool)
-        whole = []
-        for each in found:
-            values = np.concatenate([each.eigenvalue[..., None], each.shapes[..., mode.rows]], axis=2)
-            for row in np.flatnonzero(~each.converged.all(axis=1)):
-                bridged = _bridge_gaps(values[row], each.amplitude, each.converged[row])
-                lost[row] |= bridged is None
-                # A curve that is lost may hold any finite numbers.
-                values[row] = np.append(mode.linear, middle) if bridged is None else bridged
-            whole.append(values)
-        values = np.concatenate(whole, axis=1)
-        shapes = values[..., 1:]
-        # The shapes get the sign of the measured ones.
-        size = np.sqrt(np.einsum("nks,nks->nk", shapes, shapes)) * np.where(shapes @ middle < 0, -1.0, 1.0)
-        missing = ~np.concatenate([each.converged for each in found], axis=1)
-        return values[..., 0], shapes / size[..., None], missing, lost
-
-    return curves
-
-
-@dataclass(frozen=True, eq=False)
-class ClassSolver:
-    """theta (n, n_parameters) -> the backbones of one mode with the laws of a class at the joints."""
-
-    model_class: ModelClass
-    evaluate: FamilyEvaluator
-
-    def __call__(self, theta: FloatArray) -> BackboneFamily:
-        """Return the backbones for each row of theta."""
-        return self.evaluate(self.model_class.coefficients(theta))
-
-    def find_slopes(
-        self, theta: FloatArray, found: BackboneFamily, couplings: ArrayLike = ()
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the backbones that were `found`, see `FamilyEvaluator.find_slopes`.
-
-        They are (n, n_points, n_parameters) and (n, n_points, n_sensors, n_parameters), by theta and then by the linear
-        parameters of `couplings`.
-        """
-        slopes = self.evaluate.find_slopes(self.model_class.coefficients(theta), found, couplings)
-        unknown, scales = self.model_class.is_unknown, [each.scale for each in self.model_class.parameters]
-        n_linear = slopes[0].shape[-1] - unknown.size
-        kept = np.append(unknown, np.ones(n_linear, dtype=bool))
-        by_value, by_shape = (each[..., kept] * np.append(scales, np.ones(n_linear)) for each in slopes)
-        return by_value, by_shape
-
-
-def make_solver(
-    data: BackboneData, model_class: ModelClass, system: JointedModes, mode: int, sensor: str, amplitude: FloatArray
-) -> ClassSolver:
-    """Return the solver of a mode of `system` at amplitudes of a sensor, with the laws of a class at its joints."""
-    evaluate = family_evaluator(
-        system, model_class.kinds, mode=mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics,
-        joints=model_class.joints,
-    )  # fmt: skip
-    return ClassSolver(model_class, evaluate)
-
-
-def find_met_modes(data: BackboneData, mode: ModeData) -> IntArray:
-    """Return the columns of the modes that a harmonic of the model may meet, near any measured frequency."""
-    measured = np.sqrt(mode.eigenvalue)
-    low, high = (1 - UPDATING.interaction_reach) * measured.min(), (1 + UPDATING.interaction_reach) * measured.max()
-    own = np.sqrt(np.maximum(data.system.eigenvalue, 0.0))
-    near = np.zeros(own.size, dtype=bool)
-    for harmonic in data.harmonics:
-        if harmonic > 1:
-            near |= (own > harmonic * low) & (own < harmonic * high)
-    # Modes that are nearer meet the first harmonic.
-    return np.flatnonzero(near & (own > 1.3 * high))
-
-
-def without_interactions(data: BackboneData, mode: ModeData) -> JointedModes:
-    """Return the structure with residual flexibility in place of the modes that a harmonic of one backbone meets.
-
-    Such a mode keeps its contribution to the first harmonic, psi_i psi_i^T / (l_i - l) at the mean measured l, but has
-    no resonance: the backbone runs smoothly and has no loop there. Loops are narrow; an error of the linear structure
-    of a few tenths of a per cent moves them to other amplitudes than the measured ones. The effect of the resonance
-    beside the loop is left out, too: relative to the frequencies of the wing-engine structure it is 2.5e-5 at a
-    distance of two per cent, and 1.2e-4 at half a per cent.
-    """
-    met, system = find_met_modes(data, mode), data.system
-    if not met.size:
-        return system
-    eigenvalue, middle = system.eigenvalue.copy(), float(mode.eigenvalue.mean())
-    eigenvalue[met] *= 1e3  # out of the reach of all harmonics
-    scale = np.ones(system.n_modes)
-    scale[met] = np.sqrt((eigenvalue[met] - middle) / (system.eigenvalue[met] - middle))
-    return JointedModes(eigenvalue, scale * system.at_sensors, scale * system.at_joints, system.sensors, system.joints)
-
-
-def describe_interactions(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
-    """Return one clause for each mode and controlled sensor, on the measured points where a harmonic meets a mode.
-
-    Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
-    solution for theta, (n_parameters,), or one that differs by more than the expected noise of a point (`point_noise`).
-    """
-    one = np.asarray(theta, dtype=np.float64)[np.newaxis]
-    clauses = []
-    for mode in data.modes:
-        met = find_met_modes(data, mode)
-        if not met.size:
-            continue
-        for sensor, _ in mode.parts:
-            amplitude = np.unique(mode.amplitude[mode.sensor == sensor])
-            whole, smooth = (
-                make_solver(data, model_class, system, mode.mode, sensor, amplitude)(one).frequency_hz[0]
-                for system in (data.system, without_interactions(data, mode))
-            )
-            off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
-            if off.any():
-                clauses.append(
-                    f"mode {mode.mode} at {_describe_span(amplitude[off])} mm of sensor {sensor!r} ({off.sum()} of "
-                    f"{amplitude.size} measured amplitudes) {_describe_meeting(data, met, smooth[off])}"
-                )
-    return clauses
-
-
-def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
-    orders = np.array([h for h in data.harmonics if h > 1])
-    own = data.system.frequency_hz[met]
-    apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
-    order, nearest = np.unravel_index(np.argmin(apart), apart.shape)
-    return f"harmonic {orders[order]} meets mode {met[nearest] + 1} at {own[nearest]:.4g} Hz"
-
-
-def describe_failures(
-    data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False
-) -> list[str]:
-    """Return one clause for each mode, on the points where Newton's method fails for some theta, (n, n_parameters).
-
-    With `lost` only those theta count that have no curve.
-    """
-    rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-    clauses = []
-    for mode in data.modes:
-        _, _, missing, gone = make_curves(data, mode, model_class)(rows)
-        if lost:
-            missing = missing[gone]
-        ends = np.cumsum([0, *(amplitude.size for _, amplitude in mode.parts)])
-        for (sensor, amplitude), (first, last) in zip(mode.parts, pairwise(ends), strict=True):
-            often = missing[:, first:last].sum(axis=0)
-            if often.any():
-                percent = 100 * missing[:, first:last].any(axis=1).sum() / len(rows)
-                clauses.append(
-                    f"mode {mode.mode} at {describe_points(amplitude, often > 0, sensor)} for "
-                    f"{percent:.{0 if percent >= 1 else 1}f} %"
-                )
-    return clauses
-
-
-def describe_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
-    """Return the chosen points of a curve, (n,), as words, with their amplitude in mm.
-
-    >>> describe_points(np.array([1e-3, 2e-3, 3e-3]), np.array([False, True, True]), "tip")
-    "2 to 3 mm of sensor 'tip' (points 2 and 3 of 3)"
-    """
-    numbers = [str(index + 1) for index in np.flatnonzero(chosen)]
-    if len(numbers) > MOST_NAMED:
-        numbers = [*numbers[: MOST_NAMED - 1], f"{len(numbers) - MOST_NAMED + 1} more"]
-    listed = numbers[0] if len(numbers) == 1 else f"{', '.join(numbers[:-1])} and {numbers[-1]}"
-    points = f"point{'s' * (len(numbers) > 1)} {listed} of {amplitude.size}"
-    return f"{_describe_span(amplitude[chosen])} mm of sensor {sensor!r} ({points})"
-
-
-def _describe_span(amplitude: FloatArray) -> str:
-    low, high = (f"{1e3 * value:.3g}" for value in (amplitude.min(), amplitude.max()))
-    return low if low == high else f"{low} to {high}"
-
-
-def _bridge_gaps(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
-    """Return values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None if too much is missing."""
-    n_found = int(converged.sum())
-    if n_found < 4 or n_found < (1 - UPDATING.most_missing) * converged.size:
-        return None
-    known = amplitude[converged]
-    if np.ptp(known) < UPDATING.least_span * np.ptp(amplitude):
-        return None
-    powers = np.polynomial.chebyshev.chebvander(
-        2 * (amplitude - amplitude.min()) / np.ptp(amplitude) - 1, min(6, n_found - 2)
-    )
-    smooth = powers @ np.linalg.lstsq(powers[converged], values[converged], rcond=None)[0]
-    return np.where(converged[:, None], values, smooth)

@@ -14,10 +14,9 @@ from opid.updating.likelihood.backbones import (
     BackboneData,
     ErrorGrowth,
     ModeData,
-    make_solver,
     with_noise,
-    without_interactions,
 )
+from opid.updating.likelihood.curves import find_met_modes, make_solver, normalise_slopes
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -138,17 +137,18 @@ def with_modal_errors(data: BackboneData, model_class: ModelClass, theta: FloatA
 
 
 def _widen(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray) -> ModeData:
-    system, own = without_interactions(data, mode), mode.mode - 1
+    system, own = find_met_modes(data, mode).remove_from(data.system), mode.mode - 1
     # A unit of each linear parameter is a change of one eigenvalue by all of it.
     couplings = np.array([np.diag(row) for row in np.diag(system.eigenvalue)])
     of_values, of_shapes = [], []
     for sensor, amplitude in mode.parts:
-        solver = make_solver(data, model_class, system, mode.mode, sensor, amplitude)
-        found = solver(theta[np.newaxis])
-        slopes, shape_slopes = solver.find_slopes(theta[np.newaxis], found, couplings)
+        solver = make_solver(data, model_class, mode, sensor, amplitude)
+        found, slopes, shape_slopes = solver.find_slopes(theta[np.newaxis], couplings)
         n = model_class.n_parameters
         of_values.append(slopes[0, :, n:] / mode.linear)
-        of_shapes.append(_normalise(found.shapes[0][:, mode.rows], shape_slopes[0][:, mode.rows, n:]))
+        shapes = found.shapes[0][:, mode.rows]
+        length = np.linalg.norm(shapes, axis=1, keepdims=True)
+        of_shapes.append(normalise_slopes(shapes / length, shape_slopes[0][:, mode.rows, n:] / length[..., None]))
     at_nodes = np.concatenate(of_values)
     at_nodes[:, own] -= 1.0  # At small motions an error of the mode itself is all of it, and one of another is nothing.
     by_shape = np.concatenate(of_shapes)
@@ -173,10 +173,3 @@ def _find_patterns(errors: FloatArray, growth: FloatArray, least: float) -> Floa
     usual = np.linalg.qr(np.column_stack([np.ones_like(growth), growth]))[0]
     patterns, size, _ = np.linalg.svd(errors - usual @ (usual.T @ errors), full_matrices=False)
     return np.asarray((patterns * size)[:, size > least * np.sqrt(len(growth))])
-
-
-def _normalise(shapes: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Return the derivatives of shapes of unit length, (n, n_sensors, n_parameters), given those of their motion."""
-    length = np.linalg.norm(shapes, axis=1)[:, None, None]
-    unit, turned = shapes[:, :, None] / length, slopes / length
-    return np.asarray(turned - unit * np.sum(unit * turned, axis=1, keepdims=True))

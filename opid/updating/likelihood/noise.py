@@ -183,16 +183,41 @@ def log_marginal(noise: CurveNoise, model: FloatArray) -> FloatArray:
 
     The model has the shape (n, n_nodes, n_channels).
     """
+    return _add_ratios(noise, _weigh_ratios(noise, model)[0]).sum(axis=-1)
+
+
+def _add_ratios(noise: CurveNoise, each: FloatArray) -> FloatArray:
+    """Return the log density of each channel, (n, n_channels), from that of each ratio up to constants."""
     from scipy.special import gammaln
 
-    each, _, _ = _weigh_ratios(noise, model)
     shape = _find_gamma_shape(noise)
     constant = OWN_WEIGHT * np.log(noise.expected) + gammaln(shape) - gammaln(OWN_WEIGHT)
     constant = constant - 0.5 * noise.n_points * np.log(2 * np.pi)
     # scipy's logsumexp takes ten times as long for so few numbers.
     top = each.max(axis=2)
     total = top + np.log(np.exp(each - top[..., None]).sum(axis=2))
-    return (total + constant).sum(axis=-1)
+    summed: FloatArray = total + constant
+    return summed
+
+
+def log_marginal_slopes(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return `log_marginal`, (n,), and its derivatives by the values of the model, (n, n_nodes, n_channels)."""
+    each, common, rate = _weigh_ratios(noise, model)
+    density = _add_ratios(noise, each).sum(axis=-1)
+    left = (noise.data - noise.model @ model).swapaxes(1, 2)
+    shape = _find_gamma_shape(noise)
+    variance = (rate / shape)[:, :, None] / noise.precision + noise.common_variance
+    # by the rate of sigma^2 of each ratio: of the prior of rho sigma, of the power of the rate, and of the prior of b
+    own = rate / shape * RATIOS**2 / (2 * noise.offset) ** 2
+    of_prior = ((1 / variance - common**2 / variance**2) / noise.precision).sum(axis=2) / shape
+    by_rate = (0.5 - 0.5 * own - shape) / rate - 0.5 * of_prior
+    weight = np.exp(each - each.max(axis=2, keepdims=True))
+    weight = weight / weight.sum(axis=2, keepdims=True)
+    # The rate and b of each ratio follow from what the model leaves of the data.
+    by_common = weight[:, :, None] * (-common / variance - by_rate[:, :, None] * noise.precision * common)
+    by_left = left * ((weight * by_rate) @ noise.shrink.T)
+    by_left = by_left + by_common.reshape(*by_common.shape[:2], -1) @ noise.common.T
+    return density, -np.einsum("kj,nck->njc", noise.model, by_left)
 
 
 def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -32,6 +32,7 @@ class Chain:
         n_evaluations: number of rows of theta at which the density was evaluated, the warm-up included.
         sampler: name of the method.
         n_warm_up: number of samples of each chain that were dropped.
+        divergent: fraction of the samples at which a walk along the slope went astray; 0 for samplers without slopes.
     """
 
     samples: FloatArray
@@ -40,6 +41,7 @@ class Chain:
     n_evaluations: int
     sampler: str
     n_warm_up: int
+    divergent: float = 0.0
 
     @property
     def n_parameters(self) -> int:
@@ -78,6 +80,7 @@ class Diagnostics:
         acceptance: fraction of the proposals that were taken.
         effective_samples: number of effective samples, the least of all parameters.
         r_hat: R-hat, the largest of all parameters (1 is converged); nan for a single chain.
+        divergent: fraction of the samples at which a walk along the slope went astray; 0 for samplers without slopes.
     """
 
     sampler: str
@@ -86,6 +89,7 @@ class Diagnostics:
     acceptance: float
     effective_samples: float
     r_hat: float
+    divergent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -215,6 +219,7 @@ def diagnose(chain: Chain) -> Diagnostics:
         acceptance=chain.acceptance,
         effective_samples=float(effective_samples(chain.samples).min()),
         r_hat=float(split_r_hat(chain.samples).max()) if n_chains > 1 else float("nan"),
+        divergent=chain.divergent,
     )
 
 

@@ -23,6 +23,7 @@ from opid.updating.sampling.chains import (
     posterior_density,
     write_theta,
 )
+from opid.updating.settings import UPDATING
 
 Support = Sequence[tuple[float, float]] | FloatArray | None  # (lower, upper) of each parameter, or none
 
@@ -216,7 +217,7 @@ class Evidence:
     """Logarithm of the evidence p(D | M) by one method.
 
     Args:
-        method: "laplace", "transitional" or "quadrature".
+        method: "laplace", "transitional", "importance" or "quadrature".
         log_evidence: natural logarithm of the evidence.
         std: standard deviation of that logarithm, 0 where the method gives none.
     """
@@ -265,6 +266,48 @@ def laplace_of_samples(log_density_at_best: float, best: FloatArray, chain: Chai
     score = linalg.solve_triangular(root, best - chain.pooled.mean(axis=0), lower=True)
     value = log_density_at_best + _find_log_volume(covariance) + 0.5 * float(score @ score)
     return Evidence("laplace", value, float(np.sqrt(d / (2 * effective_samples(chain.samples).min()))))
+
+
+def importance(log_density: LogDensity, chain: Chain, *, rng: np.random.Generator, n_draws: int = 2000) -> Evidence:
+    """Return the evidence as the mean of density over proposal, for draws of a Student t distribution about samples.
+
+    The proposal has mean and covariance of the samples and wide tails (five degrees of freedom), so that the weights
+    are bounded where the density falls off as a normal one. It needs no bounds: draws outside the support weigh
+    nothing. The standard deviation follows from the scatter of the weights.
+
+    Args:
+        log_density: log likelihood plus log prior with all their constants.
+        chain: samples of the density.
+        rng: source of chance.
+        n_draws: number of draws.
+
+    Raises:
+        NotDeterminedError: the draws are worth too few, for the density is far from a normal one.
+
+    >>> rng = np.random.default_rng(1)
+    >>> samples = rng.standard_normal((4, 500, 2))
+    >>> chain = Chain(samples, np.zeros((4, 500)), 1.0, 0, "exact", 0)
+    >>> found = importance(lambda t: -0.5 * np.sum(t**2, axis=1), chain, rng=rng)
+    >>> abs(found.log_evidence - np.log(2 * np.pi)) < 4 * found.std < 0.1
+    True
+    """
+    from scipy.stats import multivariate_t
+
+    nu, middle = UPDATING.proposal_freedom, chain.pooled.mean(axis=0)
+    proposal = multivariate_t(middle, chain.covariance * (nu - 2) / nu, df=nu, seed=rng)
+    theta = np.reshape(proposal.rvs(n_draws), (n_draws, middle.size))
+    log_weight = evaluate(log_density, theta) - np.reshape(proposal.logpdf(theta), n_draws)
+    if np.isneginf(log_weight).all():
+        raise NotDeterminedError("no draw about the samples has a density: the samples are not of this density")
+    total = float(logsumexp(log_weight))
+    weight = np.exp(log_weight - total)
+    worth = 1 / float(weight @ weight)
+    if worth < UPDATING.least_worth * n_draws:
+        raise NotDeterminedError(
+            f"{n_draws} draws about the samples are worth only {worth:.0f}: the posterior is far from a normal "
+            "distribution; take transitional"
+        )
+    return Evidence("importance", total - float(np.log(n_draws)), float(np.sqrt(1 / worth - 1 / n_draws)))
 
 
 def quadrature(

@@ -1,4 +1,4 @@
-"""Samplers of a posterior: Metropolis-Hastings, adaptive Metropolis, emcee's ensemble, transitional Monte Carlo."""
+"""Samplers of a posterior: adaptive Metropolis, the no-U-turn sampler of nutpie, transitional Monte Carlo."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
@@ -20,6 +21,7 @@ from opid.updating.sampling.chains import (
     evaluate,
     require_count,
     starting_densities,
+    write_theta,
 )
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.settings import UPDATING
@@ -33,16 +35,15 @@ def metropolis(
     n_samples: int,
     n_warm_up: int,
     rng: np.random.Generator,
-    adaptive: bool = False,
     progress: Progress | None = None,
 ) -> Chain:
     """Return random-walk Metropolis-Hastings chains, (n_chains, n_samples, n_parameters), after their warm-up.
 
     They begin at the rows of `start`, (n_chains, n_parameters). Proposals have 2.38^2 / n_parameters times the
     covariance, which is best for a normal distribution (Song et al. 2021, refs. 46 and 60). Give the covariance of the
-    posterior as far as it is known (Laplace approximation), or (n_parameters,) variances. `adaptive` chains take it as
-    a first guess and learn a better one from the past of all chains (Haario et al. 2001), without its older half, so
-    that far starts are forgotten. It changes less and less, as convergence requires.
+    posterior as far as it is known (Laplace approximation), or (n_parameters,) variances. The chains take it as a first
+    guess and learn a better one from the past of all of them (Haario et al. 2001), without its older half, so that far
+    starts are forgotten. It changes less and less, as convergence requires.
 
     This and the other samplers move all chains by one evaluation of the density, and the same `rng` in the same state
     gives the same chains to the last bit. InputError: a start outside the support, a log density of another shape or
@@ -62,8 +63,8 @@ def metropolis(
     samples, values = np.empty((n_steps, n_chains, n_parameters)), np.empty((n_steps, n_chains))
     taken = np.zeros((n_steps, n_chains), dtype=bool)
     while done < n_steps:
-        # Chains adapt after 50 steps, then whenever they are a tenth longer; other chains report every 250 steps.
-        last = min(done + (max(50, done // 10) if adaptive else 250), n_steps)
+        # Chains adapt after 50 steps, then whenever they are a tenth longer.
+        last = min(done + max(50, done // 10), n_steps)
         jumps = rng.standard_normal((last - done, n_chains, n_parameters)) @ root.T
         threshold = -rng.standard_exponential((last - done, n_chains))  # logarithm of a uniform number
         for step, jump, bar in zip(range(done, last), jumps, threshold, strict=True):
@@ -74,10 +75,9 @@ def metropolis(
             value = np.where(taken[step], proposed, value)
             samples[step], values[step] = theta, value
         done = last
-        if adaptive:
-            learnt = np.atleast_2d(np.cov(samples[done // 2 : done].reshape(-1, n_parameters), rowvar=False))
-            # A little of the given covariance keeps the sum from being singular (Haario's epsilon).
-            root = covariance_root(scale * (learnt + 1e-6 * (first @ first.T)), n_parameters)
+        learnt = np.atleast_2d(np.cov(samples[done // 2 : done].reshape(-1, n_parameters), rowvar=False))
+        # A little of the given covariance keeps the sum from being singular (Haario's epsilon).
+        root = covariance_root(scale * (learnt + 1e-6 * (first @ first.T)), n_parameters)
         if progress:
             progress(done / n_steps)
     return Chain(
@@ -85,69 +85,112 @@ def metropolis(
         log_density=np.ascontiguousarray(values[dropped:].T),
         acceptance=float(taken[dropped:].mean()),
         n_evaluations=taken.size + n_chains,
-        sampler="adaptive_metropolis" if adaptive else "metropolis",
+        sampler="adaptive_metropolis",
         n_warm_up=dropped,
     )
 
 
-def require_emcee() -> None:
-    """Raise an InputError if emcee is not installed, before long work that would need it."""
-    require("emcee", "the ensemble sampler", "emcee", "ensemble")
+LogDensitySlopes = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""theta (n, d) -> (n,) logarithm of a density, up to a constant, and (n, d) its derivatives; -inf and 0 outside."""
 
 
-def ensemble(
-    log_density: LogDensity,
+def require_nutpie() -> None:
+    """Raise an InputError if nutpie is not installed, before long work that would need it."""
+    require("nutpie", "the no-U-turn sampler", "nutpie", "nuts")
+
+
+def nuts(
+    log_density: LogDensitySlopes,
     start: ArrayLike,
     *,
+    covariance: ArrayLike,
     n_samples: int,
     n_warm_up: int,
     rng: np.random.Generator,
     progress: Progress | None = None,
 ) -> Chain:
-    """Return the walkers of emcee's stretch move (Goodman & Weare 2010; Foreman-Mackey et al. 2013), one chain each.
+    """Return chains of the no-U-turn sampler (Hoffman & Gelman 2014) of nutpie, (n_chains, n_samples, n_parameters).
 
-    The walkers move along the lines between them: no covariance has to be known, and the scales of the parameters have
-    no effect. Arguments are those of `metropolis`; `start` has an even number of walkers, at least twice the number of
-    parameters, which are not all in one plane. InputError: another start, or emcee is not installed.
+    It follows the slope of the density over long ways, so that its samples are nearly independent whatever the number
+    of parameters. It walks in coordinates in which the covariance is the unit matrix, and learns their scales during
+    the warm-up. The density may have any support, but where it ends the chains turn back without a warning slope: give
+    coordinates without bounds, as `WhitePrior` does.
+
+    Args:
+        log_density: the log density and its slopes.
+        start: (n_chains, n_parameters) starts.
+        covariance: rough covariance of the density, (n_parameters, n_parameters), or (n_parameters,) variances.
+        n_samples: number of samples that are kept of each chain.
+        n_warm_up: number of samples of each chain before them, in which the sampler learns its steps; 10 or more.
+        rng: source of chance.
+        progress: a function that is called with the fraction that is done.
+
+    Raises:
+        InputError: nutpie is not installed, or what `metropolis` refuses.
+        NotDeterminedError: a start without a slope.
     """
-    require_emcee()
-    import emcee
+    require_nutpie()
+    import nutpie
+    from nutpie.compiled_pyfunc import from_pyfunc
 
-    kept, dropped = require_count(n_samples, "n_samples", least=1), require_count(n_warm_up, "n_warm_up", least=0)
-    rows, value = starting_densities(log_density, start)
-    n_walkers, n_parameters = rows.shape
-    if n_walkers < 2 * n_parameters or n_walkers % 2:
-        raise InputError(
-            f"{n_walkers} walker(s) for {n_parameters} parameter(s): give an even number of at least {2 * n_parameters}"
-        )
-    scatter = rows - rows.mean(axis=0)
-    size = np.abs(scatter).max(axis=0)
-    if not size.all() or np.linalg.matrix_rank(scatter / size, tol=1e-6) < n_parameters:
-        raise InputError("the walkers start in one plane and would never leave it: scatter them in every parameter")
-    counted = [n_walkers]
+    kept, dropped = require_count(n_samples, "n_samples", least=1), require_count(n_warm_up, "n_warm_up", least=10)
+    rows, _ = starting_densities(lambda theta: log_density(theta)[0], start)
+    root = covariance_root(covariance, rows.shape[1])
+    n_chains, n_parameters = rows.shape
+    middle, counted = rows.mean(axis=0), [n_chains]
+    at_start = solve_triangular(root, (rows - middle).T, lower=True).T
+    usual = (dropped + kept) * n_chains * UPDATING.usual_steps
+    refused: list[Exception] = []
 
-    def evaluate_counted(theta: FloatArray) -> FloatArray:
-        counted[0] += len(theta)
-        return evaluate(log_density, theta)
+    def evaluate_one(walked: FloatArray) -> tuple[float, FloatArray]:
+        theta = (middle + root @ walked)[np.newaxis]
+        counted[0] += 1
+        if progress and counted[0] % 500 == 0:
+            progress(min(counted[0] / usual, 0.99))
+        if not refused:
+            try:
+                value, slope = log_density(theta)
+                return float(evaluate(lambda _: value, theta)[0]), slope[0] @ root
+            except (InputError, NotDeterminedError) as error:
+                # An error would not come back through nutpie's thread: the walk ends where nothing is possible.
+                refused.append(error)
+        return -np.inf, np.zeros(n_parameters)
 
-    sampler = emcee.EnsembleSampler(n_walkers, n_parameters, evaluate_counted, vectorize=True)
-    # emcee takes no other kind of generator
-    chance = np.random.RandomState(np.random.MT19937(int(rng.integers(2**63))))
-    state = emcee.State(rows, log_prob=value, random_state=chance.get_state())
-    total = dropped + kept
-    for step, _ in enumerate(sampler.sample(state, iterations=total, skip_initial_state_check=True), start=1):
-        if progress and (step % 50 == 0 or step == total):
-            progress(step / total)
-    samples = np.ascontiguousarray(sampler.get_chain(discard=dropped).transpose(1, 0, 2))
-    # A proposal is never exactly where its walker was.
-    moved = np.any(np.diff(samples, axis=1) != 0, axis=2)
+    found = []
+    # One chain after the other, each from its own start and with a seed of its own: the order of threads has no effect.
+    for begin in at_start:
+        model = from_pyfunc(
+            n_parameters, lambda: evaluate_one, lambda *_: lambda walked: {"walked": np.asarray(walked)},
+            [np.dtype("float64")], [(n_parameters,)], ["walked"],
+            make_initial_point_fn=lambda _, begin=begin: begin,
+        )  # fmt: skip
+        try:
+            found.append(nutpie.sample(
+                model, draws=kept, tune=dropped, chains=1, cores=1, seed=int(rng.integers(2**31)), progress_bar=False,
+            ))  # fmt: skip
+        except RuntimeError:
+            where = write_theta(middle + root @ begin)
+            refused.append(NotDeterminedError(
+                f"the no-U-turn sampler cannot begin at theta = {where}, where the density has no slope: start "
+                "elsewhere, or take the adaptive sampler"
+            ))  # fmt: skip
+        if refused:
+            raise refused[0]
+    if progress:
+        progress(1.0)
+    walked = np.concatenate([each.posterior["walked"].to_numpy() for each in found])
+
+    def join(name: str) -> FloatArray:
+        return np.concatenate([each.sample_stats[name].to_numpy() for each in found]).astype(np.float64)
+
     return Chain(
-        samples=samples,
-        log_density=np.ascontiguousarray(sampler.get_log_prob(discard=dropped).T),
-        acceptance=float(moved.mean()) if kept > 1 else float(np.mean(sampler.acceptance_fraction)),
+        samples=np.ascontiguousarray(middle + walked @ root.T),
+        log_density=join("logp"),
+        acceptance=float(join("mean_tree_accept").mean()),
         n_evaluations=counted[0],
-        sampler="ensemble",
+        sampler="nuts",
         n_warm_up=dropped,
+        divergent=float(join("diverging").mean()),
     )
 
 
