@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from opid.errors import NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import Estimate
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.mode_fit import UNITS
 from opid.modal.linear.modes import LinearModes
 from opid.modal.resonance.curves import ResponseCurve, add_other_modes, read_curve_states
-from opid.modal.resonance.law import ResonanceLaw, StateCheck, check_states, fit_states
+from opid.modal.resonance.law import LawCandidate, ResonanceLaw, StateCheck, check_states, fit_states
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 N_AMPLITUDES = 2000  # at which the equation of the mode is solved; a root between two of them is interpolated
+HIGHEST = "highest"  # the word for the curve of the largest displacement
+FEWEST_CURVES = 3  # of which one is held out: two levels at least must show how frequency and damping move
+MOST_WITHOUT = 0.05  # fraction of drawn laws without a motion, from which no interval is given
 BEYOND = 1.5  # largest amplitude at which a law makes motions, over the largest that it was fitted to
 
 
@@ -216,32 +220,353 @@ def make_curve(
     Raises:
         InputError: no such mode or sensor.
     """
-    index = modes.index(mode)
-    shape, push = modes.row(curve.sensor)[index], modes.row(drive_point)[index]
-    others = add_other_modes(curve, modes, mode, drive_point)
-    omega = 2.0 * np.pi * curve.frequency_hz
-    measured = np.abs((curve.acceleration - others) / (omega**2 * shape))
-    # The measured force is turned against what moves the mode.
-    force = push * curve.force_n * np.exp(-1j * np.radians(law.force_phase_deg.value or 0.0))
-    a = np.linspace(0.0, BEYOND * float(law.amplitude.max()), N_AMPLITUDES + 1)[1:]
-    response = np.full(omega.size, np.nan, dtype=np.complex128)
-    for at in range(omega.size):
-        dynamic = _find_dynamic_stiffness(law, a, float(omega[at]))
-        excess = a * np.abs(dynamic) - abs(force[at])
-        left = np.flatnonzero((excess[:-1] < 0.0) != (excess[1:] < 0.0))
-        if left.size:
-            part = excess[left] / (excess[left] - excess[left + 1])
-            roots = a[left] + part * (a[left + 1] - a[left])
-            root = roots[[np.argmin(np.abs(roots - measured[at]))]]
-            q = force[at] / _find_dynamic_stiffness(law, root, float(omega[at]))[0]
-            response[at] = -(omega[at] ** 2) * shape * q + others[at]
-    return CurveFit(curve, response, is_prediction)
+    driven = _DrivenCurve.of(curve, modes, mode, drive_point)
+    most = BEYOND * float(law.amplitude.max())
+    return CurveFit(curve, driven.find_response(law.candidates[0], most, driven.measured), is_prediction)
 
 
-def _find_dynamic_stiffness(law: ResonanceLaw, amplitude: FloatArray, omega: float) -> ComplexArray:
-    """Return modal force over modal displacement at some amplitudes, 1/s^2."""
-    k = sum((e.value or 0.0) * first_harmonic_factor(n) * amplitude ** (n - 1) for n, e in law.stiffness.items())
-    c = sum(
-        (e.value or 0.0) * first_harmonic_factor(n) * (omega * amplitude) ** (n - 1) for n, e in law.damping.items()
+@dataclass(frozen=True, eq=False)
+class _DrivenCurve:
+    """The forces of a response curve on one mode, and what all other modes add to its sensor."""
+
+    omega: FloatArray  # (n,) rad/s
+    shape: float  # of the mode at the sensor
+    force: FloatArray  # (n,) modal force, N/kg^1/2
+    others: ComplexArray  # (n,) m/s^2
+    measured: FloatArray  # (n,) amplitude of the mode, m kg^1/2
+
+    @classmethod
+    def of(cls, curve: ResponseCurve, modes: LinearModes, mode: int, drive_point: str) -> _DrivenCurve:
+        index, omega = modes.index(mode), 2.0 * np.pi * curve.frequency_hz
+        shape, push = float(modes.row(curve.sensor)[index]), float(modes.row(drive_point)[index])
+        others = add_other_modes(curve, modes, mode, drive_point)
+        measured = np.abs((curve.acceleration - others) / (omega**2 * shape))
+        return cls(omega, shape, push * curve.force_n, others, measured)
+
+    def find_response(self, law: LawCandidate, most: float, near: FloatArray) -> ComplexArray:
+        """Return the acceleration of the sensor by a law, of several motions that nearest to an amplitude, (n,).
+
+        Args:
+            law: the law.
+            most: the largest amplitude of the mode that is searched; where there is no motion up to it, NaN.
+            near: (n,) the amplitude of the mode that is meant.
+        """
+        # The measured force is turned against what moves the mode.
+        force = self.force * np.exp(-1j * law.phase_rad)
+        a = np.linspace(0.0, most, N_AMPLITUDES + 1)[1:]
+        response = np.full(self.omega.size, np.nan, dtype=np.complex128)
+        for at, omega in enumerate(self.omega.tolist()):
+            excess = a * np.abs(law.find_dynamic_stiffness(a, omega)) - abs(force[at])
+            left = np.flatnonzero((excess[:-1] < 0.0) != (excess[1:] < 0.0))
+            if left.size:
+                part = excess[left] / (excess[left] - excess[left + 1])
+                roots = a[left] + part * (a[left + 1] - a[left])
+                root = roots[[np.argmin(np.abs(roots - near[at]))]]
+                q = force[at] / law.find_dynamic_stiffness(root, omega)[0]
+                response[at] = -(omega**2) * self.shape * q + self.others[at]
+        return response
+
+
+# ---- a curve that is held out --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A response curve that no fit has seen, predicted by the law of others.
+
+    Args:
+        fit: the curve beside the prediction.
+        fitted: the names of the curves that gave the law, from the lowest to the highest.
+        low: (n,) lower end of the 95 % band of the amplitude, m/s^2; NaN where the law has no motion.
+        high: (n,) its upper end.
+        resonance_hz: resonance under the force of this curve by the law; empty where the law has none.
+        measured_hz: the measured resonance: the frequency of phase resonance at the point nearest to it.
+        lowest_hz: that of the lowest curve.
+        amplitude: amplitude of the mode at resonance by the law, m kg^1/2.
+        measured_amplitude: the measured one, m kg^1/2.
+        reach: measured amplitude over the largest one that was fitted.
+        widened: factor of all these intervals: how far the same prediction of the highest fitted curve from those below
+            it was off, in standard deviations; 1 where it was within them, or where there were too few curves.
+        reason: why there is no prediction, "" if there is one.
+    """
+
+    fit: CurveFit
+    fitted: tuple[str, ...]
+    low: FloatArray
+    high: FloatArray
+    resonance_hz: Estimate
+    measured_hz: Estimate
+    lowest_hz: float
+    amplitude: Estimate
+    measured_amplitude: float
+    reach: float
+    widened: float
+    reason: str
+
+    @property
+    def shift_hz(self) -> float:
+        """How far the resonance has moved from the lowest curve to this one, Hz."""
+        return float(self.measured_hz.value or np.nan) - self.lowest_hz
+
+    @property
+    def error_fraction(self) -> float:
+        """Error of the predicted resonance as a fraction of that shift; NaN without a prediction."""
+        if self.resonance_hz.value is None or self.measured_hz.value is None:
+            return float("nan")
+        return float((self.resonance_hz.value - self.measured_hz.value) / self.shift_hz)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the prediction as result.json holds it; the curve itself stands among the curves."""
+        numbers = ("low", "high", "lowest_hz", "measured_amplitude", "reach", "widened", "shift_hz", "error_fraction")
+        estimates = ("resonance_hz", "measured_hz", "amplitude")
+        return {
+            "curve": self.fit.as_json(),
+            "fitted": self.fitted,
+            "reason": self.reason,
+            **{name: getattr(self, name) for name in numbers},
+            **{name: asdict(getattr(self, name)) for name in estimates},
+        }
+
+
+def choose_held_out(curves: Sequence[ResponseCurve], wanted: str, modes: LinearModes, mode: int) -> ResponseCurve:
+    """Return the curve that is held out: that of a name, or that of the largest displacement where it is "highest".
+
+    Raises:
+        InputError: no such curve, or too few others.
+    """
+    if len(curves) < FEWEST_CURVES:
+        raise InputError(
+            f"mode {mode} has {len(curves)} response curve(s), and a prediction of one from the others needs "
+            f"{FEWEST_CURVES}: give more [[curves]], at different levels of the force"
+        )
+    if wanted == HIGHEST:
+        index = modes.index(mode)
+        return max(
+            curves,
+            key=lambda each: float(np.max(each.amplitude / each.frequency_hz**2) / abs(modes.row(each.sensor)[index])),
+        )
+    names = [each.name for each in curves]
+    if wanted not in names:
+        raise InputError(f"there is no curve {wanted!r} to hold out: {nearest(wanted, names)}, or say {HIGHEST!r}")
+    return curves[names.index(wanted)]
+
+
+def predict_held_out(
+    curve: ResponseCurve,
+    others: Sequence[ResponseCurve],
+    law: ResonanceLaw,
+    *,
+    modes: LinearModes,
+    mode: int,
+    drive_point: str,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    settings: ResonanceSettings | None = None,
+) -> HeldOut:
+    """Predict a response curve by a law that has not seen it, with a band, and compare the two.
+
+    The band holds what noise, gain, phase and the choice of the powers leave open. Beyond the amplitudes that were
+    fitted nothing shows whether the powers go on, so the same prediction is made of the highest fitted curve from those
+    below it: if it was off by more than its standard deviation, all intervals are widened by as much.
+
+    Args:
+        curve: the curve that was held out.
+        others: the curves that gave the law, perhaps beside levels.
+        law: the law.
+        modes: linear modes of the structure.
+        mode: number of the mode, from 1.
+        drive_point: the sensor where the force acts.
+        stiffness_order: N_s, 1 to 5; chosen where None.
+        damping_order: N_d, 1 to 5; chosen where None.
+        settings: which points count; the usual ones where left out.
+
+    Raises:
+        InputError: what `read_curve_states` refuses.
+    """
+    chosen = settings or ResonanceSettings()
+    place: dict[str, Any] = {"modes": modes, "mode": mode, "drive_point": drive_point}
+    ranked = sorted(others, key=lambda each: max(state.amplitude for state in read_curve_states(each, **place)))
+    widened = 1.0
+    if len(ranked) >= FEWEST_CURVES:
+        orders: dict[str, Any] = {"stiffness_order": stiffness_order, "damping_order": damping_order}
+        below = fit_curves(ranked[:-1], **place, **orders, settings=chosen).law
+        if below is not None:
+            rehearsed = _predict(ranked[-1], ranked[:-1], below, place, chosen)
+            widened = max(1.0, _find_miss(rehearsed))
+    found = _predict(curve, ranked, law, place, chosen)
+    return _widen(found, widened)
+
+
+def _find_miss(found: HeldOut) -> float:
+    """Return by how many standard deviations a predicted resonance is off; 0 without a prediction."""
+    made, seen = found.resonance_hz, found.measured_hz
+    if made.value is None or made.std is None or seen.value is None:
+        return 0.0
+    return float(abs(made.value - seen.value) / np.hypot(made.std, seen.std or 0.0))
+
+
+def _widen(found: HeldOut, factor: float) -> HeldOut:
+    middle = np.abs(found.fit.response)
+    # Ratios of amplitudes keep the lower end above zero.
+    low, high = (middle * (end / middle) ** factor for end in (found.low, found.high))
+    hz, amplitude = (_scale(each, factor) for each in (found.resonance_hz, found.amplitude))
+    return replace(found, low=low, high=high, widened=factor, resonance_hz=hz, amplitude=amplitude)
+
+
+def _scale(estimate: Estimate, factor: float) -> Estimate:
+    if estimate.value is None or estimate.std is None or estimate.interval95 is None:
+        return estimate
+    value = estimate.value
+    low, high = (value + factor * (end - value) for end in estimate.interval95)
+    return Estimate(value, factor * estimate.std, (low, high))
+
+
+def _predict(
+    curve: ResponseCurve,
+    others: Sequence[ResponseCurve],
+    law: ResonanceLaw,
+    place: dict[str, Any],
+    settings: ResonanceSettings,
+) -> HeldOut:
+    best, rng = law.candidates[0], np.random.default_rng(0)
+    measured = _find_resonance(read_curve_states(curve, **place, settings=settings), best, curve.error_fraction)
+    lowest = _find_resonance(read_curve_states(others[0], **place, settings=settings), best, others[0].error_fraction)
+    driven, most = _DrivenCurve.of(curve, **place), settings.farthest_reach * float(law.amplitude.max())
+    response = driven.find_response(best, most, driven.measured)
+    made = find_law_resonance(best, measured.force, most)
+    weights = np.array([each.weight for each in law.candidates])
+    picked = rng.choice(weights.size, settings.n_draws, p=weights / weights.sum())
+    drawn = [law.candidates[index].draw(rng) for index in picked.tolist()]
+    near = np.abs((response - driven.others) / (driven.omega**2 * driven.shape))
+    every = np.array([np.abs(driven.find_response(each, most, near)) for each in drawn])
+    low, high = _find_band(every, np.abs(response))
+    ends = np.array([find_law_resonance(each, measured.force, most) for each in drawn])
+    reason = "" if np.isfinite(made).all() else _explain_no_resonance(curve, settings)
+    return HeldOut(
+        fit=CurveFit(curve, response, True),
+        fitted=tuple(each.name for each in others),
+        low=low,
+        high=high,
+        resonance_hz=_summarise(made[0], ends[:, 0]),
+        measured_hz=Estimate.normal(measured.hz, measured.hz_std),
+        lowest_hz=lowest.hz,
+        amplitude=_summarise(made[1], ends[:, 1]),
+        measured_amplitude=measured.amplitude,
+        reach=measured.amplitude / float(law.amplitude.max()),
+        widened=1.0,
+        reason=reason,
     )
-    return np.asarray(k - omega**2 + 1j * omega * c, dtype=np.complex128)
+
+
+def _explain_no_resonance(curve: ResponseCurve, settings: ResonanceSettings) -> str:
+    return (
+        f"the law by the other curves has no resonance under the force of {curve.name!r} up to "
+        f"{settings.farthest_reach:g} times their largest amplitude: it does not go on to this level; record levels "
+        "between them"
+    )
+
+
+@dataclass(frozen=True)
+class _Resonance:
+    """Where a measured curve is at phase resonance."""
+
+    hz: float
+    hz_std: float
+    amplitude: float
+    force: float  # modal force there, N/kg^1/2
+
+
+def _find_resonance(states: Sequence[SteadyState], law: LawCandidate, error: float) -> _Resonance:
+    """Return the resonance of a curve by its point nearest to it, which is corrected to quadrature."""
+    turned = [replace(each, force=each.force * np.exp(-1j * law.phase_rad)) for each in states]
+    near = min(turned, key=lambda each: abs(each.phase_error_deg))
+    omega = float(np.sqrt(max(near.stiffness, 0.0)))
+    std = error * abs(near.receptance_inverse) / (2.0 * max(omega, np.finfo(float).tiny))
+    return _Resonance(omega / (2.0 * np.pi), std / (2.0 * np.pi), near.amplitude, abs(near.force))
+
+
+def find_law_resonance(law: LawCandidate, force: float, most: float) -> tuple[float, float]:
+    """Return frequency, Hz, and amplitude at which a law is at phase resonance under a modal force.
+
+    Both are NaN where there is none up to the amplitude `most`.
+    """
+    a = np.linspace(0.0, most, N_AMPLITUDES + 1)[1:]
+    square = law.find_dynamic_stiffness(a, 0.0).real
+    omega = np.sqrt(np.maximum(square, np.finfo(float).tiny))
+    c = sum(value * first_harmonic_factor(n) * (omega * a) ** (n - 1) for n, value in law.damping.items())
+    pull = omega * c * a
+    reached = np.flatnonzero((pull >= force) & (square > 0.0))
+    if not reached.size or (square[: reached[0] + 1] <= 0.0).any():
+        return float("nan"), float("nan")
+    at = slice(max(reached[0] - 1, 0), reached[0] + 1)
+    amplitude = float(np.interp(force, pull[at], a[at]))
+    return float(np.interp(amplitude, a, omega)) / (2.0 * np.pi), amplitude
+
+
+def _find_band(drawn: FloatArray, response: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the 95 % band of drawn responses (n_draws, n), NaN where many of the draws have no motion."""
+    known = np.isfinite(response) & (np.mean(np.isfinite(drawn), axis=0) > 1.0 - MOST_WITHOUT)
+    low, high = np.full((2, response.size), np.nan)
+    if known.any():
+        low[known], high[known] = np.nanpercentile(drawn[:, known], (2.5, 97.5), axis=0)
+    return low, high
+
+
+def _summarise(value: float, drawn: FloatArray) -> Estimate:
+    """Return the estimate with the interval of the draws; without an interval where many of them have no value."""
+    if not np.isfinite(value):
+        return Estimate()
+    if np.mean(np.isnan(drawn)) > MOST_WITHOUT:
+        return Estimate(value)
+    low, high = np.nanpercentile(drawn, (2.5, 97.5))
+    return Estimate(value, float(high - low) / 3.92, (min(float(low), value), max(float(high), value)))
+
+
+# ---- a modal mass that nobody knows ---------------------------------------------------------------------
+
+
+def scale_shapes(
+    curves: Sequence[ResponseCurve],
+    *,
+    modes: LinearModes,
+    mode: int,
+    drive_point: str,
+    settings: ResonanceSettings | None = None,
+) -> tuple[LinearModes, Estimate]:
+    """Return the modes with the shape of one scaled so that the curves show a modal mass of 1, and that mass before.
+
+    For shapes whose scale nobody knows. The motions at many frequencies tell inertia from stiffness.
+
+    Args:
+        curves: the curves.
+        modes: linear modes of the structure.
+        mode: number of the mode, from 1.
+        drive_point: the sensor where the force acts.
+        settings: which points count; the usual ones where left out.
+
+    Raises:
+        InputError: what `read_curve_states` refuses.
+        NotDeterminedError: the curves do not tell it.
+    """
+    chosen, index, mass = settings or ResonanceSettings(), modes.index(mode), 1.0
+    for _ in range(chosen.most_mass_steps):
+        each = [
+            read_curve_states(curve, modes=modes, mode=mode, drive_point=drive_point, settings=chosen)
+            for curve in curves
+        ]
+        states = [state for several in each for state in several]
+        law = fit_states(states, chosen, measured_waves=False)
+        check = check_states(states, np.concatenate([_find_slope(several, chosen) for several in each]), law)
+        value, std = float(check.inertia.value or 0.0), float(check.inertia.std or 0.0)
+        if value < chosen.hidden_sigma * std:
+            raise NotDeterminedError(
+                f"the response curves do not tell the modal mass of mode {mode} ({value:.3g}, standard deviation "
+                f"{std:.2g}): give curves over a wider range of frequencies, or mass-normalised shapes"
+            )
+        mass *= value
+        shapes = modes.shapes.copy()
+        shapes[:, index] /= np.sqrt(value)
+        modes = replace(modes, shapes=shapes)
+        if abs(value - 1.0) < chosen.mass_converged:
+            break
+    return modes, Estimate.normal(mass, mass * std)

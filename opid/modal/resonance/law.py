@@ -12,7 +12,7 @@ show it, and it widens the interval of the stiffness; transients do show it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -34,6 +34,47 @@ N_TIMES = 64  # times of a period at which powers are sampled; enough for the fi
 
 
 @dataclass(frozen=True, eq=False)
+class LawCandidate:
+    """One choice of powers that explains the motions, with how well it does.
+
+    Args:
+        stiffness: k_n by its power n, as in `ResonanceLaw`.
+        damping: c_n by its power n.
+        phase_rad: phase of the force against the accelerations, rad.
+        covariance: of k_n, c_n and the phase, in this order.
+        weight: its weight among the choices, by the Bayesian criterion; all weights together are 1.
+    """
+
+    stiffness: dict[int, float]
+    damping: dict[int, float]
+    phase_rad: float
+    covariance: FloatArray
+    weight: float
+
+    def find_dynamic_stiffness(self, amplitude: FloatArray, omega: float) -> ComplexArray:
+        """Return modal force over modal displacement at some amplitudes, 1/s^2, by harmonic linearisation."""
+        k = sum(value * first_harmonic_factor(n) * amplitude ** (n - 1) for n, value in self.stiffness.items())
+        c = sum(value * first_harmonic_factor(n) * (omega * amplitude) ** (n - 1) for n, value in self.damping.items())
+        return np.asarray(k - omega**2 + 1j * omega * c, dtype=np.complex128)
+
+    def draw(self, rng: np.random.Generator) -> LawCandidate:
+        """Return the same choice of powers with coefficients drawn from their distribution."""
+        centre = np.array([*self.stiffness.values(), *self.damping.values(), self.phase_rad])
+        # The coefficients differ by many orders of magnitude.
+        scale = np.sqrt(np.maximum(np.diag(self.covariance), np.finfo(float).tiny))
+        correlation = self.covariance / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(correlation)
+        step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size))
+        drawn, n = centre + scale * step, len(self.stiffness)
+        return replace(
+            self,
+            stiffness=dict(zip(self.stiffness, drawn[:n].tolist(), strict=True)),
+            damping=dict(zip(self.damping, drawn[n:-1].tolist(), strict=True)),
+            phase_rad=float(drawn[-1]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class ResonanceLaw:
     """The restoring force of a mode from motions at one frequency.
 
@@ -48,6 +89,7 @@ class ResonanceLaw:
         force_phase_deg: phase of the force against the accelerations that the motions show, degrees.
         misfit: rms error of the equation over its standard deviation; noise alone gives 1.
         n_states: number of motions that were fitted.
+        candidates: the choices of powers that count, the one that was chosen first.
     """
 
     stiffness: dict[int, Estimate]
@@ -60,6 +102,7 @@ class ResonanceLaw:
     force_phase_deg: Estimate
     misfit: float
     n_states: int
+    candidates: tuple[LawCandidate, ...] = ()
 
     @property
     def is_withheld(self) -> bool:
@@ -405,7 +448,21 @@ def _make_law(
         force_phase_deg=Estimate.normal(*np.degrees([best.value[-1], np.sqrt(covariance[-1, -1])])),
         misfit=ratio,
         n_states=amplitude.size,
+        candidates=tuple(_list_candidates(fits, weights / weights.sum(), ratio, settings)),
     )
+
+
+def _list_candidates(
+    fits: Sequence[_Fit], weights: FloatArray, ratio: float, settings: ResonanceSettings
+) -> Iterator[LawCandidate]:
+    """Yield the choices of powers whose weight counts."""
+    for fit, weight in zip(fits, weights.tolist(), strict=True):
+        if weight < settings.least_weight:
+            continue
+        scales = np.append(fit.scales, 1.0)
+        covariance = fit.covariance * max(ratio, 1.0) ** 2 + np.outer(fit.by_gain, fit.by_gain)
+        k, c = fit.estimates()
+        yield LawCandidate(k, c, float(fit.value[-1]), covariance * np.outer(scales, scales), weight)
 
 
 def _find_curve(fit: _Fit, amplitude: FloatArray) -> FloatArray:

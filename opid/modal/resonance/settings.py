@@ -19,6 +19,8 @@ class ResonanceSettings:
             window makes 5.5, and chance 4 in one window of thousands.
         most_wander: rms departure of the log-amplitude from its trend in a window, above which it is not steady.
         block_periods: periods of a block in a transient, which is short beside the time constant of a bolted mode.
+        same_level_deg: phase over the force by which stretches of one amplitude of the drive may differ in one level: a
+            loop that still settles moves it by a degree, and a step of the frequency that a curve needs by several.
         quadrature_deg: phase error up to which a level counts as held at quadrature, as in the phase lock.
         farthest_deg: phase error from which a level is left out: there stiffness no longer follows from a small part of
             the force, but from most of it.
@@ -48,6 +50,11 @@ class ResonanceSettings:
         near_unit: difference of a modal mass from that of a mistaken unit, as a fraction, up to which the unit is
             named: what other modes add to the sensor is subtracted in the wrong unit, too.
         n_curve: amplitudes at which frequency and damping by the law are given.
+        least_weight: weight of a choice of powers among all, from which it counts in predictions.
+        n_draws: laws that are drawn for the band of a prediction: its ends are known to a tenth of its width.
+        farthest_reach: largest amplitude that a prediction searches, over the largest that was fitted.
+        most_mass_steps: steps in which a modal mass that nobody knows is fitted; two are usual.
+        mass_converged: change of the modal mass, as a fraction, at which these steps end.
         flat_fraction: samples of a level that lie at its largest value, beyond those of a sine of that resolution, from
             which it is clipped.
     """
@@ -58,6 +65,7 @@ class ResonanceSettings:
     drift_sigma: float = 4.0
     most_wander: float = 0.02
     block_periods: float = 12.0
+    same_level_deg: float = 2.0
     quadrature_deg: float = 1.0
     farthest_deg: float = 45.0
     least_signal: float = 10.0
@@ -79,4 +87,9 @@ class ResonanceSettings:
     most_lag: float = 0.02
     near_unit: float = 0.25
     n_curve: int = 60
+    least_weight: float = 0.001
+    n_draws: int = 400
+    farthest_reach: float = 4.0
+    most_mass_steps: int = 6
+    mass_converged: float = 1e-4
     flat_fraction: float = 0.01

@@ -11,7 +11,7 @@ the mode reads f_q p^2 / a = p^2 + c p + k: a level that still drifts, or that i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,12 +119,16 @@ def measure_levels(test: ModalTest, mode: int, settings: ResonanceSettings) -> t
     """
     stretches = list(_list_stretches(test, mode, settings))
     steady = [each for each in stretches if each[2]]
-    volts = [channel.name for channel in test.recording.channels if channel.unit == "V"]
     done = []
     for begin, end, is_steady in stretches:
         since = begin - max((each[1] for each in steady if each[1] <= begin), default=0)
-        done.append(_measure_stretch(test, mode, (begin, end), since / test.fs, is_steady, volts[:1], settings))
+        done.append(_measure_stretch(test, mode, (begin, end), since / test.fs, is_steady, settings))
     return tuple(done)
+
+
+def _list_voltages(test: ModalTest) -> list[str]:
+    """Return the names of the channels in volts, of which the first one is that of the shaker."""
+    return [channel.name for channel in test.recording.channels if channel.unit == "V"][:1]
 
 
 # ---- where levels are steady ------------------------------------------------------------------------
@@ -134,7 +138,10 @@ def _list_stretches(test: ModalTest, mode: int, settings: ResonanceSettings) -> 
     """Yield first and last sample of each steady stretch, and of each block of a transient after one, in order."""
     period = test.fs / float(test.modes.frequency_hz[test.modes.index(mode)])
     block, frame, last = round(settings.block_periods * period), round(settings.frame_periods * period), None
-    for begin, end in find_steady(test.modal_acceleration(mode), period, settings):
+    assert test.force is not None
+    volts = _list_voltages(test)
+    drive = Drive(test.force, test.recording.channel(volts[0]) if volts else test.force)
+    for begin, end in find_steady(test.modal_acceleration(mode), period, settings, drive):
         if last is not None:
             # The step lies within a frame of the end of the last level; a block must not contain it.
             yield from ((at, at + block, False) for at in range(last + frame, begin - block + 1, block))
@@ -142,13 +149,32 @@ def _list_stretches(test: ModalTest, mode: int, settings: ResonanceSettings) -> 
         last = end
 
 
-def find_steady(acceleration: FloatArray, period: float, settings: ResonanceSettings) -> list[tuple[int, int]]:
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What drives a mode in a log.
+
+    Args:
+        force: (n,) the force, whose phase tells how far the motion is from resonance.
+        amplitude: (n,) the channel whose amplitude the experimenter sets: the voltage, or the force where no voltage
+            was recorded.
+    """
+
+    force: FloatArray
+    amplitude: FloatArray
+
+
+def find_steady(
+    acceleration: FloatArray, period: float, settings: ResonanceSettings, drive: Drive | None = None
+) -> list[tuple[int, int]]:
     """Return first and last sample of each stretch in which a mode moves steadily.
+
+    Stretches that follow each other at one amplitude of the drive and one phase over the force are one level.
 
     Args:
         acceleration: (n,) modal acceleration.
         period: samples in a period of the mode.
         settings: where a level is steady.
+        drive: what drives the mode; where None, stretches of one amplitude and frequency of the motion are one level.
 
     >>> step = np.repeat([1.0, 2.0], 2000)
     >>> record = step * np.sin(2 * np.pi / 10 * np.arange(4000))
@@ -160,11 +186,8 @@ def find_steady(acceleration: FloatArray, period: float, settings: ResonanceSett
     m = int(np.ceil(settings.window_periods * period / hop))
     if acceleration.size < size + (m - 1) * hop:
         return []
-    turned = acceleration * np.exp(-2j * np.pi / period * np.arange(acceleration.size))
-    hann = np.hanning(size + 2)[1:-1]
-    frames = np.lib.stride_tricks.sliding_window_view(turned, size)[::hop] @ (2.0 * hann / hann.sum())
-    log_amplitude = np.log(np.maximum(np.abs(frames), np.finfo(float).tiny))
-    phase = np.unwrap(np.angle(frames))
+    frames = _follow(acceleration, period, size, hop)
+    log_amplitude, phase = _find_log(frames), np.unwrap(np.angle(frames))
     windows = [np.lib.stride_tricks.sliding_window_view(each, m) for each in (log_amplitude, phase)]
     drifts = _find_trend(windows[0], 1), _find_trend(windows[1], 2)
     steady = np.ones(len(windows[0]), dtype=bool)
@@ -172,26 +195,49 @@ def find_steady(acceleration: FloatArray, period: float, settings: ResonanceSett
         steady &= np.abs(drift) <= np.maximum(settings.most_drift, settings.drift_sigma * noise)
     steady &= drifts[0][1] <= settings.most_wander
     spans = [(first, last + m) for first, last in _list_runs(steady)]
+    if drive is None:
+        # Over a window the phase moves by m times its turn in a frame.
+        stands = [(log_amplitude, settings.most_drift), (m * np.gradient(phase), settings.most_drift)]
+    else:
+        force, amplitude = (_follow(each, period, size, hop) for each in (drive.force, drive.amplitude))
+        lead = np.unwrap(np.angle(frames * force.conj()))
+        stands = [(_find_log(amplitude), settings.most_drift), (lead, np.radians(settings.same_level_deg))]
     found = []
-    for first, last in _join_spans(spans, log_amplitude, np.gradient(phase), m, settings):
+    for first, last in _join_spans(spans, stands, m):
         begin, end = _trim(log_amplitude, first, last, m, settings)
         # A step may lie in the last half of the last frame, whose window hides it; there the transient begins.
         found.append((begin * hop + hop // 2, (end - 1) * hop + size // 4))
     return found
 
 
+def _follow(samples: FloatArray, period: float, size: int, hop: int) -> ComplexArray:
+    """Return the complex amplitude at a period in overlapping frames under a Hann window."""
+    turned = samples * np.exp(-2j * np.pi / period * np.arange(samples.size))
+    hann = np.hanning(size + 2)[1:-1]
+    views = np.lib.stride_tricks.sliding_window_view(turned, size)[::hop]
+    return np.asarray(views @ (2.0 * hann / hann.sum()), dtype=np.complex128)
+
+
+def _find_log(frames: ComplexArray) -> FloatArray:
+    return np.asarray(np.log(np.maximum(np.abs(frames), np.finfo(float).tiny)), dtype=np.float64)
+
+
 def _join_spans(
-    spans: list[tuple[int, int]], log_amplitude: FloatArray, turn: FloatArray, m: int, settings: ResonanceSettings
+    spans: list[tuple[int, int]], stands: Sequence[tuple[FloatArray, float]], m: int
 ) -> list[tuple[int, int]]:
-    """Return the spans with those joined that chance has parted: amplitude and frequency are those of one level."""
+    """Return the spans with those joined that belong to one level.
+
+    Args:
+        spans: first frame and end of each.
+        stands: what is the same throughout a level, by frames, and by how much its medians may differ: the first frames
+            of a span may hold the step before it.
+        m: frames of a window; spans that are farther apart are different levels.
+    """
     joined: list[tuple[int, int]] = []
     for span in spans:
         if joined and span[0] - joined[-1][1] < m:
             before, after = slice(*joined[-1]), slice(*span)
-            if all(
-                abs(float(np.mean(each[after]) - np.mean(each[before]))) <= settings.most_drift * factor
-                for each, factor in ((log_amplitude, 1.0), (turn, 1.0 / m))
-            ):
+            if all(abs(float(np.median(each[after]) - np.median(each[before]))) <= most for each, most in stands):
                 joined[-1] = (joined[-1][0], span[1])
                 continue
         # A frame belongs to one level.
@@ -234,25 +280,39 @@ def _measure_stretch(
     stretch: tuple[int, int],
     lock_time_s: float,
     is_steady: bool,
-    volts: list[str],
     settings: ResonanceSettings,
 ) -> MeasuredLevel:
     assert test.force is not None
-    assert test.drive_point is not None
-    modes = with_sensors(test.modes, test.sensors)
-    index, part = modes.index(mode), slice(*stretch)
-    project = modal_filter(modes)
-    at_sensors = test.at_sensors[part]
-    channels = np.column_stack(
-        [
-            test.modal_acceleration(mode)[part],
-            test.force[part],
-            at_sensors,
-            *(test.recording.channel(v)[part] for v in volts),
-        ]
+    part = slice(*stretch)
+    volts = [test.recording.channel(name)[part] for name in _list_voltages(test)]
+    columns = [test.modal_acceleration(mode)[part], test.force[part], test.at_sensors[part], *volts]
+    channels = np.column_stack(columns)
+    fit, pole = _fit_pole(channels, test, mode)
+    state = _make_state(test, mode, fit, pole, len(channels))
+    clipped = _find_clipped(test, channels, settings) if is_steady else ""
+    error = [state.motion_error, state.force_error]
+    fault = (clipped or _find_fault(error, state, settings)) if is_steady else ""
+    found = fit.value
+    sensors = found[2 : 2 + len(test.sensors)]
+    point = sensors[test.sensors.index(test.drive_point), 0] if test.drive_point in test.sensors else found[0, 0]
+    level = AppropriationLevel(
+        voltage_v=float(np.abs(found[-1, 0])) if volts else float("nan"),
+        frequency_hz=pole.imag / (2.0 * np.pi),
+        locked=is_steady and not fault,
+        lock_time_s=lock_time_s,
+        phase_error_deg=float(np.degrees(find_resonance_error(point, found[1, 0]))),
+        unsteadiness=float(fit.rest[0] / max(np.abs(found[0, 0]), np.finfo(float).tiny)),
+        force=found[1],
+        sensors=sensors,
+        modal=modal_filter(with_sensors(test.modes, test.sensors)) @ sensors,
+        text=fault,
     )
-    n, omega = channels.shape[0], 2.0 * np.pi * float(modes.frequency_hz[index])
-    # The record is fitted at the frequency of its own pole.
+    return MeasuredLevel(stretch[0] / test.fs, stretch[1] / test.fs, level, state, is_steady, fault, bool(clipped))
+
+
+def _fit_pole(channels: FloatArray, test: ModalTest, mode: int) -> tuple[_Harmonics, complex]:
+    """Return the harmonics of a stretch at the frequency of its own pole, and the pole, 1/s."""
+    n, omega = len(channels), 2.0 * np.pi * float(test.modes.frequency_hz[test.modes.index(mode)])
     omega = _find_frequency(channels[:, 0], omega, test.fs)
     for _ in range(3):
         fit = _fit_harmonics(channels, omega / test.fs)
@@ -260,44 +320,31 @@ def _measure_stretch(
         if abs(pole.imag - omega) < 1e-3 / n * test.fs:
             break
         omega = pole.imag
+    return fit, pole
+
+
+def _make_state(test: ModalTest, mode: int, fit: _Harmonics, pole: complex, n: int) -> SteadyState:
+    """Return what the harmonics of n samples say of the equation of the mode."""
+    assert test.drive_point is not None
+    modes = with_sensors(test.modes, test.sensors)
     omega, found = pole.imag, fit.value
     error = fit.std / np.maximum(np.abs(found[:, 0]), np.finfo(float).tiny)
-    sensors = found[2 : 2 + at_sensors.shape[1]]
-    modal = project @ sensors
-    weights = weigh_sensors(modes)
-    by_shapes = weighted_shapes(modes) @ modal[:, 0]
-    outside = _find_outside(weights * sensors[:, 0], by_shapes, weights * fit.std[2 : 2 + len(sensors)])
+    sensors, weights = found[2 : 2 + len(test.sensors)], weigh_sensors(modes)
+    by_shapes = weighted_shapes(modes) @ (modal_filter(modes) @ sensors)[:, 0]
     numbers = np.arange(1, N_HARMONICS + 1)
     displacement = found[0] / (1j * omega * numbers) ** 2
     displacement[0] = found[0, 0] / pole**2
-    force = modes.row(test.drive_point)[index] * found[1, 0]
-    state = SteadyState(
+    return SteadyState(
         source=test.name,
         pole=pole,
-        force=force,
+        force=modes.row(test.drive_point)[modes.index(mode)] * found[1, 0],
         displacement=displacement,
         force_error=float(error[1]),
         motion_error=float(error[0]),
         pole_std=float(fit.growth_std[0]) * test.fs,
         spread=(pole.real * n / test.fs) ** 2 * HANN_VARIANCE,
-        outside=outside,
+        outside=_find_outside(weights * sensors[:, 0], by_shapes, weights * fit.std[2 : 2 + len(sensors)]),
     )
-    clipped = _find_clipped(test, channels, settings) if is_steady else ""
-    fault = (clipped or _find_fault(error, state, settings)) if is_steady else ""
-    point = sensors[test.sensors.index(test.drive_point), 0] if test.drive_point in test.sensors else found[0, 0]
-    level = AppropriationLevel(
-        voltage_v=float(np.abs(found[-1, 0])) if volts else float("nan"),
-        frequency_hz=omega / (2.0 * np.pi),
-        locked=is_steady and not fault,
-        lock_time_s=lock_time_s,
-        phase_error_deg=float(np.degrees(find_resonance_error(point, found[1, 0]))),
-        unsteadiness=float(fit.rest[0] / max(np.abs(found[0, 0]), np.finfo(float).tiny)),
-        force=found[1],
-        sensors=sensors,
-        modal=modal,
-        text=fault,
-    )
-    return MeasuredLevel(stretch[0] / test.fs, stretch[1] / test.fs, level, state, is_steady, fault, bool(clipped))
 
 
 def _find_frequency(samples: FloatArray, omega: float, fs: float) -> float:
@@ -359,7 +406,7 @@ def _find_outside(measured: ComplexArray, by_shapes: ComplexArray, noise: FloatA
     return float(np.sqrt(max(missed, 0.0) / np.sum(np.abs(measured) ** 2)))
 
 
-def _find_fault(error: FloatArray, state: SteadyState, settings: ResonanceSettings) -> str:
+def _find_fault(error: Sequence[float], state: SteadyState, settings: ResonanceSettings) -> str:
     """Return why a level does not count, "" if it does."""
     for name, value in zip(("the mode", "the force"), error, strict=False):
         if value * settings.least_signal > 1.0:
