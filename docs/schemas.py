@@ -30,10 +30,10 @@ from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.resonance.appropriation import Interaction
-from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.curve_fit import CurveFit, HeldOut
 from opid.modal.resonance.curves import ResponseCurve
 from opid.modal.resonance.law import ResonanceLaw, StateCheck
-from opid.modal.resonance.result import OF_INTERACTION, SCHEMA as RESONANCE, Resonance
+from opid.modal.resonance.result import OF_INTERACTION, OF_SEVERAL, SCHEMA as RESONANCE, Resonance, Resonances
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
 from opid.signals.health.result import SCHEMA as HEALTH, ChannelHealth, Health
@@ -414,8 +414,14 @@ def _resonance() -> Json:
     curve = fields_of(ResponseCurve, "name", "sensor", "frequency_hz", "force_n", "amplitude", "phase_deg")
     curve |= dict.fromkeys(("amplitude_by_law", "phase_by_law_deg"), NUMBERS) | fields_of(CurveFit, "is_prediction")
     curve |= dict.fromkeys(("error", "peak_ratio"), NUMBER)
-    own = ("title", "mode", "drive_point", "left_out", "warnings", "not_determined", "settings")
+    held_out = fields_of(
+        HeldOut, "fitted", "reason", "low", "high", "range_hz", "measured_amplitude", "reach", "widened"
+    )
+    held_out |= fields_of(HeldOut, "resonance_hz", "measured_hz", "amplitude") | {"curve": keys(curve)}
+    held_out |= {"shift_hz": NUMBER, "error_fraction": NUMBER}
+    own = ("title", "mode", "drive_point", "left_out", "warnings", "not_determined", "settings", "modal_mass")
     return fields_of(Resonance, *own) | {
+        "held_out": or_null(keys(held_out)),
         "levels": array(keys(level)),
         "sensors": TEXTS,
         **dict.fromkeys(("records_law", "backbone_law", "curves_law", "joint_law"), law),
@@ -424,6 +430,11 @@ def _resonance() -> Json:
         "interaction": or_null(keys(fields_of(Interaction, *OF_INTERACTION))),
         "linear_modes": keys(fields_of(LinearModes, "frequency_hz", "damping_ratio")),
     }
+
+
+def _resonances() -> Json:
+    own = fields_of(Resonances, "title", "faults", "settings") | {"not_determined": TEXT, "warnings": TEXTS}
+    return own | {"modes": array({"type": "object"}) | {"description": "each as in resonance-1.schema.json"}}
 
 
 def _updating() -> Json:
@@ -467,6 +478,7 @@ FILES = (
     (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
     (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),
     (RESONANCE, "one mode in measured tests at phase resonance (opid resonance)", _resonance, ()),
+    (OF_SEVERAL, "several modes in measured tests at phase resonance (opid resonance)", _resonances, ()),
     (UPDATING, "the joints of a finite-element model from backbones (opid update)", _updating, ()),
 )
 

@@ -193,23 +193,36 @@ def _read_channels(log: Path, units: Mapping[str, str], time_unit: str | None) -
 @click.argument("study", type=PATH, metavar="STUDY.toml")
 @out_option("Folder for the report.  [default: STUDY_result]")
 @click.option(
-    "--mode", type=click.IntRange(min=1), metavar="N", help="Number of the mode.  [default: that of the tests]"
+    "--mode", type=click.IntRange(min=1), metavar="N", help="Number of the mode.  [default: all that the tests hold]"
+)
+@click.option(
+    "--hold-out",
+    metavar="CURVE",
+    help='Predict this response curve by the law of the others, "highest" for that of the largest motion.',
+)
+@click.option(
+    "--free-mass",
+    is_flag=True,
+    help="Find the scale of the shape from the response curves, where shapes are not mass-normalised.",
 )
 @truth_option
 @with_output
-def resonance(study: Path, mode: int | None, truth: Path | None, output: Output) -> None:
+def resonance(
+    study: Path, mode: int | None, hold_out: str | None, free_mass: bool, truth: Path | None, output: Output
+) -> None:
     """Read tests at phase resonance: backbone, damping and harmonics over amplitude, and the law of the mode.
 
     From logs of force appropriation or control-based continuation, of one level each or of several, whose tests have
     use = "resonance" in a study like that of `opid modal`, or from stepped-sine response curves in its [[curves]], or
-    both. Steady levels are found, and what is off quadrature is corrected.
+    both. Steady levels are found, and what is off quadrature is corrected. Each test and each curve is of the mode that
+    it names, or of the one that it moves most; several modes are reported together.
 
     The report goes to the folder STUDY_result here: bracket_result for bracket.toml, and for bracket/study.toml.
 
     `opid simulate resonance OUT` writes a study as a template, with a log to try it on.
     """
     from opid.mechanics.truth import ModalTruth
-    from opid.modal.resonance.identification import identify_resonance
+    from opid.modal.resonance.identification import identify_resonance, identify_resonances
     from opid.modal.study import ModalStudy
     from opid.studies.study_file import read_study
     from opid.virtual.truth_file import read_truth
@@ -217,7 +230,12 @@ def resonance(study: Path, mode: int | None, truth: Path | None, output: Output)
     output = output.reserve(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, ModalTruth)
     with output.progress() as say:
-        result = identify_resonance(read_study(study, kind=ModalStudy, progress=say), mode=mode, progress=say)
+        tests = read_study(study, kind=ModalStudy, progress=say)
+        if mode is None:
+            every = identify_resonances(tests, hold_out=hold_out, free_mass=free_mass, progress=say)
+            result = every.only or every
+        else:
+            result = identify_resonance(tests, mode=mode, hold_out=hold_out, free_mass=free_mass, progress=say)
         notes = output.write(result, known, progress=say)
     output.show(result, known, notes=notes)
 

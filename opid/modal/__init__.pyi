@@ -89,9 +89,15 @@ from .resonance.curves import (
     ResponseCurve as ResponseCurve,
     read_curve_states as read_curve_states,
 )
-from .resonance.identification import identify_resonance as identify_resonance
+from .resonance.identification import (
+    identify_resonance as identify_resonance,
+    identify_resonances as identify_resonances,
+)
 from .resonance.law import fit_states as fit_states
-from .resonance.result import Resonance as Resonance
+from .resonance.result import (
+    Resonance as Resonance,
+    Resonances as Resonances,
+)
 from .result import ModalIdentification as ModalIdentification
 from .study import (
     ModalStudy as ModalStudy,

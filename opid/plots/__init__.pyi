@@ -48,6 +48,7 @@ from .nonlinear_modes import (
     backbone as backbone,
     free_decay_figure as free_decay_figure,
     harmonic_shape as harmonic_shape,
+    held_out_curve as held_out_curve,
     law_trials as law_trials,
     modal_harmonics as modal_harmonics,
     modal_orders as modal_orders,

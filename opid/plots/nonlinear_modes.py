@@ -20,7 +20,7 @@ from opid.modal.forced.system_fit import LawTrial, SystemFit
 from opid.modal.linear.modes import ACCELERATION
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
-from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.curve_fit import CurveFit, HeldOut
 from opid.modal.resonance.result import Resonance
 from opid.modal.result import ModalIdentification
 from opid.plots.modes import number_modes
@@ -296,6 +296,35 @@ def response_curves(curves: Sequence[CurveFit], axes: Any = None) -> np.ndarray:
             grid[0, 1].plot(curve.frequency_hz, curve.phase_deg, **dots)
             grid[0, 1].plot(curve.frequency_hz, np.degrees(np.angle(each.response)), **line)
         grid[0, 0].set(xlabel="frequency [Hz]", ylabel="acceleration [m/s²]", yscale="log")
+        grid[0, 1].set(xlabel="frequency [Hz]", ylabel="phase over the force [°]")
+        thicken(grid[0, 0].legend(loc="best", fontsize=7.5))
+    return grid
+
+
+def held_out_curve(found: HeldOut, axes: Any = None) -> np.ndarray:
+    """Draw a response curve that no law has seen beside its prediction: amplitude with its 95 % band, and phase.
+
+    Args:
+        found: the curve and its prediction.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    curve, response = found.fit.curve, found.fit.response
+    order = np.argsort(curve.frequency_hz)
+    hz = curve.frequency_hz[order]
+    dots: dict[str, Any] = {"color": "black", "linestyle": "none", "marker": "o", "markersize": 3.5}
+    line: dict[str, Any] = {"color": RUN_COLORS[0], "linewidth": 1.2}
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.6)
+        low, high = found.low[order], found.high[order]
+        grid[0, 0].fill_between(hz, low, high, color=RUN_COLORS[0], alpha=0.2, linewidth=0, label="95 % band")
+        grid[0, 0].plot(hz, np.abs(response[order]), **line, label="by the law of the other curves")
+        grid[0, 0].plot(hz, curve.amplitude[order], **dots, label=f"{curve.name}, measured")
+        grid[0, 1].plot(hz, np.degrees(np.angle(response[order])), **line)
+        grid[0, 1].plot(hz, curve.phase_deg[order], **dots)
+        grid[0, 0].set(xlabel="frequency [Hz]", ylabel="acceleration [m/s²]")
         grid[0, 1].set(xlabel="frequency [Hz]", ylabel="phase over the force [°]")
         thicken(grid[0, 0].legend(loc="best", fontsize=7.5))
     return grid

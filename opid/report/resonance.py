@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from opid import plots
-from opid.estimate import format_number, format_percent
+from opid.errors import list_names
+from opid.estimate import Estimate, format_number, format_percent
 from opid.mechanics.truth import ModalTruth
+from opid.modal.resonance.curve_fit import HeldOut
 from opid.modal.resonance.law import ResonanceLaw
-from opid.modal.resonance.result import Resonance
+from opid.modal.resonance.result import Resonance, Resonances
 from opid.report.document import (
     Block,
     Column,
@@ -24,48 +28,135 @@ from opid.report.document import (
     format_count,
     write_options,
 )
-from opid.report.estimates import tabulate_estimates
+from opid.report.estimates import format_estimate, tabulate_estimates
 from opid.report.nonlinear_modes import PACINI, list_power_rows
+from opid.signals.recording import FloatArray
 
 MOST_LEVELS = 8  # the text shows so many levels, from the lowest to the highest; the page shows all
 
 
-def build_document(result: Resonance, truth: ModalTruth | None = None) -> Document:
-    """Return the report of measured tests at phase resonance."""
+def build_document(result: Resonance | Resonances, truth: ModalTruth | None = None) -> Document:
+    """Return the report of measured tests at phase resonance, of one mode or of several."""
+    return _build_one(result, truth) if isinstance(result, Resonance) else _build_several(result, truth)
+
+
+def _build_one(result: Resonance, truth: ModalTruth | None) -> Document:
     order = np.argsort(result.amplitude)
-    interaction = [] if result.interaction is None else [Paragraph(result.interaction.statement, "Interaction")]
-    blocks: list[Block] = [
-        Paragraph(_say_basis(result)),
-        *([_tabulate_levels(result, _choose_levels(order))] if result.states else []),
-        *_tabulate_laws(result, truth),
-        *([_tabulate_law(result.law)] if result.law and not result.states else []),
-        *([_tabulate_curves(result)] if result.curve_fits else []),
-        *interaction,
-        build_warnings(result.warnings),
-    ]
-    command = ["opid", "resonance", str(result.settings.get("study") or "STUDY.toml")]
-    mode = result.settings.get("mode")
     return Document(
         result.title,
         f"mode {result.mode} at phase resonance" if result.states else f"response curves of mode {result.mode}",
-        _say_range(result, order),
+        _say_range(result),
         result.not_determined,
-        tuple(blocks),
+        (*_list_blocks(result, truth), build_warnings(result.warnings)),
         lambda: [*_list_figures(result), *_list_details(result, order)],
-        [*command, *write_options({} if mode is None else {"mode": mode})],
+        _write_command(result.settings),
         source="study",
         reference=f"The test is that of {PACINI}",
     )
 
 
-def _say_range(result: Resonance, order: np.ndarray) -> str:
-    """Return how frequency and damping move with the amplitude, by the levels or, without any, by the law."""
+def _build_several(result: Resonances, truth: ModalTruth | None) -> Document:
+    blocks = [_name_mode(block, each.mode) for each in result.modes for block in _list_blocks(each, truth)]
+
+    def list_details() -> Iterator[Block]:
+        for each in result.modes:
+            order = np.argsort(each.amplitude)
+            yield from (_name_mode(block, each.mode) for block in (*_list_figures(each), *_list_details(each, order)))
+
+    return Document(
+        result.title,
+        f"modes {list_names([each.mode for each in result.modes])} at phase resonance",
+        f"{format_count(len(result.modes), 'mode')} of {len(result.modes) + len(result.faults)} could be read.",
+        result.not_determined,
+        (_tabulate_modes(result), *blocks, build_warnings(result.warnings)),
+        list_details,
+        _write_command(result.settings),
+        source="study",
+        reference=f"The test is that of {PACINI}",
+    )
+
+
+def _list_blocks(result: Resonance, truth: ModalTruth | None) -> Iterator[Block]:
+    order = np.argsort(result.amplitude)
+    yield Paragraph(_say_basis(result))
     if result.states:
-        q, hz, zeta = result.amplitude[order], result.resonance_hz[order], result.damping_ratio[order]
-    elif result.law is not None:
-        q, hz, zeta = result.law.amplitude, result.law.frequency_hz, result.law.damping_ratio
-    else:
+        yield _tabulate_levels(result, _choose_levels(order))
+    yield from _tabulate_laws(result, truth)
+    if result.law and not result.states:
+        yield _tabulate_law(result.law)
+    if result.curve_fits:
+        yield _tabulate_curves(result)
+    if result.held_out:
+        yield _tabulate_held_out(result.held_out)
+    if result.interaction is not None:
+        yield Paragraph(result.interaction.statement, "Interaction")
+
+
+def _name_mode(block: Block, mode: int) -> Block:
+    """Return a block of the report of one mode with the mode in its heading, beside those of other modes."""
+    named = f"Mode {mode}"
+    if isinstance(block, Table):
+        return replace(block, title=f"{named}: {block.title}" if block.title else named)
+    if isinstance(block, Figure):
+        return replace(block, name=f"mode_{mode}_{block.name}", heading=f"{named}: {block.heading}")
+    if isinstance(block, Paragraph):
+        return replace(block, heading=f"{named}: {block.heading}" if block.heading else named)
+    return block
+
+
+def _tabulate_modes(result: Resonances) -> Table:
+    """Return how frequency and damping of each mode move, by its levels or, without any, by its law."""
+    rows = []
+    for each in result.modes:
+        moved = _find_range(each)
+        cells = ("-", "-", "-") if moved is None else _write_range(*moved)
+        rows.append((str(each.mode), str(len(each.states)), str(len(each.curve_fits)), *cells))
+    rows += [(str(number), "-", "-", "-", "-", "-") for number in sorted(result.faults)]
+    return Table(
+        (
+            Column("mode", align="left"),
+            Column("levels"),
+            Column("curves"),
+            Column("q", "m kg^1/2"),
+            Column("resonance", "Hz"),
+            Column("damping", "%"),
+        ),
+        tuple(rows),
+        "Modes",
+        "How resonance and damping ratio move from the lowest amplitude to the highest.",
+    )
+
+
+def _write_range(q: FloatArray, hz: FloatArray, zeta: FloatArray) -> tuple[str, str, str]:
+    return (
+        f"{format_number(q[0], 3)} .. {format_number(q[-1], 3)}",
+        f"{hz[0]:.2f} .. {hz[-1]:.2f}",
+        f"{format_number(100 * zeta[0], 3)} .. {format_number(100 * zeta[-1], 3)}",
+    )
+
+
+def _write_command(settings: Mapping[str, Any]) -> list[str]:
+    command = ["opid", "resonance", str(settings.get("study") or "STUDY.toml")]
+    given = {name: settings[name] for name in ("mode", "hold_out") if settings.get(name) is not None}
+    return [*command, *write_options(given), *(["--free-mass"] if settings.get("free_mass") else [])]
+
+
+def _find_range(result: Resonance) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return amplitudes of a mode from the lowest up, with its frequency, Hz, and damping ratio there."""
+    if result.states:
+        order = np.argsort(result.amplitude)
+        return result.amplitude[order], result.resonance_hz[order], result.damping_ratio[order]
+    if result.law is not None:
+        return result.law.amplitude, result.law.frequency_hz, result.law.damping_ratio
+    return None
+
+
+def _say_range(result: Resonance) -> str:
+    """Return how frequency and damping move with the amplitude, by the levels or, without any, by the law."""
+    moved = _find_range(result)
+    if moved is None:
         return f"{format_count(len(result.curve_fits), 'response curve')} of mode {result.mode}."
+    q, hz, zeta = moved
     return (
         f"While the amplitude of mode {result.mode} grows from {format_number(q[0], 3)} to {format_number(q[-1], 3)} "
         f"m kg^1/2, its resonance moves from {hz[0]:.2f} to {hz[-1]:.2f} Hz and its damping ratio from "
@@ -79,15 +170,28 @@ def _say_basis(result: Resonance) -> str:
         f"{format_count(len(result.curve_states), 'point')} near the peaks, force at {result.drive_point!r}."
     )
     levels = _say_levels(result) if result.states else ""
-    return " ".join(filter(None, (levels, curves if result.curve_fits else "")))
+    return " ".join(filter(None, (levels, curves if result.curve_fits else "", _say_mass(result))))
+
+
+def _say_mass(result: Resonance) -> str:
+    if result.modal_mass.value is None:
+        return ""
+    value, std = format_estimate(result.modal_mass)
+    return (
+        f"The curves show a modal mass of {value} kg (standard deviation {std}) of the shape as it was given, which is "
+        "scaled to 1; the intervals hold this standard deviation."
+    )
 
 
 def _say_levels(result: Resonance) -> str:
     n = len(result.states)
+    assert result.appropriation is not None  # There are levels.
     errors = np.abs(result.phase_error_deg)
+    at_point = max(abs(each.phase_error_deg) for each in result.appropriation.levels)
     return (
         f"{format_count(n, 'steady level')} in {format_count(len({*result.level_tests}), 'log')}, force at "
-        f"{result.drive_point!r}; the mode is {errors.max():.1f} degrees off quadrature at most, which is corrected. "
+        f"{result.drive_point!r}, which the loop held within {at_point:.1f} degrees of quadrature. Other modes move "
+        f"it, too, so that the mode itself is up to {errors.max():.1f} degrees off, which is corrected. "
         f"{format_count(len(result.left_out), 'level')} left out."
     )
 
@@ -210,6 +314,46 @@ def _tabulate_curves(result: Resonance) -> Table:
     )
 
 
+def _tabulate_held_out(found: HeldOut) -> Table:
+    """Return the prediction of the curve that no law has seen, beside what was measured."""
+    rows = [
+        ("resonance [Hz]", *_write_prediction(found.resonance_hz, ".3f"), _write_measured(found.measured_hz)),
+        (
+            "amplitude there [m kg^1/2]",
+            *_write_prediction(found.amplitude, ".4g"),
+            format_number(found.measured_amplitude, 4),
+        ),
+    ]
+    low, high = found.range_hz
+    error = found.error_fraction
+    told = f" The prediction is off by {format_percent(abs(error), 2)} of that." if np.isfinite(error) else ""
+    reason = f" There is no prediction: {found.reason}." if found.reason else ""
+    return Table(
+        (
+            Column("", align="left"),
+            Column("predicted"),
+            Column("95 % interval"),
+            Column("measured"),
+        ),
+        tuple(rows),
+        f"Prediction of {found.fit.curve.name}",
+        f"By the law of {list_names(found.fitted)}, which has not seen this curve; its motion is "
+        f"{format_number(found.reach, 3)} times the largest one that was fitted. Over all curves the resonance moves "
+        f"by {found.shift_hz:.3f} Hz, from {low:.3f} to {high:.3f} Hz.{told}{reason}",
+    )
+
+
+def _write_prediction(made: Estimate, form: str) -> tuple[str, str]:
+    if made.value is None:
+        return "-", "-"
+    ends = "-" if made.interval95 is None else f"{made.interval95[0]:{form}} .. {made.interval95[1]:{form}}"
+    return f"{made.value:{form}}", ends
+
+
+def _write_measured(seen: Estimate) -> str:
+    return "-" if seen.value is None else f"{seen.value:.3f}"
+
+
 def _list_details(result: Resonance, order: np.ndarray) -> Iterator[Block]:
     if result.appropriation is None:
         return
@@ -232,6 +376,13 @@ def _list_figures(result: Resonance) -> Iterator[Figure]:
             "Amplitude and phase of the sensor at each step of the frequency; the line is what the law makes of the "
             "same forces.",
             lambda: plots.response_curves(result.curve_fits),
+        )
+    if (held_out := result.held_out) is not None:
+        yield Figure(
+            "held_out_curve",
+            f"Prediction of {held_out.fit.curve.name}",
+            "The curve that no law has seen, and what the law of the others makes of its forces, with a 95 % band.",
+            lambda: plots.held_out_curve(held_out),
         )
     if done is None:
         return

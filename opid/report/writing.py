@@ -68,6 +68,7 @@ KINDS = (
     KindOfResult("modal.linear.fitted_modes.FittedModes", "linear_modes"),
     KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
     KindOfResult("modal.resonance.result.Resonance", "resonance", (ModalTruth,)),
+    KindOfResult("modal.resonance.result.Resonances", "resonance", (ModalTruth,)),
     KindOfResult("updating.result.Updating", "updating", (UpdatingTruth,)),
 )
 

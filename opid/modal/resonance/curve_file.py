@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.mechanics.structure import ComplexArray
 from opid.modal.resonance.curves import ResponseCurve
 from opid.provenance import read_file
 from opid.signals.files import write_whole
@@ -83,23 +84,14 @@ def read_curve(
         header, values = read_table(source, ",".join(HEADER))
         table = _Table(tuple(header), values)
         hz = find_frequency(header, values)[0] if columns.frequency is None else table.read_frequency(columns.frequency)
-        amplitude, unit = table.read("amplitude", columns.amplitude, tuple(DERIVATIVES))
-        phase, _ = table.read("phase", columns.phase, ("rad",))
-        force: FloatArray | float
-        if force_n is None:
-            force, _ = table.read("force", columns.force, ("N",))
-        elif columns.force is not None:
-            raise InputError("it has a number and a column for its force: give one of them")
-        else:
-            force = force_n
-        motion = amplitude * np.exp(1j * phase) * (2j * np.pi * hz) ** (2 - DERIVATIVES[unit])
+        motion, sign = _read_motion(table, columns, hz)
         curve = ResponseCurve(
             name=source.stem if name is None else name,
             sensor=sensor,
             frequency_hz=hz,
-            amplitude=np.abs(motion) * np.sign(amplitude),
-            phase_deg=np.degrees(np.angle(motion * np.sign(amplitude))),
-            force_n=np.asarray(force, dtype=np.float64),
+            amplitude=np.abs(motion) * sign,
+            phase_deg=np.degrees(np.angle(motion * sign)),
+            force_n=_read_force(table, columns, force_n),
             mode=mode,
             error_fraction=error_fraction,
         )
@@ -108,6 +100,27 @@ def read_curve(
         raise InputError(f"{path}: {error}") from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _read_motion(table: _Table, columns: CurveColumns, hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """Return the complex acceleration at each point, m/s^2, and the sign that its amplitude has in the file.
+
+    A sign that the study states for the amplitude turns the phase: the sensor reads the motion the other way round.
+    """
+    amplitude, unit = table.read("amplitude", columns.amplitude, tuple(DERIVATIVES))
+    phase, _ = table.read("phase", columns.phase, ("rad",))
+    stated = 1.0 if columns.amplitude is None else float(columns.amplitude.sign)
+    motion = amplitude * np.exp(1j * phase) * (2j * np.pi * hz) ** (2 - DERIVATIVES[unit])
+    return np.asarray(motion, dtype=np.complex128), np.sign(amplitude) * stated
+
+
+def _read_force(table: _Table, columns: CurveColumns, force_n: float | None) -> FloatArray:
+    """Return the amplitudes of the force, or the only one, N."""
+    if force_n is None:
+        return table.read("force", columns.force, ("N",))[0]
+    if columns.force is not None:
+        raise InputError("it has a number and a column for its force: give one of them")
+    return np.asarray(force_n, dtype=np.float64)
 
 
 def write_curve(curve: ResponseCurve, path: str | os.PathLike[str]) -> None:

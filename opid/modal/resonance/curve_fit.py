@@ -135,11 +135,17 @@ def fit_curves(
     states = tuple(state for several in each for state in several)
     try:
         law = fit_states(
-            states, chosen, stiffness_order=stiffness_order, damping_order=damping_order, measured_waves=False
+            states,
+            chosen,
+            stiffness_order=stiffness_order,
+            damping_order=damping_order,
+            measured_waves=False,
+            is_grouped=True,
         )
     except NotDeterminedError as error:
         return CurvesLaw(states, None, None, str(error))
-    check = check_states(states, np.concatenate([_find_slope(several, chosen) for several in each]), law)
+    slopes = np.concatenate([_find_slope(several, chosen) for several in each])
+    check = check_states(states, slopes, law)
     reason = _find_contradiction(check, modes, mode, chosen)
     return CurvesLaw(states, None if reason else law, check, reason)
 
@@ -165,14 +171,14 @@ def _find_contradiction(check: StateCheck, modes: LinearModes, mode: int, settin
     rate, rate_std = float(check.lag.value or 0.0), float(check.lag.std or 0.0)
     bandwidth = 0.5 * float(modes.damping()[modes.index(mode)])
     is_off = abs(inertia - 1.0) > max(MODAL.warned_mass, settings.hidden_sigma * std)
-    is_late = abs(rate) > max(settings.hidden_sigma * rate_std, settings.most_lag * bandwidth**2)
-    # A motion that lags shows a wrong inertia, too, but none of another unit.
+    is_late = rate > max(settings.hidden_sigma * rate_std, settings.most_lag * bandwidth**2)
+    # A motion never runs ahead of its drive. One that lags shows a wrong inertia, too, but none of another unit.
     if is_off and not (is_late and MODAL.mass_range[0] < inertia < MODAL.mass_range[1]):
         return describe_wrong_mass(inertia, "the response curves show", mode, settings)
     if is_late:
         return (
             "the motions of the response curves lag behind the frequency, as in a sweep of "
-            f"{abs(rate) / (2.0 * np.pi):.2g} Hz/s: wait at each frequency until the amplitude stands still, some "
+            f"{rate / (2.0 * np.pi):.2g} Hz/s: wait at each frequency until the amplitude stands still, some "
             f"{4.0 / bandwidth:.2g} s"
         )
     return ""
@@ -281,7 +287,7 @@ class HeldOut:
         high: (n,) its upper end.
         resonance_hz: resonance under the force of this curve by the law; empty where the law has none.
         measured_hz: the measured resonance: the frequency of phase resonance at the point nearest to it.
-        lowest_hz: that of the lowest curve.
+        range_hz: the least and the largest measured resonance of all curves, this one included.
         amplitude: amplitude of the mode at resonance by the law, m kg^1/2.
         measured_amplitude: the measured one, m kg^1/2.
         reach: measured amplitude over the largest one that was fitted.
@@ -296,7 +302,7 @@ class HeldOut:
     high: FloatArray
     resonance_hz: Estimate
     measured_hz: Estimate
-    lowest_hz: float
+    range_hz: tuple[float, float]
     amplitude: Estimate
     measured_amplitude: float
     reach: float
@@ -305,8 +311,8 @@ class HeldOut:
 
     @property
     def shift_hz(self) -> float:
-        """How far the resonance has moved from the lowest curve to this one, Hz."""
-        return float(self.measured_hz.value or np.nan) - self.lowest_hz
+        """How far the measured resonance moves over all curves, Hz."""
+        return self.range_hz[1] - self.range_hz[0]
 
     @property
     def error_fraction(self) -> float:
@@ -317,7 +323,7 @@ class HeldOut:
 
     def as_json(self) -> dict[str, Any]:
         """Return the prediction as result.json holds it; the curve itself stands among the curves."""
-        numbers = ("low", "high", "lowest_hz", "measured_amplitude", "reach", "widened", "shift_hz", "error_fraction")
+        numbers = ("low", "high", "range_hz", "measured_amplitude", "reach", "widened", "shift_hz", "error_fraction")
         estimates = ("resonance_hz", "measured_hz", "amplitude")
         return {
             "curve": self.fit.as_json(),
@@ -430,7 +436,10 @@ def _predict(
 ) -> HeldOut:
     best, rng = law.candidates[0], np.random.default_rng(0)
     measured = _find_resonance(read_curve_states(curve, **place, settings=settings), best, curve.error_fraction)
-    lowest = _find_resonance(read_curve_states(others[0], **place, settings=settings), best, others[0].error_fraction)
+    seen = [
+        _find_resonance(read_curve_states(each, **place, settings=settings), best, each.error_fraction).hz
+        for each in (curve, *others)
+    ]
     driven, most = _DrivenCurve.of(curve, **place), settings.farthest_reach * float(law.amplitude.max())
     response = driven.find_response(best, most, driven.measured)
     made = find_law_resonance(best, measured.force, most)
@@ -449,7 +458,7 @@ def _predict(
         high=high,
         resonance_hz=_summarise(made[0], ends[:, 0]),
         measured_hz=Estimate.normal(measured.hz, measured.hz_std),
-        lowest_hz=lowest.hz,
+        range_hz=(min(seen), max(seen)),
         amplitude=_summarise(made[1], ends[:, 1]),
         measured_amplitude=measured.amplitude,
         reach=measured.amplitude / float(law.amplitude.max()),
@@ -555,8 +564,9 @@ def scale_shapes(
             for curve in curves
         ]
         states = [state for several in each for state in several]
-        law = fit_states(states, chosen, measured_waves=False)
-        check = check_states(states, np.concatenate([_find_slope(several, chosen) for several in each]), law)
+        law = fit_states(states, chosen, measured_waves=False, is_grouped=True)
+        slopes = np.concatenate([_find_slope(several, chosen) for several in each])
+        check = check_states(states, slopes, law, is_grouped=True)
         value, std = float(check.inertia.value or 0.0), float(check.inertia.std or 0.0)
         if value < chosen.hidden_sigma * std:
             raise NotDeterminedError(

@@ -18,6 +18,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
@@ -30,6 +32,7 @@ from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.signals.recording import FloatArray
 
+FEWEST_GROUPS = 3  # curves of which one can be left out and the others still show how frequency and damping move
 N_TIMES = 64  # times of a period at which powers are sampled; enough for the fifth power of five harmonics
 
 
@@ -133,6 +136,7 @@ def fit_states(
     measured_waves: bool = True,
     systematic: float = 0.0,
     known_phase_deg: Estimate | None = None,
+    is_grouped: bool = False,
 ) -> ResonanceLaw:
     """Fit one law to the motions of a mode at one frequency each.
 
@@ -150,6 +154,7 @@ def fit_states(
             the shapes miss.
         known_phase_deg: phase of the force against the accelerations that other motions have shown; where None, that
             of the settings, until the motions contradict it.
+        is_grouped: whether motions of one source share errors, as the points of a response curve do.
 
     Raises:
         InputError: an order outside 1 to 5.
@@ -166,17 +171,21 @@ def fit_states(
             f"the amplitudes differ by a factor of {amplitude.max() / amplitude.min():.2f} only where a law needs "
             f"{settings.least_range:g}: record lower levels, or higher ones"
         )
-    orders = (stiffness_order, damping_order)
+    given = (stiffness_order, damping_order)
+
+    def fit(prior: tuple[float, float, float]) -> ResonanceLaw:
+        return _fit_with_prior(states, settings, given, measured_waves, prior, is_grouped)
+
     gain = float(np.hypot(settings.gain_tolerance, systematic))
     phase = float(np.hypot(np.radians(settings.phase_tolerance_deg), systematic))
     if known_phase_deg is not None:
         centre, std = np.radians([known_phase_deg.value or 0.0, known_phase_deg.std or 0.0])
-        return _fit_with_prior(states, settings, orders, measured_waves, (gain, float(std), float(centre)))
-    law = _fit_with_prior(states, settings, orders, measured_waves, (gain, phase, 0.0))
+        return fit((gain, float(std), float(centre)))
+    law = fit((gain, phase, 0.0))
     if abs(np.radians(law.force_phase_deg.value or 0.0)) > settings.disbelief * phase:
         # The motions contradict what was believed of the phase: they alone tell it then.
         free = max(float(np.radians(settings.doubted_phase_deg)), phase)
-        law = _fit_with_prior(states, settings, orders, measured_waves, (gain, free, 0.0))
+        law = fit((gain, free, 0.0))
     return law
 
 
@@ -193,7 +202,9 @@ class StateCheck:
     lag: Estimate
 
 
-def check_states(states: Sequence[SteadyState], slope: ComplexArray, law: ResonanceLaw) -> StateCheck:
+def check_states(
+    states: Sequence[SteadyState], slope: ComplexArray, law: ResonanceLaw, *, is_grouped: bool = False
+) -> StateCheck:
     """Fit the powers of a law once more, with the inertia and the rate of the frequency free.
 
     In a sweep the motion Re A(omega) exp(j phi) has the velocity (A' rate + j omega A), so the equation of the mode
@@ -204,8 +215,9 @@ def check_states(states: Sequence[SteadyState], slope: ComplexArray, law: Resona
         slope: (n,) change of the complex amplitude over itself with the frequency, s/rad, counted positive in the
             direction in which the frequency was driven; zero where it is not known.
         law: the law that they gave.
+        is_grouped: whether motions of one source share errors, as the points of a response curve do.
     """
-    equations = _Equations.of(states, (0.0, 1.0, 0.0))
+    equations = _Equations.of(states, (0.0, 1.0, 0.0), is_grouped=is_grouped)
     columns = _find_columns(states, [each.displacement[:1] for each in states])
     chosen = [columns[0][:, n - 1] for n in law.stiffness] + [columns[1][:, n - 1] for n in law.damping]
     square = -(equations.omega**2)
@@ -219,6 +231,7 @@ def check_states(states: Sequence[SteadyState], slope: ComplexArray, law: Resona
     freedom = max(left.size - value.size, 1)
     ratio = max(float(np.sqrt(np.sum((left - rows @ value) ** 2) / freedom)), 1.0)
     std = ratio * np.sqrt(np.sum(inverse**2, axis=1)) / norms
+    std = np.hypot(std, np.sqrt(np.diag(find_group_covariance(rows, left, equations.groups))))
     at = len(chosen)
     return StateCheck(Estimate.normal(1.0 + value[at], std[at]), Estimate.normal(value[at + 1], std[at + 1]))
 
@@ -229,9 +242,10 @@ def _fit_with_prior(
     orders: tuple[int | None, int | None],
     measured_waves: bool,
     prior: tuple[float, float, float],
+    is_grouped: bool,
 ) -> ResonanceLaw:
     amplitude = np.array([each.amplitude for each in states])
-    equations = _Equations.of(states, prior)
+    equations = _Equations.of(states, prior, is_grouped=is_grouped)
     waves = [each.displacement if measured_waves else each.displacement[:1] for each in states]
     made = [at for at, wave in enumerate(waves) if wave.size == 1]
     # Harmonics by the law need the law: three rounds, for the third harmonic is small.
@@ -260,9 +274,13 @@ class _Equations:
     scale: float
     omega: FloatArray
     length: float
+    groups: NDArray[np.int64]  # numbers of the curves to which the motions belong; all 0 for levels of one structure
 
     @classmethod
-    def of(cls, states: Sequence[SteadyState], prior: tuple[float, float, float]) -> _Equations:
+    def of(
+        cls, states: Sequence[SteadyState], prior: tuple[float, float, float], *, is_grouped: bool = False
+    ) -> _Equations:
+        names = [e.source if is_grouped else "" for e in states]
         pole, force = np.array([e.pole for e in states]), np.array([e.receptance_inverse for e in states])
         scale = float(np.median(pole.imag)) ** 2
         noise = np.abs(force) * np.hypot([e.force_error for e in states], [e.motion_error for e in states])
@@ -277,6 +295,7 @@ class _Equations:
             scale,
             pole.imag,
             max(e.amplitude for e in states),
+            np.unique(names, return_inverse=True)[1].astype(np.int64),
         )
 
     @property
@@ -296,6 +315,8 @@ class _Fit:
     misfit: float  # sum of squared errors over their variances
     score: float
     scales: FloatArray  # what each coefficient is multiplied by to be in SI units
+    rows: FloatArray  # the last equations that were solved, each over its standard deviation
+    left: FloatArray
 
     def estimates(self) -> tuple[dict[int, float], dict[int, float]]:
         """Return k_n and c_n by power in SI units."""
@@ -394,7 +415,7 @@ def _solve(equations: _Equations, columns: tuple[ComplexArray, ComplexArray], po
     # A gain of the motion scales the amplitudes of the powers, too.
     by_gain[:-1] += equations.prior[0] * depends * value[:-1]
     value[-1] += phase
-    return _Fit(powers, value, covariance, by_gain, misfit, misfit, scales)
+    return _Fit(powers, value, covariance, by_gain, misfit, misfit, scales, rows, left)
 
 
 def _rank(fits: Sequence[_Fit], n_rows: int) -> list[_Fit]:
@@ -416,7 +437,7 @@ def _make_law(
     weights = np.exp(-0.5 * np.array([fit.score - best.score for fit in fits]))
     a = np.linspace(float(amplitude.min()), float(amplitude.max()), settings.n_curve)
     curves = np.array([_find_curve(fit, a) for fit in fits])
-    covariance = best.covariance * max(ratio, 1.0) ** 2 + np.outer(best.by_gain, best.by_gain)
+    covariance = _find_covariance(best, equations, ratio)
     k, c = _split_by_power(best, np.sqrt(np.diag(covariance)[:-1]) * best.scales)
     tables: list[dict[int, Estimate]] = []
     for which, stds in enumerate((k, c)):
@@ -448,19 +469,52 @@ def _make_law(
         force_phase_deg=Estimate.normal(*np.degrees([best.value[-1], np.sqrt(covariance[-1, -1])])),
         misfit=ratio,
         n_states=amplitude.size,
-        candidates=tuple(_list_candidates(fits, weights / weights.sum(), ratio, settings)),
+        candidates=tuple(_list_candidates(fits, equations, weights / weights.sum(), ratio, settings)),
     )
 
 
+def _find_covariance(fit: _Fit, equations: _Equations, ratio: float) -> FloatArray:
+    """Return the covariance of the values of a fit: by noise and misfit or by whole curves, and by the gain."""
+    by_curves = find_group_covariance(fit.rows, fit.left, equations.groups)
+    by_gain = np.outer(fit.by_gain, fit.by_gain)
+    return np.asarray(fit.covariance * max(ratio, 1.0) ** 2 + by_curves + by_gain, dtype=np.float64)
+
+
+def find_group_covariance(rows: FloatArray, left: FloatArray, groups: NDArray[np.int64]) -> FloatArray:
+    """Return the covariance of a least-squares solution by errors that all equations of a group share.
+
+    Errors of a curve are common to its points: its structure has another state, or the law misses its level. That is
+    why the points of one curve say less than as many single motions. Their sums over each curve tell how much (the
+    sandwich by clusters; Cameron and Miller 2015, A practitioner's guide to cluster-robust inference), widened as
+    Student's distribution of so few groups asks for. It is zero for fewer than three groups.
+
+    Args:
+        rows: (n, n_values) equations over their standard deviations: real parts, imaginary parts, then what is believed
+            beforehand, which no group shares.
+        left: (n,) their left sides.
+        groups: (n_motions,) the number of the group of each motion, from 0.
+    """
+    n = int(groups.max()) + 1
+    if n < FEWEST_GROUPS:
+        return np.zeros((rows.shape[1], rows.shape[1]))
+    norms = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
+    missed = left - rows @ (inverse @ left / norms)
+    of_row = np.concatenate([groups, groups, np.full(len(rows) - 2 * groups.size, -1)])
+    pulls = np.array([inverse[:, of_row == group] @ missed[of_row == group] / norms for group in range(n)])
+    widened = float(stats.t.ppf(0.975, n - 1)) / 1.96
+    return np.asarray(n / (n - 1) * widened**2 * pulls.T @ pulls, dtype=np.float64)
+
+
 def _list_candidates(
-    fits: Sequence[_Fit], weights: FloatArray, ratio: float, settings: ResonanceSettings
+    fits: Sequence[_Fit], equations: _Equations, weights: FloatArray, ratio: float, settings: ResonanceSettings
 ) -> Iterator[LawCandidate]:
     """Yield the choices of powers whose weight counts."""
     for fit, weight in zip(fits, weights.tolist(), strict=True):
         if weight < settings.least_weight:
             continue
         scales = np.append(fit.scales, 1.0)
-        covariance = fit.covariance * max(ratio, 1.0) ** 2 + np.outer(fit.by_gain, fit.by_gain)
+        covariance = _find_covariance(fit, equations, ratio)
         k, c = fit.estimates()
         yield LawCandidate(k, c, float(fit.value[-1]), covariance * np.outer(scales, scales), weight)
 

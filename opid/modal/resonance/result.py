@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from opid.errors import list_names
+from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.modal.linear.modes import LinearModes
 from opid.modal.power_laws import coefficient_rows
 from opid.modal.resonance.appropriation import Appropriation, Interaction
-from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.curve_fit import CurveFit, HeldOut
 from opid.modal.resonance.law import ResonanceLaw, StateCheck
 from opid.modal.resonance.steady import SteadyState
 from opid.provenance import ReadFile
@@ -20,6 +22,7 @@ from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.resonance/1"
+OF_SEVERAL = "opid.resonances/1"
 
 OF_INTERACTION = ("target", "mode", "harmonic", "flagged", "first_level", "fraction", "driven_fraction", "statement")
 """What result.json holds of the interaction."""
@@ -47,6 +50,9 @@ class Resonance(Result):
         curve_states: the motions of the response curves that count.
         curve_fits: each response curve beside that of a law: of the records, which have not seen the curves, and of the
             curves themselves where there are no records.
+        held_out: the response curve that no law has seen, and what the law makes of its forces; None where all count.
+        modal_mass: the modal mass that the curves showed of the shape as it was given, before it was scaled to 1; empty
+            where the scale was known.
         curve_check: inertia of the mode and rate of the frequency that the curves show; None without curves.
         interaction: the harmonic of another mode that stands out most; None where there is no other elastic mode, or no
             level.
@@ -73,6 +79,8 @@ class Resonance(Result):
     curve_states: tuple[SteadyState, ...]
     curve_fits: tuple[CurveFit, ...]
     curve_check: StateCheck | None
+    held_out: HeldOut | None
+    modal_mass: Estimate
     interaction: Interaction | None
     warnings: tuple[str, ...]
     not_determined: str
@@ -163,6 +171,8 @@ class Resonance(Result):
                 },
                 "curves": [each.as_json() for each in self.curve_fits],
                 "curve_check": None if self.curve_check is None else asdict(self.curve_check),
+                "held_out": None if self.held_out is None else self.held_out.as_json(),
+                "modal_mass": asdict(self.modal_mass),
                 "interaction": None if found is None else {name: getattr(found, name) for name in OF_INTERACTION},
                 "linear_modes": {name: getattr(self.modes, name) for name in ("frequency_hz", "damping_ratio")},
                 "warnings": self.warnings,
@@ -172,3 +182,62 @@ class Resonance(Result):
     def _write_headline(self) -> str:
         curves = f" and in {len(self.curve_fits)} response curves" if self.curve_fits else ""
         return f"{self.title}, mode {self.mode} at {len(self.states)} levels of phase resonance{curves}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Resonances(Result):
+    """Several modes in measured tests at phase resonance, and in response curves.
+
+    Args:
+        title: the title of the study.
+        modes: the modes that could be read, by their number.
+        faults: why each of the other modes could not be read, by its number.
+        settings: what was asked for.
+    """
+
+    title: str
+    modes: tuple[Resonance, ...]
+    faults: Mapping[int, str]
+    settings: Mapping[str, Any]
+
+    @property
+    def only(self) -> Resonance | None:
+        """The only mode of the study; None where there are several."""
+        return self.modes[0] if len(self.modes) == 1 and not self.faults else None
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The files of all modes, each once."""
+        return tuple(dict.fromkeys(file for each in self.modes for file in each.files))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of all modes, each with its mode."""
+        return tuple(f"mode {each.mode}: {text}" for each in self.modes for text in each.warnings)
+
+    @property
+    def not_determined(self) -> str:
+        """Which modes have no law, and why; "" if all have one."""
+        without = [(each.mode, each.not_determined) for each in self.modes if each.not_determined]
+        return "; ".join(f"mode {number}: {reason}" for number, reason in sorted([*without, *self.faults.items()]))
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the numbers of each mode, with its number before their names."""
+        return tuple(replace(row, name=f"mode_{each.mode}.{row.name}") for each in self.modes for row in each.summary())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json: each mode as in docs/schemas/resonance-1.schema.json."""
+        return plain(
+            {
+                "schema": OF_SEVERAL,
+                "title": self.title,
+                "modes": [each.to_dict() for each in self.modes],
+                "faults": {str(number): reason for number, reason in self.faults.items()},
+                "not_determined": self.not_determined,
+                "warnings": self.warnings,
+                "settings": self.settings,
+            }
+        )
+
+    def _write_headline(self) -> str:
+        return f"{self.title}, modes {list_names([str(each.mode) for each in self.modes])} at phase resonance"
