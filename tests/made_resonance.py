@@ -60,6 +60,11 @@ def hurried_study(seed=0, settling=0.3):
     return replace(curves_study(), curves=curves)
 
 
+def with_shapes_scaled(study, factor=1.3):
+    """Return the study with shapes that are not mass-normalised: all are too large by a factor."""
+    return replace(study, modes=replace(study.modes, shapes=factor * study.modes.shapes))
+
+
 def with_curves(study, change):
     """Return the study with `change(curve)` in place of the fields of each curve."""
     return replace(study, curves=tuple(replace(each, **change(each)) for each in study.curves))

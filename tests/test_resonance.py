@@ -22,13 +22,16 @@ from made_resonance import (
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import FORCE
 from opid.modal.linear.modes import LinearModes, modal_test
-from opid.modal.resonance.identification import identify_resonance
+from opid.modal.resonance.identification import identify_resonance, identify_resonances
 from opid.modal.resonance.law import fit_states
 from opid.modal.resonance.settings import ResonanceSettings
-from opid.modal.resonance.steady import SteadyState, find_steady, measure_levels
+from opid.modal.resonance.steady import Drive, SteadyState, find_steady, measure_levels
 from opid.modal.study import StudyTest
+from opid.report import text
 from opid.signals.recording import recording_from_arrays
 from opid.signals.units import STANDARD_GRAVITY
+from opid.virtual.modal_tests.resonance_logs import resonance_study
+from opid.virtual.modal_tests.series import virtual_series
 
 SETTINGS = ResonanceSettings()
 MODES = held_study().modes
@@ -73,6 +76,28 @@ def test_steps_are_found_and_a_sweep_has_no_level():
     assert 6000 < second[0] < 6200
     sweep = np.exp(2e-4 * time) * np.sin(2 * np.pi / 10 * time)
     assert find_steady(sweep, 10.0, SETTINGS) == []
+
+
+def test_stretches_of_one_drive_are_one_level_and_those_of_another_are_not():
+    """A loop that still settles parts a level; a step of the voltage, or of the frequency, makes another one."""
+    time = np.arange(9000)
+    second = time >= 4500
+    for change, volts, n_levels in ((1e-4, 1.0, 1), (0.0, 1.02, 2), (4e-3, 1.0, 2)):
+        phase = 2 * np.pi / 10 * np.cumsum(np.where(second, 1.0 + change, 1.0))
+        drive = np.where(second, volts, 1.0) * np.sin(phase)
+        # Off resonance the motion lags and falls by as much as the frequency moves, in half bandwidths of 0.004.
+        lag = np.where(second, np.arctan(change / 0.004), 0.0)
+        motion = np.where(second, volts, 1.0) * np.cos(lag) * np.sin(phase + lag)
+        found = find_steady(motion, 10.0, SETTINGS, Drive(drive, drive))
+        assert len(found) == n_levels, (change, volts)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_every_level_is_read_once_and_a_loop_that_holds_the_drive_point_is_not_warned_of(seed):
+    result = identify_resonance(held_study(seed, 40))
+    assert len(result.states) == 40
+    assert np.abs(result.phase_error_deg).max() > 3.0  # Other modes move the drive point, too.
+    assert result.warnings == ()
 
 
 # ---- the law -------------------------------------------------------------------------------------------
@@ -166,7 +191,7 @@ def test_a_sound_test_gives_law_backbone_and_harmonics():
 def test_levels_off_quadrature_are_corrected(phase_error_deg):
     result = identify_resonance(held_study(phase_error_deg=phase_error_deg))
     requires_truth_inside(result.records_law)
-    assert any("off quadrature" in text for text in result.warnings)
+    assert any("missed quadrature" in text for text in result.warnings)
 
 
 def test_a_hidden_phase_of_the_force_is_found_in_the_transients():
@@ -254,3 +279,41 @@ def test_accelerometers_of_another_gain_are_within_the_interval():
     law = identify_resonance(with_motion(held_study(), lambda name: 1.015)).records_law
     assert law.stiffness[3].holds(K3)
     assert law.stiffness[3].std > 0.02 * K3
+
+
+# ---- several modes -------------------------------------------------------------------------------------
+
+
+def two_modes(seed=0):
+    """A study of which one log holds the cubic mode and another a linear one."""
+    cubic, series = held_study(seed), virtual_series("cubic")
+    linear = resonance_study(series, rng=np.random.default_rng(seed), mode=2, n_levels=8)
+    return replace(cubic, nonlinear=(2, MODE), tests=(*cubic.tests, *linear.tests))
+
+
+def test_a_study_of_two_modes_gives_both_and_one_report():
+    study = two_modes()
+    with pytest.raises(InputError, match="the tests hold the modes 3, 2: choose one"):
+        identify_resonance(study)
+    both = identify_resonances(study)
+    assert [each.mode for each in both.modes] == [2, MODE]
+    requires_truth_inside(both.modes[1].law)
+    linear = both.modes[0].law
+    true_hz = float(study.modes.frequency_hz[1])
+    assert (np.abs(linear.frequency_hz - true_hz) < 3 * linear.frequency_std_hz).all()
+    assert both.only is None
+    written = text(both)
+    for words in ("Modes", "Mode 2: Backbone", "Mode 3: Backbone", "Mode 3: Law"):
+        assert words in written
+    assert {row.name.split(".")[0] for row in both.summary()} == {"mode_2", "mode_3"}
+    json.dumps(both.to_dict(), allow_nan=False)
+
+
+def test_a_mode_that_cannot_be_read_does_not_keep_the_others_back():
+    study = two_modes()
+    reversed_one = with_polarity_reversed(replace(study, tests=study.tests[1:])).tests
+    both = identify_resonances(replace(study, tests=(*study.tests[:1], *reversed_one)))
+    assert [each.mode for each in both.modes] == [MODE]
+    assert "sign = -1" in both.faults[2]
+    assert "mode 2: at" in both.not_determined
+    assert identify_resonances(held_study()).only.mode == MODE

@@ -16,12 +16,13 @@ from made_resonance import (
     requires_truth_inside,
     with_amplitudes_in_g,
     with_phases_turned,
+    with_shapes_scaled,
     with_softer_curves,
 )
 
 from opid.errors import InputError
 from opid.modal.resonance.curve_file import CurveColumns, read_curve, write_curve
-from opid.modal.resonance.curve_fit import fit_curves, make_curve
+from opid.modal.resonance.curve_fit import choose_held_out, fit_curves, make_curve, predict_held_out
 from opid.modal.resonance.curves import ResponseCurve, read_curve_states
 from opid.modal.resonance.identification import identify_resonance
 from opid.modal.study import ModalStudy
@@ -129,6 +130,73 @@ def test_too_few_levels_give_the_reason_and_no_law():
     found = fit_curves([replace(near, **picked)], **PLACE)
     assert found.law is None
     assert "record lower levels" in found.reason
+
+
+# ---- a curve that is held out, and states that differ ---------------------------------------------------
+
+FORCES = (1.0, 2.0, 4.0, 8.0, 14.0)
+
+
+def with_states(curves, seed, spread=3e-4):
+    """Return curves of a structure whose frequency is a little different in each of them."""
+    rng = np.random.default_rng(seed)
+    return [replace(each, frequency_hz=each.frequency_hz * (1 + spread * rng.standard_normal())) for each in curves]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("is_scattered", [False, True])
+def test_the_law_of_the_lower_curves_predicts_the_highest(seed, is_scattered):
+    curves = some_curves(FORCES, seed=seed)
+    curves = with_states(curves, seed) if is_scattered else curves
+    held = choose_held_out(curves, "highest", MODES, MODE)
+    others = [each for each in curves if each is not held]
+    assert held.name == "14 N"
+    found = predict_held_out(held, others, fit_curves(others, **PLACE).law, **PLACE)
+    low, high = found.resonance_hz.interval95
+    assert low < found.measured_hz.value < high
+    assert is_scattered or abs(found.error_fraction) < 0.05
+    has = np.isfinite(found.low)
+    inside = (found.low <= held.amplitude) & (held.amplitude <= found.high)
+    # A curve of another state is off at all of its points at once.
+    assert is_scattered or inside[has].mean() > 0.85
+    json.dumps(found.as_json()["fitted"])
+
+
+def test_the_states_of_the_structure_widen_the_law_of_curves():
+    """Points of one curve share its state: many of them do not make a law more certain."""
+    held_by, sound = [], fit_curves(some_curves(FORCES), **PLACE).law
+    for seed in range(4):
+        law = fit_curves(with_states(some_curves(FORCES, seed=seed), seed), **PLACE).law
+        held_by.append(law.stiffness[3].holds(K3) if 3 in law.stiffness else True)
+        assert law.frequency_std_hz.min() > sound.frequency_std_hz.min()
+    assert sum(held_by) >= 3
+
+
+def test_too_few_curves_and_a_wrong_name_are_refused():
+    curves = some_curves(FORCES[:2])
+    with pytest.raises(InputError, match="needs 3: give more"):
+        choose_held_out(curves, "highest", MODES, MODE)
+    with pytest.raises(InputError, match="there is no curve '15 N' to hold out"):
+        choose_held_out(some_curves(FORCES[:3]), "15 N", MODES, MODE)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.3])
+def test_the_scale_of_a_shape_is_found_from_the_curves(factor):
+    study = with_shapes_scaled(curves_study(), factor)
+    assert identify_resonance(study).law is None
+    found = identify_resonance(study, free_mass=True)
+    assert found.modal_mass.value == pytest.approx(factor**2, rel=0.03)
+    assert found.modal_mass.holds(factor**2) or abs(found.modal_mass.value / factor**2 - 1) < 0.02
+    requires_truth_inside(found.law)
+
+
+def test_a_sign_of_the_amplitude_that_is_stated_turns_the_phase(tmp_path):
+    curve = some_curves((4.0,))[0]
+    path = tmp_path / "curve.csv"
+    write_curve(turned(curve, 180.0), path)
+    columns = CurveColumns(amplitude=ChannelSettings("amplitude", sign=-1))
+    again = read_curve(path, sensor="lid_x", columns=columns)
+    np.testing.assert_allclose(again.acceleration, curve.acceleration, rtol=1e-9)
 
 
 # ---- whole studies, simulated in time ------------------------------------------------------------------

@@ -23,6 +23,7 @@ from opid.signals.recording import FloatArray
 
 N_AMPLITUDES = 2000  # at which the equation of the mode is solved; a root between two of them is interpolated
 HIGHEST = "highest"  # the word for the curve of the largest displacement
+FEWEST_NEAR = 3  # points of a curve near quadrature through which a line is drawn
 FEWEST_CURVES = 3  # of which one is held out: two levels at least must show how frequency and damping move
 MOST_WITHOUT = 0.05  # fraction of drawn laws without a motion, from which no interval is given
 BEYOND = 1.5  # largest amplitude at which a law makes motions, over the largest that it was fitted to
@@ -283,10 +284,10 @@ class HeldOut:
     Args:
         fit: the curve beside the prediction.
         fitted: the names of the curves that gave the law, from the lowest to the highest.
-        low: (n,) lower end of the 95 % band of the amplitude, m/s^2; NaN where the law has no motion.
+        low: (n,) lower end of the 95 % band of the measured amplitude, m/s^2; NaN where the law has no motion.
         high: (n,) its upper end.
         resonance_hz: resonance under the force of this curve by the law; empty where the law has none.
-        measured_hz: the measured resonance: the frequency of phase resonance at the point nearest to it.
+        measured_hz: the measured resonance, by the points near quadrature.
         range_hz: the least and the largest measured resonance of all curves, this one included.
         amplitude: amplitude of the mode at resonance by the law, m kg^1/2.
         measured_amplitude: the measured one, m kg^1/2.
@@ -435,19 +436,24 @@ def _predict(
     settings: ResonanceSettings,
 ) -> HeldOut:
     best, rng = law.candidates[0], np.random.default_rng(0)
-    measured = _find_resonance(read_curve_states(curve, **place, settings=settings), best, curve.error_fraction)
-    seen = [
-        _find_resonance(read_curve_states(each, **place, settings=settings), best, each.error_fraction).hz
+    read: dict[str, Any] = {**place, "settings": settings}
+    measured, *seen = (
+        _find_resonance(read_curve_states(each, **read), best, each.error_fraction, settings)
         for each in (curve, *others)
-    ]
+    )
     driven, most = _DrivenCurve.of(curve, **place), settings.farthest_reach * float(law.amplitude.max())
     response = driven.find_response(best, most, driven.measured)
     made = find_law_resonance(best, measured.force, most)
     weights = np.array([each.weight for each in law.candidates])
     picked = rng.choice(weights.size, settings.n_draws, p=weights / weights.sum())
-    drawn = [law.candidates[index].draw(rng) for index in picked.tolist()]
+    states = 1.0 + _find_scatter(seen, best, most) * rng.standard_normal(settings.n_draws)
+    drawn = [
+        law.candidates[index].draw(rng).with_state(state)
+        for index, state in zip(picked.tolist(), states.tolist(), strict=True)
+    ]
     near = np.abs((response - driven.others) / (driven.omega**2 * driven.shape))
     every = np.array([np.abs(driven.find_response(each, most, near)) for each in drawn])
+    every *= 1.0 + curve.error_fraction * rng.standard_normal(every.shape)
     low, high = _find_band(every, np.abs(response))
     ends = np.array([find_law_resonance(each, measured.force, most) for each in drawn])
     reason = "" if np.isfinite(made).all() else _explain_no_resonance(curve, settings)
@@ -458,13 +464,25 @@ def _predict(
         high=high,
         resonance_hz=_summarise(made[0], ends[:, 0]),
         measured_hz=Estimate.normal(measured.hz, measured.hz_std),
-        range_hz=(min(seen), max(seen)),
+        range_hz=(min(each.hz for each in (measured, *seen)), max(each.hz for each in (measured, *seen))),
         amplitude=_summarise(made[1], ends[:, 1]),
         measured_amplitude=measured.amplitude,
         reach=measured.amplitude / float(law.amplitude.max()),
         widened=1.0,
         reason=reason,
     )
+
+
+def _find_scatter(seen: Sequence[_Resonance], law: LawCandidate, most: float) -> float:
+    """Return by how much the resonances of curves scatter about their law, rms, as a fraction of the frequency.
+
+    The structure is in another state in each curve, and so it is in the one that is predicted.
+    """
+    made = np.array([find_law_resonance(law, each.force, most)[0] for each in seen])
+    missed = made / np.array([each.hz for each in seen]) - 1.0
+    missed = missed[np.isfinite(missed)]
+    # The law has followed some of the scatter: two curves less tell it.
+    return float(np.sqrt(np.sum(missed**2) / max(missed.size - 2, 1))) if missed.size else 0.0
 
 
 def _explain_no_resonance(curve: ResponseCurve, settings: ResonanceSettings) -> str:
@@ -485,13 +503,27 @@ class _Resonance:
     force: float  # modal force there, N/kg^1/2
 
 
-def _find_resonance(states: Sequence[SteadyState], law: LawCandidate, error: float) -> _Resonance:
-    """Return the resonance of a curve by its point nearest to it, which is corrected to quadrature."""
+def _find_resonance(
+    states: Sequence[SteadyState], law: LawCandidate, error: float, settings: ResonanceSettings
+) -> _Resonance:
+    """Return the resonance of a curve by its points near quadrature.
+
+    Each of them gives the frequency at its own amplitude, which is a little below that at resonance: a line over the
+    square of the amplitude leads there. Where the amplitudes are too few or too alike, the nearest point stands alone.
+    """
     turned = [replace(each, force=each.force * np.exp(-1j * law.phase_rad)) for each in states]
     near = min(turned, key=lambda each: abs(each.phase_error_deg))
-    omega = float(np.sqrt(max(near.stiffness, 0.0)))
-    std = error * abs(near.receptance_inverse) / (2.0 * max(omega, np.finfo(float).tiny))
-    return _Resonance(omega / (2.0 * np.pi), std / (2.0 * np.pi), near.amplitude, abs(near.force))
+    omega = float(np.sqrt(max(near.stiffness, np.finfo(float).tiny)))
+    std = error * abs(near.receptance_inverse) / (4.0 * np.pi * omega)
+    pull = omega * near.damping
+    amplitude = abs(near.force) / pull if pull > 0.0 else near.amplitude
+    close = [each for each in turned if abs(each.phase_error_deg) < settings.near_deg]
+    square = np.array([each.amplitude**2 for each in close])
+    hz = omega / (2.0 * np.pi)
+    if square.size >= FEWEST_NEAR and square.max() > settings.least_line * square.min():
+        of_points = np.sqrt(np.maximum([each.stiffness for each in close], 0.0)) / (2.0 * np.pi)
+        hz = float(np.polyfit(square / amplitude**2 - 1.0, of_points, 1)[1])
+    return _Resonance(hz, std, amplitude, abs(near.force))
 
 
 def find_law_resonance(law: LawCandidate, force: float, most: float) -> tuple[float, float]:

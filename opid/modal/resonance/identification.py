@@ -70,7 +70,7 @@ def identify_resonance(
     held = _assign_modes(study)
     if mode is None and len(held) > 1:
         listed = ", ".join(map(str, held))
-        raise InputError(f"the tests hold the modes {listed}: choose one with mode, like {min(held)}")
+        raise InputError(f"the tests hold the modes {listed}: choose one with mode, like {next(iter(held))}")
     number = next(iter(held)) if mode is None else _require_mode(study, held, mode)
     wanted = _Wanted(mode, hold_out, free_mass)
     return _identify_mode(study, held[number], wanted, settings or ResonanceSettings(), progress or (lambda step: None))
@@ -293,7 +293,7 @@ def _read_curves(
     if left is not None and (law := joint_law or by) is not None:
         say("the curve that is held out")
         held_out = predict_held_out(left, seen, law, **place, **orders, settings=chosen)
-        warnings += [*_warn_of_held_out(held_out)]
+        warnings += [*_warn_of_held_out(held_out, chosen)]
     return _Curves(of_curves, joint_law, fits, held_out, (*_warn_of_curves(of_curves, chosen), *warnings))
 
 
@@ -312,7 +312,7 @@ def _join_laws(
     return fit_states(states, chosen, **orders, systematic=levels.outside), []
 
 
-def _warn_of_held_out(found: HeldOut) -> Iterator[str]:
+def _warn_of_held_out(found: HeldOut, settings: ResonanceSettings) -> Iterator[str]:
     name = found.fit.curve.name
     if found.reason:
         yield f"{name!r} is not predicted: {found.reason}"
@@ -321,7 +321,7 @@ def _warn_of_held_out(found: HeldOut) -> Iterator[str]:
             f"the resonance of {name!r} is told without an interval: many of the laws that the other curves allow have "
             "none there; record levels between them"
         )
-    elif found.widened > 1.0:
+    elif found.widened > settings.disbelief:
         yield (
             f"the same prediction of {found.fitted[-1]!r} from the curves below it was off by {found.widened:.1f} "
             f"standard deviations, so the intervals of {name!r} are widened by this factor: the powers do not go on as "

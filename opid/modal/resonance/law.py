@@ -60,6 +60,10 @@ class LawCandidate:
         c = sum(value * first_harmonic_factor(n) * (omega * amplitude) ** (n - 1) for n, value in self.damping.items())
         return np.asarray(k - omega**2 + 1j * omega * c, dtype=np.complex128)
 
+    def with_state(self, ratio: float) -> LawCandidate:
+        """Return the law of a structure whose frequencies are those of this one times a ratio."""
+        return replace(self, stiffness={n: ratio**2 * value for n, value in self.stiffness.items()})
+
     def draw(self, rng: np.random.Generator) -> LawCandidate:
         """Return the same choice of powers with coefficients drawn from their distribution."""
         centre = np.array([*self.stiffness.values(), *self.damping.values(), self.phase_rad])

@@ -52,6 +52,9 @@ class ResonanceSettings:
         n_curve: amplitudes at which frequency and damping by the law are given.
         least_weight: weight of a choice of powers among all, from which it counts in predictions.
         n_draws: laws that are drawn for the band of a prediction: its ends are known to a tenth of its width.
+        near_deg: phase error up to which the points of a curve show its resonance: there their amplitudes differ by an
+            eighth at most, so that frequency over the square of the amplitude is a line.
+        least_line: largest square of their amplitudes over the least, below which no line is drawn through them.
         farthest_reach: largest amplitude that a prediction searches, over the largest that was fitted.
         most_mass_steps: steps in which a modal mass that nobody knows is fitted; two are usual.
         mass_converged: change of the modal mass, as a fraction, at which these steps end.
@@ -89,6 +92,8 @@ class ResonanceSettings:
     n_curve: int = 60
     least_weight: float = 0.001
     n_draws: int = 400
+    near_deg: float = 30.0
+    least_line: float = 1.05
     farthest_reach: float = 4.0
     most_mass_steps: int = 6
     mass_converged: float = 1e-4
