@@ -21,13 +21,15 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.laws.law import law
+from opid.mechanics.laws.law import LINEAR, Term, TermSet, law
 from opid.mechanics.structure import Joint
 from opid.modal.power_laws import unit_of
+from opid.modal.settings import MODAL
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 DEGREES = (3, 4)
+N_TIMES = 32  # of a cycle at which a force is averaged
 
 _LAWS = {
     (False, 3): ("even_quadratic_stiffness", "stiffness_n_per_m2"),
@@ -35,6 +37,10 @@ _LAWS = {
     (True, 4): ("cubic_damping", "damping_n_s3_per_m3"),
 }
 """Kind and parameter of the law of a joint, by whether its force follows the velocity, and the degree of V or D."""
+
+
+_HELD_LAWS = {(False, 3): "held_even_stiffness", (False, 4): "held_stiffness", (True, 4): "held_damping"}
+"""Kind of the law of a joint that is held, likewise."""
 
 
 @dataclass(frozen=True, order=True)
@@ -101,6 +107,23 @@ class Coupling:
         return SummaryRow.of(f"couplings.{self.product.name}", self.coefficient, self.product.unit)
 
 
+@dataclass(frozen=True)
+class Reach:
+    """How far the tests of some modes moved them; beyond that their couplings are held.
+
+    Args:
+        displacement: largest modal displacement by the number of the mode, m kg^1/2.
+        velocity: largest modal velocity, m/s kg^1/2.
+    """
+
+    displacement: Mapping[int, float]
+    velocity: Mapping[int, float]
+
+    def holds(self, product: Product) -> bool:
+        """Return whether all modes of a product are among those that were moved."""
+        return {*product.modes} <= {*self.displacement}
+
+
 def list_products(modes: Sequence[int], degree: int, *, of_velocity: bool = False) -> list[Product]:
     """Return all products of a degree that some modes can have.
 
@@ -139,16 +162,25 @@ def expand_joint(
     return found
 
 
-def make_joints(couplings: Mapping[Product, float], n_modes: int) -> tuple[Joint, ...]:
+def make_joints(couplings: Mapping[Product, float], n_modes: int, reach: Reach | None = None) -> tuple[Joint, ...]:
     """Return joints of a structure in modal coordinates whose forces together are those of the products.
 
-    Any sum of products of one degree is a sum of powers of some z = direction . q, which a joint has.
+    Any sum of products of one degree is a sum of powers of some z = direction . q, which a joint has. Products that are
+    held keep their forces within the reach of their modes; beyond it the force of each joint continues along its
+    secant, as those of powers that are held (`hold_unstable`), and still follows from a potential.
+
+    Args:
+        couplings: coefficients of the products.
+        n_modes: number of modes of the structure.
+        reach: how far modes were moved whose products are held; None where none are.
     """
-    ordered = sorted(couplings, key=_find_kind)
+    held = {each: value for each, value in couplings.items() if reach is not None and reach.holds(each)}
+    free = {each: value for each, value in couplings.items() if each not in held}
     return tuple(
         joint
-        for kind, group in groupby(ordered, key=_find_kind)
-        for joint in _join(kind, list(group), couplings, n_modes)
+        for some, limits in ((free, None), (held, reach))
+        for kind, group in groupby(sorted(some, key=_find_kind), key=_find_kind)
+        for joint in _join(kind, list(group), some, n_modes, limits)
     )
 
 
@@ -157,20 +189,93 @@ def _find_kind(each: Product) -> tuple[bool, int]:
 
 
 def _join(
-    kind: tuple[bool, int], products: list[Product], couplings: Mapping[Product, float], n_modes: int
+    kind: tuple[bool, int],
+    products: list[Product],
+    couplings: Mapping[Product, float],
+    n_modes: int,
+    reach: Reach | None,
 ) -> Iterator[Joint]:
     of_velocity, degree = kind
     modes = sorted({mode for each in products for mode in each.modes})
     directions, weights = _find_powers(len(modes), degree)
     every = list_products(modes, degree, of_velocity=of_velocity)
-    amounts = weights @ np.array([couplings.get(each, 0.0) for each in every])
-    name, parameter = _LAWS[kind]
+    # Coordinates that are held are counted in the reach of their modes, so that all of them count alike.
+    known = {} if reach is None else reach.velocity if of_velocity else reach.displacement
+    size = {mode: float(known.get(mode, 1.0)) for mode in modes}
+    values = [couplings.get(each, 0.0) * float(np.prod([size[mode] for mode in each.modes])) for each in every]
+    amounts = weights @ np.array(values)
     for direction, amount in zip(directions, amounts, strict=True):
         if amount:
             of_all = np.zeros(n_modes)
-            of_all[[mode - 1 for mode in modes]] = direction
+            of_all[[mode - 1 for mode in modes]] = direction / [size[mode] for mode in modes]
             # The force is the derivative of amount z^d.
-            yield Joint("coupling of modes", of_all, law=law(name, **{parameter: degree * amount}))
+            own = _make_law(kind, degree * float(amount), None if reach is None else float(np.abs(direction).sum()))
+            yield Joint("coupling of modes", of_all, law=own)
+
+
+def _make_law(kind: tuple[bool, int], amplitude: float, most: float | None) -> TermSet:
+    """Return the law of a joint, held beyond the stretch `most` unless that is None."""
+    if most is None:
+        name, parameter = _LAWS[kind]
+        return law(name, **{parameter: amplitude})
+    exponents = () if kind == (False, 3) else (float(kind[1] - 1),)
+    return TermSet((Term(_HELD_LAWS[kind], (amplitude, most, *exponents)),))
+
+
+def is_stable_beyond(
+    couplings: Mapping[Product, float],
+    linear: tuple[FloatArray, FloatArray],
+    laws: Mapping[int, TermSet],
+    reach: Reach,
+) -> bool:
+    """Return whether coupled modes stay stable between the reach of their tests and `MODAL.stable_up_to` times it.
+
+    They are stable where every small motion about a displacement meets a positive stiffness, and every steady motion a
+    positive damping (its first harmonic), in whatever proportion the modes move.
+
+    Args:
+        couplings: coefficients of the products, of modes in the reach.
+        linear: (n_modes,) k0, 1/s^2, and c0, 1/s, of all modes.
+        laws: the law of each mode by itself, by its number.
+        reach: how far the tests moved the modes.
+    """
+    modes = sorted(reach.displacement)
+    corners = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=len(modes)) if any(each)])
+    times = np.linspace(1.0, MODAL.stable_up_to, 11)
+    points = (times[:, None, None] * corners).reshape(-1, len(modes))
+    joints = make_joints(couplings, linear[0].size)
+    for base, largest, find in (
+        (linear[0], reach.displacement, _find_tangent),
+        (linear[1], reach.velocity, _find_mean_damping),
+    ):
+        at = points * [largest[mode] for mode in modes]
+        matrix = np.zeros((len(at), len(modes), len(modes)))
+        for index, mode in enumerate(modes):
+            matrix[:, index, index] = base[mode - 1] + find(laws.get(mode, LINEAR), at[:, index])
+        for joint in joints:
+            direction = joint.direction[[mode - 1 for mode in modes]]
+            matrix += find(joint.law, at @ direction)[:, None, None] * np.outer(direction, direction)
+        if np.linalg.eigvalsh(matrix).min() <= 0.0:
+            return False
+    return True
+
+
+def _find_tangent(own: TermSet, at: FloatArray) -> FloatArray:
+    """Return the slope of a force over the displacement, by differences."""
+    if not own.terms:
+        return np.zeros(at.size)
+    step = 1e-5 * float(np.abs(at).max()) or 1.0
+    return np.asarray((own.force(at + step, 0.0) - own.force(at - step, 0.0)) / (2.0 * step), dtype=np.float64)
+
+
+def _find_mean_damping(own: TermSet, at: FloatArray) -> FloatArray:
+    """Return the damping of a cycle with these amplitudes of the velocity, by its first harmonic."""
+    if not own.terms:
+        return np.zeros(at.size)
+    wave = np.cos(2.0 * np.pi / N_TIMES * np.arange(N_TIMES))
+    force = own.force(np.zeros((at.size, N_TIMES)), at[:, None] * wave)
+    speed = np.where(at == 0.0, 1.0, at)
+    return np.asarray(2.0 * np.mean(force * wave, axis=1) / speed, dtype=np.float64)
 
 
 @lru_cache(maxsize=32)

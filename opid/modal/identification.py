@@ -13,6 +13,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.laws.law import LINEAR, Law, TermSet
 from opid.mechanics.structure import modal_assurance
+from opid.modal.couplings import Product, Reach, is_stable_beyond
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.forced.equation import mode_lines
@@ -120,7 +121,7 @@ def make_model(
     A correction that was found with other linear properties is not used, for tests may have modes of their own.
     Modes that no forced test moves take their law from `decay_laws`, which are stored by the number of the mode.
     `systems` add the couplings of modes, and correct those that are driven. Powers that become unstable beyond the
-    tests are held there (`hold_unstable`).
+    tests are held there (`hold_unstable`), and so are couplings (`is_stable_beyond`).
     """
     laws = {fit.mode: fit.law for fit in fits}
     corrections = {
@@ -144,12 +145,43 @@ def make_model(
                 read_linear(law.damping) - float(modes.damping()[index]),
             )
     corrected = correct_modes(modes, corrections)
+    held = {mode: _hold_law(law, modes, corrected, mode, joints[mode]) for mode, law in laws.items()}
     return NonlinearModalModel(
         corrected,
-        {mode: _hold_law(law, modes, corrected, mode, joints[mode]) for mode, law in laws.items()},
+        held,
         {mode: joint for mode, joint in joints.items() if joint.sliders},
-        {each.product: float(each.coefficient.value or 0.0) for system in systems for each in system.couplings},
+        {product: value for system in systems for product, value in _list_couplings(system).items()},
+        _find_reach(systems, corrected, held, joints),
     )
+
+
+def _list_couplings(system: SystemFit) -> dict[Product, float]:
+    return {each.product: float(each.coefficient.value or 0.0) for each in system.couplings}
+
+
+def _find_reach(
+    systems: Sequence[SystemFit],
+    modes: LinearModes,
+    laws: Mapping[int, TermSet],
+    joints: Mapping[int, ModalJoint],
+) -> Reach | None:
+    """Return how far the tests moved the modes whose couplings become unstable beyond them; None without such modes."""
+    stiffness = modes.stiffness()
+    for mode, joint in joints.items():
+        # Beyond the tests all slip of a joint is over.
+        stiffness[modes.index(mode)] -= joint.stuck_stiffness
+    displacement: dict[int, float] = {}
+    velocity: dict[int, float] = {}
+    for system in systems:
+        couplings = _list_couplings(system)
+        coupled = sorted({mode for product in couplings for mode in product.modes})
+        largest = {mode: joints[mode].largest for mode in coupled}
+        speed = {mode: 2 * np.pi * float(modes.frequency_hz[modes.index(mode)]) * largest[mode] for mode in coupled}
+        reach = Reach(largest, speed)
+        if coupled and not is_stable_beyond(couplings, (stiffness, modes.damping()), laws, reach):
+            displacement |= largest
+            velocity |= speed
+    return Reach(displacement, velocity) if displacement else None
 
 
 def _hold_law(law: Law, given: LinearModes, corrected: LinearModes, mode: int, joint: ModalJoint) -> TermSet:
@@ -406,12 +438,19 @@ def _warn_of_amplitudes(
             yield f"the amplitude of mode {mode} in truth test {each.test.name!r} is not known: {error}"
             continue
         if times > MODAL.extrapolated:
-            held = " and of ".join(list_held(model.laws.get(mode, LINEAR)))
-            which = f", with its powers of {held} held where they would become unstable" if held else ""
+            which = _say_held(model, mode)
             yield (
                 f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests that its law "
                 f"was fitted to: the force there is an extrapolation{which}; fit tests of this level"
             )
+
+
+def _say_held(model: NonlinearModalModel, mode: int) -> str:
+    """Return a clause on what is held of a mode, "" where nothing is."""
+    powers = " and of ".join(list_held(model.laws.get(mode, LINEAR)))
+    has_couplings = model.reach is not None and mode in model.reach.displacement
+    held = [f"powers of {powers}"] * bool(powers) + ["couplings"] * has_couplings
+    return f", with its {' and its '.join(held)} held where they would become unstable" if held else ""
 
 
 def _warn_of_truth_tests(done: Sequence[TruthTest]) -> Iterator[str]:

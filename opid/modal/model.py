@@ -15,7 +15,7 @@ from opid.errors import InputError
 from opid.mechanics.laws.law import LINEAR, TermSet
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.couplings import Product, make_joints
+from opid.modal.couplings import Product, Reach, make_joints
 from opid.modal.joint_terms import ModalJoint
 from opid.modal.linear.modes import LinearModes, ModalTest, force_projection
 from opid.modal.settings import MODAL
@@ -35,6 +35,7 @@ class NonlinearModalModel:
             fits may be held beyond the tests (`hold_unstable`).
         joints: friction and slip by the number of the mode, beside its law.
         couplings: coefficients of the products by which modes drive each other.
+        reach: how far the tests moved the modes whose couplings are held beyond that; None where none are.
 
     Raises:
         InputError: a mode that is not there.
@@ -49,6 +50,7 @@ class NonlinearModalModel:
     laws: Mapping[int, TermSet] = field(default_factory=dict)
     joints: Mapping[int, ModalJoint] = field(default_factory=dict)
     couplings: Mapping[Product, float] = field(default_factory=dict)
+    reach: Reach | None = None
 
     def __post_init__(self) -> None:
         for mode in (*self.laws, *self.joints, *(mode for product in self.couplings for mode in product.modes)):
@@ -73,7 +75,7 @@ class NonlinearModalModel:
             if law.terms or sliders:
                 joints.append(Joint(f"mode {mode}", np.eye(n)[mode - 1], law=law, sliders=sliders))
         names = tuple(f"mode {mode + 1}" for mode in range(n))
-        joints += make_joints(self.couplings, n)
+        joints += make_joints(self.couplings, n, self.reach)
         return Structure(np.eye(n), np.diag(self.modes.damping()), np.diag(stiffness), tuple(joints), names)
 
 

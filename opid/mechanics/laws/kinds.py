@@ -149,6 +149,13 @@ def _held_stiffness(z: Any, v: Any, s: Any, n: Any) -> ForceAndDerivatives:
     return z * secant, secant * (1.0 + more * within), 0.0, by_s, z * secant * np.log(held)
 
 
+def _held_even_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    travel = np.abs(z)
+    within = np.sign(np.maximum(s - travel, 0.0))
+    held = np.minimum(travel, s)
+    return travel * held, np.sign(z) * held * (1.0 + within), 0.0, (1.0 - within) * travel, 0.0
+
+
 def _held_damping(z: Any, v: Any, s: Any, n: Any) -> ForceAndDerivatives:
     speed = np.abs(v)
     within = np.sign(np.maximum(s - speed, 0.0))
@@ -444,6 +451,19 @@ BUILT_IN = (
             Parameter("exponent", "1", "exponent", 3.0),
         ),
         _held_stiffness,
+        searched=False,
+    ),
+    # the same of an even spring, by which modes drive each other
+    Kind(
+        "held_even_stiffness",
+        r"k\, |z| \min(|z|, s)",
+        (
+            Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 5e6),
+            Parameter("scale_m", "m", "scale", 0.004),
+        ),
+        _held_even_stiffness,
+        is_about_rest=True,
+        is_even=True,
         searched=False,
     ),
     Kind(
