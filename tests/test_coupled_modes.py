@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.mechanics.structure import force_of
 from opid.modal.couplings import Product, expand_joint, list_products, make_joints
 from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
@@ -293,3 +294,47 @@ def test_the_model_has_the_friction_of_free_decays():
     assert abs(law.friction.value - 0.4) < 3 * law.friction.std
     assert found.model.joints[1].terms.friction == law.friction.value
     assert any(row.name == "mode_1.decays.friction" for row in found.summary())
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_named_coupling_that_the_tests_do_not_show_is_told_when_it_is_dropped(seed):
+    alone = NonlinearModalModel(MODES, {1: power_law({3: -4e9}, {})})
+    tests = make_beats(alone, (2.0, 4.0, 6.0, 8.0), seed=seed)
+    found = identify_modes(make_study(tests, couplings=((1, 1, 2),), stiffness_order=3, damping_order=1))
+    fitted = [each.product for system in found.systems for each in system.couplings]
+    if fitted:  # Then its interval holds that there is none.
+        assert any("cannot tell the coupling(s) k q1^2 q2 from zero" in text for text in found.warnings)
+    else:
+        (told,) = (text for text in found.warnings if "k q1^2 q2 that the study names are left out" in text)
+        # The law of mode 1 explains it; what is left is noise at the frequency of mode 2, which does not move.
+        assert "so that these tests do not show them" in told or "of that of mode 2 is left" in told
+
+
+def test_a_start_that_runs_away_says_what_was_given_and_what_to_do(beats):
+    fit = fit_mode(beats[:3], 1, stiffness_order=3, damping_order=1)
+    steep = replace(fit, stiffness={**fit.stiffness, 3: Estimate.normal(-1e14, 0.0)})
+    with pytest.raises(InputError, match="grows without bound") as raised:
+        fit_system(beats[:3], steep, products=(Product((1, 1, 2)),), search_own=False)
+    for words in (
+        "k3, k q1^2 q2, from the equation of motion",
+        "'beat ",
+        "m kg^1/2",
+        "needs a bounded motion",
+        "lower",
+    ):
+        assert words in str(raised.value)
+
+
+def test_a_coupling_of_a_mode_that_only_decays_show_is_told(beats):
+    time = np.arange(4096) / FS
+    motion = modal_response(
+        NonlinearModalModel(MODES), np.zeros(time.size), fs=FS, drive_point="a", displacement=[0.0, 2e-4]
+    )
+    noisy = motion.acceleration @ MODES.shapes.T
+    noisy = noisy + 1e-3 * noisy.std() * np.random.default_rng(0).standard_normal(noisy.shape)
+    record = recording_from_arrays(list(noisy.T), list(MODES.sensors), fs=FS, unit="m/s^2")
+    decay = StudyTest(modal_test(record, MODES, name="decay"), "decay", 2)
+    study = make_study(beats[:3], stiffness_order=3, damping_order=1)
+    both = replace(study, nonlinear=(1, 2), couplings=((2, 2, 2),), tests=(*study.tests, decay))
+    found = identify_modes(both)
+    assert any("k q2^3 that the study names are left out: no forced test" in text for text in found.warnings)

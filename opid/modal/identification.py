@@ -284,13 +284,31 @@ def _fit_systems(
     warnings: list[str] = []
     taken: set[int] = set()
     for fit in fits:
-        found = None if taken & _list_involved(study, fit) else _try_system(study, fit, say, warnings)
+        others = taken & _list_involved(study, fit)
+        found = None if others else _try_system(study, fit, say, warnings)
+        if others and (named := study.find_couplings(fit.mode)):
+            warnings.append(
+                f"the coupling(s) {_name_products(named)} that the study names are left out: mode(s) "
+                f"{', '.join(map(str, sorted(others)))} are already fitted together with other modes; fit them in a "
+                f"study of their own, in which mode {fit.mode} is the only nonlinear one"
+            )
         done.append(found.fit if found else fit)
         if found:
             taken |= set(found.modes)
             systems.append(found)
             warnings += found.warnings
+    fitted = {fit.mode for fit in fits}
+    warnings += [
+        f"the coupling(s) {_name_products(study.find_couplings(mode))} that the study names are left out: no forced "
+        f'test moves mode {mode}, and free decays do not show what drives what; give it a test with use = "fit"'
+        for mode in study.nonlinear
+        if mode not in fitted and study.find_couplings(mode)
+    ]
     return tuple(done), tuple(systems), warnings
+
+
+def _name_products(products: Sequence[Product]) -> str:
+    return ", ".join(each.name for each in products)
 
 
 def _list_involved(study: ModalStudy, fit: ModeFit) -> set[int]:
@@ -310,10 +328,11 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
     tests = [each.test for each in study.tests if each.test.name in fit.tests]
     tests = [delay_forces(test, delay_s) for test in tests] if delay_s else tests
     names = " and ".join(str(mode) for mode in sorted(involved))
+    lost = f"; the coupling(s) {_name_products(products)} that the study names are left out" if products else ""
     if not all(_is_fitted_to(fit, test.modes) for test in tests):
         warnings.append(
             f"mode(s) {names} are not fitted by simulation, for their tests have different linear modes: give the "
-            "tests of a mode one set of modes"
+            f"tests of a mode one set of modes{lost}"
         )
         return None
     say(f"mode{'s' * (len(involved) > 1)} {names} by simulation")
@@ -327,15 +346,17 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
             free_linear=study.free_linear is not False,
         )
     except InputError as error:
-        warnings.append(f"mode {fit.mode}: {error}")
+        warnings.append(f"mode {fit.mode}: {error}{lost}")
         return None
     if not found.is_good:
         left = ", ".join(f"{100 * each:.0f} % of that of mode {mode}" for mode, each in found.missed.items())
         warnings.append(
             f"no law that was tried explains the motion of mode{'s' * (len(involved) > 1)} {names} ({left} is left): "
-            "do not use the model where it moves; look for a mode or a state that the linear modes lack"
+            f"do not use the model where it moves; look for a mode or a state that the linear modes lack"
+            + (f"; {found.dropped}" if found.dropped else lost)
         )
         return None
+    warnings += [found.dropped] if found.dropped else []
     # Powers alone are known better from the equation, which is linear in them.
     has_joint = found.fit.friction.value is not None or found.fit.slip.value is not None
     return found if found.couplings or has_joint else None

@@ -303,5 +303,5 @@ def correct_modes(modes: LinearModes, corrections: Mapping[int, tuple[float, flo
         stiffness[modes.index(mode)] += of_stiffness
         damping[modes.index(mode)] += of_damping
     omega = np.sqrt(np.maximum(stiffness, 0.0))
-    ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
+    ratio = np.divide(damping, 2 * omega, out=modes.damping_ratio.copy(), where=omega > 0)
     return replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio)

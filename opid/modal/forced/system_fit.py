@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from opid.errors import InputError
+from opid.errors import InputError, list_names
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.couplings import Coupling, Product
@@ -98,6 +98,7 @@ class SystemFit:
         missed: misfit over the motion in the band of each mode, rms, by its number.
         trials: the forms of the law that were tried.
         warnings: one sentence for each warning about the fit.
+        dropped: why products that were named are not in the law, "" where all are, or none were named.
     """
 
     modes: tuple[int, ...]
@@ -108,6 +109,7 @@ class SystemFit:
     missed: Mapping[int, float]
     trials: tuple[LawTrial, ...]
     warnings: tuple[str, ...]
+    dropped: str = ""
 
     @property
     def is_good(self) -> bool:
@@ -161,10 +163,7 @@ def fit_system(
         system, fit, first, guesses, has_joint=products is None, search_own=search_own, free_linear=free_linear
     )
     if not trials:
-        raise InputError(
-            f"no law of mode {fit.mode} could be simulated in tests {', '.join(repr(test.name) for test in tests)}: "
-            "its start is too far off; give tests at lower levels, too"
-        )
+        raise InputError(_explain_unbounded(tests, fit, first))
     chosen = choose_trial(trials)
     ends = [chosen.found]
     if chosen.found.form.joint:
@@ -174,7 +173,41 @@ def fit_system(
     finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
     ends = sorted((refine_form(finer, each) for each in ends), key=lambda each: each.score)
     likely = [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
-    return _make_fit(finer, fit, trials, chosen, likely)
+    made = _make_fit(finer, fit, trials, chosen, likely)
+    return replace(made, dropped=_explain_dropped(products, trials, chosen)) if products else made
+
+
+def _explain_unbounded(tests: Sequence[ModalTest], fit: ModeFit, products: Sequence[Product]) -> str:
+    """Return why no law could be simulated: what the search was given, what it needs, and what to do."""
+    powers = [f"k{n}" for n in fit.stiffness if n > 1] + [f"c{n}" for n in fit.damping if n > 1]
+    terms = ", ".join([*powers, *(each.name for each in products)]) or "no nonlinear terms"
+    return (
+        f"no law of mode {fit.mode} could be simulated: with the values that the search begins with ({terms}, from the "
+        "equation of motion) the model grows without bound under the forces of "
+        f"{list_names(repr(each.name) for each in tests)}, which move the mode up to {fit.joint.largest:.3g} m kg^1/2, "
+        "where a search needs a bounded motion in every test; give tests at lower levels, too, lower orders, or name "
+        "fewer couplings"
+    )
+
+
+def _explain_dropped(products: Sequence[Product], trials: Sequence[Trial], chosen: Trial) -> str:
+    """Return why the law that was chosen lacks products that were named, "" where it has them."""
+    if {*products} <= {*chosen.found.values.couplings}:
+        return ""
+    names = ", ".join(each.name for each in products)
+    with_them = [each for each in trials if {*products} <= {*each.found.values.couplings}]
+    if not with_them:
+        return (
+            f"the coupling(s) {names} that the study names are left out of the law: with them no model of the tests "
+            "stays bounded, or its terms are not determined; give tests at lower levels, too"
+        )
+    best = min(with_them, key=lambda each: find_rms(each.found.errors))
+    without, having = (find_rms(each.found.errors) for each in (chosen, best))
+    return (
+        f"the coupling(s) {names} that the study names are left out of the law: each test in turn is missed by the law "
+        f"of the others by {100 * without:.2g} % of the motion without them, and by {100 * having:.2g} % with them, so "
+        "that these tests do not show them; give tests that move all of its modes, or leave it out of the study"
+    )
 
 
 def _choose_band(test: ModalTest, mode: int) -> tuple[float, float]:
