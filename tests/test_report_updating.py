@@ -23,6 +23,7 @@ from opid.report.sketch import sketch_joints
 from opid.report.updating import say_orders, say_reductions
 from opid.report.writing import build_document
 from opid.updating.chain_files import write_chains
+from opid.updating.model_class import Prior, StiffnessFactor
 from opid.updating.sampling.chains import Chain, effective_samples, split_r_hat
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
@@ -382,3 +383,21 @@ def test_what_few_readers_need_is_folded(result):
     assert {
         table.fold != "" for table in found.blocks if isinstance(table, Table) and table.columns[0].head == "sampling"
     } == {True}
+
+
+def test_a_factor_that_is_updated_with_a_law_has_one_row_and_its_truth(result):
+    """Both phases at once: the second parameter of the class is a factor of the linear stiffness."""
+    cubic, pair = result.classes[1], result.classes[2]
+    own = replace(cubic.model_class, factors=(StiffnessFactor("E_steel", Prior("uniform", 0.05, 5.0)),))
+    joint = replace(result, classes=(replace(pair, model_class=own),), best_class=own.name)
+    text = opid.text(joint, small_truth())
+    assert "theta_1 x 6.8×10⁷ N/m^3\n" in text
+    assert line_of(text, "theta_1").split()[1:] == ["1.710", "1.632", "..", "1.788", "1", "1.58", "no"]
+    factor = [line for line in text.splitlines() if line.startswith("E_steel")]
+    assert len(factor) == 2  # in both phases and in phase I
+    assert "of nominal" in factor[0]
+    assert "0.31" in factor[0]
+    document = json.loads(json_text(joint.to_dict()))
+    assert document["classes"][0]["factors"][0]["name"] == "E_steel"
+    assert document["classes"][0]["coefficients"]["E_steel"]["unit"] == "1"
+    assert sketch_joints(joint).alt.count("E_steel") == 1

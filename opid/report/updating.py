@@ -28,7 +28,7 @@ from opid.report.document import (
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.formulas import embed_formula
 from opid.report.sketch import sketch_joints
-from opid.updating.model_class import group_joints
+from opid.updating.model_class import StiffnessFactor, group_joints
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -201,12 +201,15 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
     )
     scales = (
         f"{name} x {format_number(each.scale, 4)} {each.unit}"
-        for name, each in zip(posterior.estimates, own.parameters, strict=True)
+        for name, each in zip(posterior.estimates, own.law_parameters, strict=False)
     )
     yield (f"{own.name}: {'; '.join(laws)}; {', '.join(scales)}",)
     true = find_true_theta(posterior, truth)
     of_theta = zip(posterior.estimates.items(), posterior.coefficients.items(), true, strict=True)
     for (name, estimate), (parameter, coefficient), value in of_theta:
+        if isinstance(parameter, StiffnessFactor):
+            yield build_estimate_row(parameter.words, "of nominal", estimate, value)
+            continue
         yield build_estimate_row(name, "1", estimate, value)
         known = None if value is None else value * parameter.scale + 0.0
         yield build_estimate_row(parameter.words, parameter.unit, coefficient, known)
