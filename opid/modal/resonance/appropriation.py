@@ -345,13 +345,7 @@ def modal_interaction(
     Raises:
         InputError: a threshold out of range, or modes that do not match those of the appropriation.
     """
-    if not (0.0 < least_fraction < np.inf and 0.0 < least_assurance < 1.0 and 0.0 < most_driven < np.inf):
-        raise InputError(
-            f"least_fraction is {least_fraction}, least_assurance {least_assurance}, most_driven {most_driven}: give "
-            "positive numbers, and a MAC below 1"
-        )
-    if least_levels != int(least_levels) or least_levels < 1:
-        raise InputError(f"least_levels is {least_levels}: give a whole number, 1 or more")
+    _require_thresholds(least_fraction, least_assurance, most_driven, least_levels)
     known = modes or appropriation.modes
     if known.sensors != appropriation.modes.sensors or known.n_modes != appropriation.modes.n_modes:
         raise InputError("the modes have other sensors or another number of modes than those of the appropriation")
@@ -369,10 +363,7 @@ def modal_interaction(
     others[target], others[:, 0] = False, False
     if not others.any():
         raise InputError("there is no other elastic mode: an interaction needs two, give more modes")
-    # The chosen harmonic fulfils the conditions at the most levels, and has the largest fraction among equals.
-    times = np.where(others, holds.sum(axis=0), -1)
-    largest = np.where(times == times.max(), (fractions[locked] if locked.any() else fractions).max(axis=0), -1.0)
-    index, line = (int(each) for each in np.unravel_index(np.argmax(np.where(others, largest, -1.0)), largest.shape))
+    index, line = _choose_harmonic(holds, fractions, locked, others)
     held = holds[:, index, line]
     found = Interaction(
         target=appropriation.mode,
@@ -392,6 +383,26 @@ def modal_interaction(
         statement="",
     )
     return replace(found, statement=_describe_interaction(found, locked, least_levels, appropriation.held_word))
+
+
+def _require_thresholds(least_fraction: float, least_assurance: float, most_driven: float, least_levels: int) -> None:
+    if not (0.0 < least_fraction < np.inf and 0.0 < least_assurance < 1.0 and 0.0 < most_driven < np.inf):
+        raise InputError(
+            f"least_fraction is {least_fraction}, least_assurance {least_assurance}, most_driven {most_driven}: give "
+            "positive numbers, and a MAC below 1"
+        )
+    if least_levels != int(least_levels) or least_levels < 1:
+        raise InputError(f"least_levels is {least_levels}: give a whole number, 1 or more")
+
+
+def _choose_harmonic(
+    holds: NDArray[np.bool_], fractions: FloatArray, locked: NDArray[np.bool_], others: NDArray[np.bool_]
+) -> tuple[int, int]:
+    """Return the indices of mode and harmonic that fulfil the conditions at the most levels, the largest of equals."""
+    times = np.where(others, holds.sum(axis=0), -1)
+    largest = np.where(times == times.max(), (fractions[locked] if locked.any() else fractions).max(axis=0), -1.0)
+    index, line = np.unravel_index(np.argmax(np.where(others, largest, -1.0)), largest.shape)
+    return int(index), int(line)
 
 
 def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray:

@@ -63,12 +63,7 @@ def resonance_study(
     say, case = progress or (lambda step: None), series.case
     number = case.nonlinear_modes[0] if mode is None else mode
     index = case.modes.index(number)
-    row = (
-        np.abs(case.modes.shapes[:, index]).max()
-        if series.top_sensor is None
-        else case.modes.row(series.top_sensor)[index]
-    )
-    top = series.top_m_per_s2 * abs(float(case.modes.row(case.drive_point)[index] / row))
+    top = _find_top(series, index)
     say("the voltages")
     shared: dict[str, Any] = {"drive_point": case.drive_point, "noise_fraction": noise_fraction}
     voltages = levels_for(case.rig, case.modes, number, top_m_per_s2=top, rng=rng, n_levels=n_levels, **shared)
@@ -93,6 +88,13 @@ def resonance_study(
     title = f"{series.title}, mode {number} at phase resonance"
     tests = (StudyTest(test, "resonance", number),)
     return ModalStudy(title, modes, (number,), tests, case.drive_point, curves=curves)
+
+
+def _find_top(series: VirtualSeries, index: int) -> float:
+    """Return the amplitude of the drive point at the highest level of a mode, m/s^2."""
+    modes = series.case.modes
+    row = np.abs(modes.shapes[:, index]).max() if series.top_sensor is None else modes.row(series.top_sensor)[index]
+    return series.top_m_per_s2 * abs(float(modes.row(series.case.drive_point)[index] / row))
 
 
 def _follow_steps(hz: FloatArray, counts: NDArray[np.int64], rate: FloatArray) -> FloatArray:
