@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from made_decays import decay_with_friction, noisy_after_rest
+from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
 from opid.mechanics.response import time_response
@@ -178,3 +179,43 @@ def test_orders_of_a_mode_without_friction_keep_their_intervals():
         assert decay.warnings == ()
         held.append(decay.damping_low.holds(0.004))
     assert sum(held) >= 7
+
+
+def humming(seed, level, base=50.0, cubic=0.0):
+    """A decay within 0.05 Hz of the mains in their hum, a fraction of its peak, natural frequency and damping."""
+    rng = np.random.default_rng(seed)
+    frequency, zeta = base + rng.uniform(-0.05, 0.05), rng.uniform(0.003, 0.006)
+    omega, time = 2.0 * np.pi * frequency, np.arange(round(9.0 * 1024.0)) / 1024.0
+
+    def force(q, v):
+        return 2.0 * zeta * omega * v + omega**2 * (q + cubic * q**3)
+
+    found = solve_ivp(lambda _, y: (y[1], -force(*y)), (0.0, 9.0), (0.0, omega), "DOP853", time, rtol=1e-8, atol=1e-11)
+    whole = np.concatenate([np.zeros(500), -force(*found.y)])
+    turn = 2.0 * np.pi * (base + rng.uniform(-0.01, 0.01)) * np.arange(whole.size) / 1024.0 + rng.uniform(0.0, 6.28)
+    top = np.abs(whole).max()
+    return whole + top * (level * np.sin(turn) + 5e-4 * rng.standard_normal(whole.size)), frequency, zeta
+
+
+@pytest.mark.parametrize("cubic", [0.0, 0.05])
+@pytest.mark.parametrize("level", [0.001, 0.002, 0.005])
+def test_hum_in_the_frequency_of_the_mode_is_subtracted(level, cubic):
+    scores = []
+    for seed in range(4):
+        samples, frequency, zeta = humming(seed, level, cubic=cubic)
+        decay = free_decay(samples, fs=1024.0)
+        assert any("taken for hum and subtracted" in each for each in decay.warnings)
+        assert decay.damping_low.value == pytest.approx(zeta, rel=0.005)
+        assert decay.frequency_low_hz.value == pytest.approx(frequency, abs=2e-3)
+        scores.append((decay.damping_low.value - zeta) / decay.damping_low.std)
+        scores.append((decay.frequency_low_hz.value - frequency) / decay.frequency_low_hz.std)
+    assert np.sqrt(np.mean(np.square(scores))) < 2.2
+
+
+def test_no_hum_is_found_where_there_is_none():
+    for seed in range(10):
+        base, cubic = (50.0, 60.0)[seed % 2], (0.0, 0.05, -0.03)[seed % 3]
+        samples, frequency, _ = humming(seed, 0.0, base=base, cubic=cubic)
+        decay = free_decay(samples, fs=1024.0, stiffness_order=3, damping_order=1)
+        assert decay.warnings == ()
+        assert decay.frequency_low_hz.value == pytest.approx(frequency, abs=4.0 * decay.frequency_low_hz.std)

@@ -154,6 +154,16 @@ class ModalThresholds:
     least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals
     # distance of a line from a multiple of 50 or 60 Hz at which it may be hum, a fraction of these: mains keep 0.2 %
     mains_width: float = 0.004
+    # distance of a mode from a multiple of the mains, a fraction, within which hum is searched in the end of its decay:
+    # farther off it is a neighbour, which the windows separate
+    hum_width: float = 0.02
+    fewest_hum: int = 8  # phasors of that end, half a kernel apart, that the line and the rest of the mode need
+    # factor by which the standard deviation of that line is enlarged: what is left of the mode beside it is not quite an
+    # exponential decay, and of ten hardening modes two were off by 2.6 and 3.8 standard deviations without it
+    hum_error: float = 2.0
+    hum_sigma: float = 12.0  # standard deviations of the line from which on it is subtracted
+    # the mode at the end of the record over the line: with more, what deviates from an exponential decay is like a line
+    left_beside_hum: float = 0.3
     # distance from 2 or 3 times the frequency of the mode at which another one may exchange energy with it, a fraction
     # of that multiple; nearer than 0.06 in the ratio a line cannot be told from the harmonic of the mode itself
     partner_width: float = 0.05

@@ -14,8 +14,8 @@ from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import DecayLaw, find_backbone, fit_decays
-from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_stretch
-from opid.modal.decay.track import Track, track_decay
+from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_hum, find_stretch
+from opid.modal.decay.track import Track, track_decay, widen_by_hum
 from opid.modal.forced.mode_tests import check_shapes
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficient_rows, coefficients_json
@@ -420,8 +420,20 @@ def _follow_free(
 
     def follow(free: tuple[int, int] | None) -> tuple[Track, Beginning, list[str]]:
         stretch = find_stretch(series, fs=fs, free=free, **vars(limits))
-        track, late = _track_late_if_needed(series, stretch, fs, limits.start_s is None)
-        return track, stretch.beginning, [*stretch.warnings, *late]
+        hum = find_hum(series, stretch, fs=fs)
+        if hum is None:
+            track, late = _track_late_if_needed(series, stretch, fs, limits.start_s is None)
+            return track, stretch.beginning, [*stretch.warnings, *late]
+        clean = series - hum.make_line(series.size, fs)
+        stretch = find_stretch(clean, fs=fs, free=free, **vars(limits))
+        track, late = _track_late_if_needed(clean, stretch, fs, limits.start_s is None)
+        told = (
+            f"the end of the record holds a steady line at {hum.frequency_hz:.4g} Hz, where this mode and the mains "
+            f"are, of {100.0 * abs(hum.phasor) / track.amplitude.max():.2g} % of the largest amplitude: it was taken "
+            "for hum and subtracted; check the cables"
+        )
+        track = widen_by_hum(track, hum)
+        return track, stretch.beginning, [told, *stretch.warnings, *late]
 
     if acting is None:
         return follow(None)

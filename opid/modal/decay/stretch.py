@@ -157,6 +157,98 @@ def find_phasor(samples: FloatArray, *, fs: float, frequency_hz: float) -> NDArr
     return np.asarray(2.0 * fftconvolve(turned, kernel, mode="same") / weight, dtype=np.complex128)
 
 
+@dataclass(frozen=True)
+class Hum:
+    """A steady line at a multiple of the mains, which the mode at the same frequency hides until it has decayed."""
+
+    frequency_hz: float
+    phasor: complex  # the line is the real part of phasor exp(2 pi j frequency t), t from the first sample
+    std: float  # standard deviation of the phasor, real and imaginary part together
+
+    def make_line(self, n: int, fs: float) -> FloatArray:
+        """Return n samples of the line."""
+        return np.real(self.phasor * np.exp(2j * np.pi * self.frequency_hz / fs * np.arange(n)))
+
+
+def find_hum(samples: FloatArray, stretch: Stretch, *, fs: float) -> Hum | None:
+    """Return the hum in the frequency of a mode, by the end of its decay and the quiet before it; None without any.
+
+    The end holds the line and what is left of the mode, which decays at a rate of its own. The line must stand out of
+    its error, and of the mode at the end of the record.
+    """
+    own, cycle = stretch.frequency_hz, fs / stretch.frequency_hz
+    lines = [base * max(round(own / base), 1) for base in (50.0, 60.0)]
+    mains = min(lines, key=lambda line: abs(line - own))
+    hop = max(1, round(0.5 * MODAL.kernel_cycles * cycle))
+    tail = np.arange(stretch.sure_stop + hop, stretch.stop - hop, hop)
+    if abs(mains - own) > MODAL.hum_width * mains or tail.size < MODAL.fewest_hum:
+        return None
+    turned = find_phasor(samples - np.median(samples[stretch.sure_stop :]), fs=fs, frequency_hz=mains)
+    before = np.arange(hop, stretch.start - 3 * hop, hop)
+    if before.size and np.abs(turned[before]).max() > 2.0 * np.abs(turned[tail]).max():
+        before = before[:0]
+    at = np.concatenate([before, tail])
+    centre = tail[tail.size // 2]
+    line, mode_at_end, std, apart = _fit_line(
+        turned[at], (at - centre) / fs, before.size, own - mains, max(stretch.rate, 1e-3 * own), mains
+    )
+    is_sure = abs(line) > MODAL.hum_sigma * std and mode_at_end < MODAL.left_beside_hum * abs(line)
+    if not is_sure or abs(apart) > 0.49 * MODAL.mains_width * mains:
+        return None
+    frequency = mains + apart
+    # The phasors turn with the mains from the first sample on, and with the rest from the centre.
+    return Hum(frequency, line * complex(np.exp(-2j * np.pi * apart * centre / fs)), std)
+
+
+def _fit_line(
+    seen: NDArray[np.complex128], time: FloatArray, n_before: int, mode_hz: float, rate: float, mains: float
+) -> tuple[complex, float, float, float]:
+    """Fit C exp(2 pi j f t) + D exp(2 pi j g t - r t) to phasors; the first `n_before` hold nothing of the second.
+
+    Returns:
+        C, the size of the second term at the last time, the standard deviation of C, and f, Hz. Frequencies are counted
+        from that of the mains, and f stays within half of what mains keep.
+    """
+    from scipy.optimize import least_squares
+
+    since = time - time[n_before]
+    has_mode = np.arange(time.size) >= n_before
+
+    def make_columns(unknown: FloatArray) -> NDArray[np.complex128]:
+        fall = np.exp(-np.exp(unknown[2]) * np.where(has_mode, since, 0.0)) * has_mode
+        return np.stack([np.exp(2j * np.pi * unknown[0] * time), fall * np.exp(2j * np.pi * unknown[1] * time)], axis=1)
+
+    def errors(unknown: FloatArray) -> FloatArray:
+        columns = make_columns(unknown)
+        left = seen - columns @ np.linalg.lstsq(columns, seen, rcond=1e-10)[0]
+        return np.asarray(left.view(np.float64) / np.abs(seen).max())
+
+    width, own = 0.5 * MODAL.mains_width * mains, mains + mode_hz
+    low = np.array([-width, mode_hz - 0.02 * own, np.log(1e-4 * own)])
+    high = np.array([width, mode_hz + 0.02 * own, np.log(own)])
+    late = slice((time.size + n_before) // 2, None)
+    turn = float(np.polyfit(time[late], np.unwrap(np.angle(seen[late])), 1)[0]) / (2.0 * np.pi)
+    start = np.clip([turn, mode_hz, np.log(rate)], low + 1e-9, high - 1e-9)
+    found = least_squares(errors, start, bounds=(low, high), x_scale=[0.1, 0.1, 1.0]).x
+    columns = make_columns(found)
+    values = np.linalg.lstsq(columns, seen, rcond=1e-10)[0]
+    left = seen - columns @ values
+    terms = columns * values
+    # The derivatives by real and imaginary part of C and D, by both frequencies and by the logarithm of the rate.
+    slopes = np.column_stack(
+        [columns, 1j * columns, 2j * np.pi * time[:, None] * terms, -np.exp(found[2]) * since * terms[:, 1]]
+    )
+    both = np.concatenate([slopes.real, slopes.imag])
+    variance = float(np.sum(np.abs(left) ** 2)) / max(2 * seen.size - both.shape[1], 1)
+    covariance = variance * np.linalg.pinv(both.T @ both, rcond=1e-12, hermitian=True)
+    return (
+        complex(values[0]),
+        float(abs(terms[-1, 1])),
+        float(np.sqrt(covariance[0, 0] + covariance[2, 2])),
+        float(found[0]),
+    )
+
+
 def find_spectrum_peaks(
     samples: FloatArray, *, fs: float, low_hz: float, high_hz: float
 ) -> tuple[FloatArray, FloatArray, float]:

@@ -8,12 +8,12 @@ before. No window reaches across the start of the decay, and no filter has to se
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.modal.decay.stretch import Stretch, find_phasor, find_spectrum_peaks
+from opid.modal.decay.stretch import Hum, Stretch, find_phasor, find_spectrum_peaks
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -91,6 +91,14 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
 
 _Followed = tuple[list[_Window], _Reference, FloatArray, FloatArray]
 """The windows and the reference of the last round, the neighbours that were fitted and those too close."""
+
+
+def widen_by_hum(track: Track, hum: Hum) -> Track:
+    """Return a track whose covariance holds the error of a line that was subtracted, which all windows share."""
+    turned = np.exp(1j * (2.0 * np.pi * hum.frequency_hz * track.time_s - track.phase)) / track.amplitude
+    by_real, by_imaginary = (np.concatenate([each.real, each.imag]) for each in (turned, 1j * turned))
+    more = 0.5 * (MODAL.hum_error * hum.std) ** 2 * (np.outer(by_real, by_real) + np.outer(by_imaginary, by_imaginary))
+    return replace(track, covariance=track.covariance + more)
 
 
 def _follow_best(part: FloatArray, stretch: Stretch, fs: float) -> _Followed:
