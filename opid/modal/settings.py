@@ -158,8 +158,8 @@ class ModalThresholds:
     # farther off it is a neighbour, which the windows separate
     hum_width: float = 0.02
     fewest_hum: int = 8  # phasors of that end, half a kernel apart, that the line and the rest of the mode need
-    # factor by which the standard deviation of that line is enlarged: what is left of the mode beside it is not quite an
-    # exponential decay, and of ten hardening modes two were off by 2.6 and 3.8 standard deviations without it
+    # factor by which the standard deviation of that line is enlarged: what is left of the mode beside it is not quite
+    # an exponential decay, and of four hardening modes two were off by 2.6 and 3.8 standard deviations without it
     hum_error: float = 2.0
     hum_sigma: float = 12.0  # standard deviations of the line from which on it is subtracted
     # the mode at the end of the record over the line: with more, what deviates from an exponential decay is like a line
