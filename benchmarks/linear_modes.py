@@ -5,10 +5,11 @@
 Each seed hits a structure five times at each drive point with a soft pulse of random height; every channel has noise of
 1 % of its rms. `cubic`, `case 1` and `case 2` are the structures of the virtual sine-beat series, so slightly hit that
 their joints do not slip; `two drive points` hits case 2 at two places. The other worlds are those of case 1 with
-accelerations that are 50 us late (`late`) or 2 % too large (`gain`), a record that ends while the structure still moves
-(`cut`), hits up to as hard as the highest sine beats, so that joints slip (`hard`; in `hard alike` all have nearly one
-height), and a force that counts in the other direction (`turned`). No seed is dropped. A mode that is left out and an
-answer that is refused are counted.
+accelerations that are 50 us late (`late`) or 2 % too large (`gain`), one sensor that is so late that its phase at the
+highest mode is 1 rad (`late sensor`), another sensor named as the drive point (`wrong point`), a record that ends while
+the structure still moves (`cut`), hits up to as hard as the highest sine beats, so that joints slip (`hard`; in `hard
+alike` all have nearly one height), and a force that counts in the other direction (`turned`). No seed is dropped. A
+mode that is left out and an answer that is refused are counted.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ class World:
         gain: factor on the accelerations.
         kept: fraction of the record that is kept.
         sign: of the force.
+        late_rad: phase by which the first sensor is late at the highest mode.
+        named: index of the sensor that is named as the drive point; the right one where None.
     """
 
     case: str = "1"
@@ -56,6 +59,8 @@ class World:
     gain: float = 1.0
     kept: float = 1.0
     sign: int = 1
+    late_rad: float = 0.0
+    named: int | None = None
 
 
 WORLDS = {
@@ -65,6 +70,8 @@ WORLDS = {
     "two drive points": World("2", n_drives=2),
     "late": World("1", late_s=5e-5),
     "gain": World("1", gain=1.02),
+    "late sensor": World("1", late_rad=1.0),
+    "wrong point": World("1", named=1),
     "cut": World("1", kept=0.1),
     "hard": World("1", hardest=1.0),
     "hard alike": World("1", hardest=1.0, lightest=0.9),
@@ -84,7 +91,8 @@ class Outcome:
         frequency: errors of the natural frequencies, %.
         damping: errors of the damping ratios, %.
         mass: errors of the modal masses, %.
-        holds: whether the intervals of these three hold; None where none is given.
+        shape: errors of the shapes, % of the largest entry of each.
+        holds: whether the intervals of the first three hold; None where none is given.
         seconds: of the processor.
         said: the reason of a refusal, or the warnings.
     """
@@ -96,6 +104,7 @@ class Outcome:
     frequency: tuple[float, ...]
     damping: tuple[float, ...]
     mass: tuple[float, ...]
+    shape: tuple[float, ...]
     holds: tuple[tuple[bool | None, ...], ...]
     seconds: float
     said: str
@@ -127,6 +136,9 @@ def hit(world: World, drive: str, rng: np.random.Generator, n_hits: int) -> tupl
             frequency_hz = np.fft.rfftfreq(len(samples), 1 / fs)[:, np.newaxis]
             late = np.exp(-2j * np.pi * frequency_hz * world.late_s)
             samples[:, others] = np.fft.irfft(np.fft.rfft(samples[:, others], axis=0) * late, len(samples), axis=0)
+            own = run.index(modes.sensors[0])
+            turned = np.exp(-1j * world.late_rad * frequency_hz[:, 0] / float(modes.frequency_hz.max()))
+            samples[:, own] = np.fft.irfft(np.fft.rfft(samples[:, own]) * turned, len(samples))
             samples[:, others] *= world.gain
             samples[:, force] *= world.sign
             yield replace(run, samples=samples[: round(world.kept * len(samples))])
@@ -145,20 +157,22 @@ def run(job: tuple[str, int]) -> Outcome:
     for drive in drives:
         records, _ = hit(world, drive, rng, N_HITS)
         tests = [modal_test(each, modes, name=str(k), force=FORCE, drive_point=drive) for k, each in enumerate(records)]
-        responses.append(measured_response(tests))
+        response = measured_response(tests)
+        named = drive if world.named is None else modes.sensors[world.named]
+        responses.append(replace(response, drive_point=named))
     true_hz, begun = modes.frequency_hz[modes.elastic], time.process_time()
     band_hz = (0.7 * float(true_hz.min()), 1.1 * float(true_hz.max()))
     try:
         found = fit_modes(responses, band_hz=band_hz)
     except ValueError as error:
         seconds = time.process_time() - begun
-        return Outcome(*job, true_hz.size, 0, (), (), (), (), seconds, f"refused: {error}")
+        return Outcome(*job, true_hz.size, 0, (), (), (), (), (), seconds, f"refused: {error}")
     return compare(job, modes, drives, found, time.process_time() - begun)
 
 
 def compare(job: tuple[str, int], modes: LinearModes, drives: list[str], found: FittedModes, seconds: float) -> Outcome:
     """Return the errors of the modes that were found."""
-    errors, holds, wrong = [], [], 0
+    errors, shape, holds, wrong = [], [], [], 0
     for k, frequency in enumerate(found.frequency_hz):
         mode = int(np.argmin(np.abs(modes.frequency_hz - (frequency.value or 0.0))))
         if abs((frequency.value or 0.0) / modes.frequency_hz[mode] - 1) > 0.01:
@@ -168,22 +182,42 @@ def compare(job: tuple[str, int], modes: LinearModes, drives: list[str], found: 
         mass_kg = found.modal_mass_kg[k].value or np.nan
         # The modal mass is that at the drive point at which the mode moves most clearly.
         drive = min(drives, key=lambda name: abs(mass_kg * found.shapes[found.sensors.index(name), k] ** 2 - 1))
+        true = (
+            modes.shapes[:, mode] if found.has_scale else modes.shapes[:, mode] / _find_largest(modes.shapes[:, mode])
+        )
+        off = np.sign(float(np.nansum(true * found.shapes[:, k]))) * found.shapes[:, k] - true
+        shape.append(100 * float(np.nanmax(np.abs(off)) / np.max(np.abs(true))))
         truths = modes.frequency_hz[mode], modes.damping_ratio[mode], 1 / modes.row(drive)[mode] ** 2
         estimates = frequency, found.damping_ratio[k], found.modal_mass_kg[k]
         errors.append(
             tuple(100 * ((one.value or np.nan) / true - 1) for one, true in zip(estimates, truths, strict=True))
         )
-        holds.append(tuple(one.holds(float(true)) for one, true in zip(estimates, truths, strict=True)))
+        holds.append(
+            tuple(
+                None if one.value is None else one.holds(float(true))
+                for one, true in zip(estimates, truths, strict=True)
+            )
+        )
     columns = tuple(zip(*errors, strict=True)) or ((), (), ())
     said = " | ".join(found.warnings)
-    return Outcome(*job, int(modes.elastic.sum()), wrong, *columns, tuple(holds), seconds, said)
+    return Outcome(*job, int(modes.elastic.sum()), wrong, *columns, tuple(shape), tuple(holds), seconds, said)
+
+
+def _find_largest(shape: np.ndarray) -> float:
+    """Return the entry of a shape with the largest size."""
+    return float(shape[int(np.argmax(np.abs(shape)))])
 
 
 def describe(one: Outcome) -> str:
     """Return the line of one seed."""
     worst = ", ".join(
         f"{name} {quantiles([abs(x) for x in each], 0.5, 1.0) if each else '-'} %"
-        for name, each in (("frequency", one.frequency), ("damping", one.damping), ("mass", one.mass))
+        for name, each in (
+            ("frequency", one.frequency),
+            ("damping", one.damping),
+            ("mass", one.mass),
+            ("shape", one.shape),
+        )
     )
     counts = f"{len(one.holds)} of {one.n_modes} modes, {one.n_wrong} wrong"
     return f"{one.world} {one.seed}: {counts}, {worst}; {one.seconds:.1f} s {one.said[:200]}"
@@ -202,16 +236,16 @@ def main() -> None:
     print(
         table_head(
             "world", "seeds", "refused", "modes given", "wrong modes", f"frequency: {error}", f"damping: {error}",
-            f"modal mass: {error}", f"{hold}frequency", "damping", "mass",
+            f"modal mass: {error}", f"shape: {error}", f"{hold}frequency", "damping", "mass",
         )
     )  # fmt: skip
     for world in worlds:
         own = [each for each in found if each.world == world]
         given = [each for each in own if not each.said.startswith("refused")]
-        columns = [
-            quantiles([abs(x) for one in given for x in getattr(one, name)], 0.5, 1.0) if given else "-"
-            for name in ("frequency", "damping", "mass")
-        ]
+        columns = []
+        for name in ("frequency", "damping", "mass", "shape"):
+            sizes = [abs(x) for one in given for x in getattr(one, name) if np.isfinite(x)]
+            columns.append(quantiles(sizes, 0.5, 1.0) if sizes else "-")
         held = [share([each[k] for one in given for each in one.holds if each[k] is not None]) for k in range(3)]
         modes = f"{sum(len(one.holds) for one in given)} of {sum(one.n_modes for one in given)}"
         wrong = sum(one.n_wrong for one in given)

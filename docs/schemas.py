@@ -352,6 +352,7 @@ def _joint() -> Json:
 
 def _linear_modes() -> Json:
     names = ("band_hz", "sensors", "units", "unexplained", "warnings", "frequency_hz", "damping_ratio", "modal_mass_kg")
+    names += ("sensor_delay_s", "misfits", "has_scale", "drive_candidates")
     matrices = fields_of(FittedModes, "shapes", "shape_std")
     return fields_of(FittedModes, *names, "delay_s") | {
         **{name: array(array(NUMBER)) | {"description": each["description"]} for name, each in matrices.items()},

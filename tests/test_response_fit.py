@@ -113,8 +113,11 @@ def test_drive_points_that_contradict_each_other_are_told(gains):
 def test_a_force_that_acted_elsewhere_is_told():
     wrong = [replace(respond(drive="tip"), drive_point="side"), respond(drive="middle", seed=1)]
     found = fit_modes(wrong, band_hz=BAND_HZ)
-    assert any("do not belong to one shape" in each for each in found.warnings)
-    assert all(mass.std is None for mass in found.modal_mass_kg)
+    assert any("the force did not act at 'side'" in each for each in found.warnings)
+    assert not found.has_scale
+    assert all(mass.value is None for mass in found.modal_mass_kg)
+    assert "tip" in found.drive_candidates[0]
+    assert "side" not in found.drive_candidates[0]
 
 
 def test_a_delay_of_the_accelerations_is_fitted_and_told():
@@ -123,6 +126,108 @@ def test_a_delay_of_the_accelerations_is_fitted_and_told():
     found = fit_modes([late], band_hz=BAND_HZ)
     assert found.delay_s.value == pytest.approx(1e-4, abs=4 * found.delay_s.std)
     assert found.damping_ratio[0].value == pytest.approx(0.006, rel=0.02)
+
+
+def delayed(response, sensor, delay_s):
+    """Return the response of a sensor that comes later than the others."""
+    value = response.value.copy()
+    value[:, SENSORS.index(sensor)] *= np.exp(-2j * np.pi * response.frequency_hz * delay_s)
+    return replace(response, value=value)
+
+
+@pytest.mark.parametrize(("sensor", "delay_s"), [("tip", 5e-4), ("middle", 5e-4), ("root", -1e-4), ("side", 4e-3)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_late_sensor_keeps_its_shape(sensor, delay_s, seed):
+    """At 91 Hz the phases are up to 2.3 rad; without the delay the residues of that sensor even change their sign."""
+    found = fit_modes([delayed(respond(seed=seed), sensor, delay_s)], band_hz=BAND_HZ)
+    own = found.sensor_delay_s[SENSORS.index(sensor)]
+    assert own.holds(delay_s)
+    assert [each.value is None for each in found.sensor_delay_s] == [name != sensor for name in SENSORS]
+    assert found.has_scale
+    np.testing.assert_allclose(np.abs(found.shapes), np.abs(MODES.shapes[:, 1:]), atol=2e-3)
+    assert any(f"sensor '{sensor}' comes" in each and "which the fit corrects" in each for each in found.warnings)
+
+
+@pytest.mark.parametrize("noise", [3e-4, 1e-3, 1e-2])
+def test_sound_sensors_get_no_delay_and_no_warning(noise):
+    """In 12 seeds of each noise."""
+    for seed in range(12):
+        found = fit_modes([respond(noise=noise, seed=seed)], band_hz=BAND_HZ)
+        assert all(each.value is None for each in found.sensor_delay_s)
+        assert all(each.excess == 0.0 for each in found.misfits)
+        assert not any("sensor" in each for each in found.warnings)
+
+
+def test_two_late_sensors_of_two_drive_points_are_found():
+    responses = [delayed(delayed(respond(drive=drive), "middle", 3e-4), "side", 8e-4) for drive in ("tip", "root")]
+    found = fit_modes(responses, band_hz=BAND_HZ)
+    assert [round(1e4 * (each.value or 0.0)) for each in found.sensor_delay_s] == [0, 3, 0, 8]
+    np.testing.assert_allclose(np.abs(found.shapes), np.abs(MODES.shapes[:, 1:]), atol=2e-3)
+
+
+def rattle(response, sensor, fraction, seed):
+    """Return the response of a sensor on a bracket of its own, whose resonances no other sensor shows."""
+    rng, value, column = np.random.default_rng(seed), response.value.copy(), SENSORS.index(sensor)
+    own = 0.0
+    for own_hz in rng.uniform(30.0, 110.0, 4):
+        own = own + rng.choice([-1.0, 1.0]) / (1 - (LINES_HZ / own_hz) ** 2 + 0.3j * LINES_HZ / own_hz)
+    value[:, column] *= 1 + fraction * own / np.sqrt(np.mean(np.abs(own) ** 2))
+    return replace(response, value=value)
+
+
+@pytest.mark.parametrize("sensor", ["middle", "tip"])
+def test_a_sensor_that_the_modes_do_not_explain_gets_wide_shapes_or_none(sensor):
+    """In 8 seeds each: by the noise alone one interval in four would hold.
+
+    What the bracket does in phase with a mode shows nowhere, so that not all of the wide ones do.
+    """
+    held, by_noise, widened = [], [], 0
+    for fraction in (0.1, 0.6):
+        for seed in range(8):
+            found = fit_modes([rattle(respond(seed=seed), sensor, fraction, seed)], band_hz=BAND_HZ)
+            own, excess = SENSORS.index(sensor), found.misfits[SENSORS.index(sensor)].excess
+            assert excess > 0.01
+            assert any(f"of the responses of sensor '{sensor}'" in each for each in found.warnings) == (excess > 0.02)
+            if np.isnan(found.shapes[own]).any():
+                assert excess > 0.3
+                assert found.has_scale == (sensor != "tip")
+                if found.has_scale:
+                    assert sensor not in found.modes.sensors
+                continue
+            modes = [int(np.argmin(np.abs(MODES.frequency_hz - (each.value or 0.0)))) for each in found.frequency_hz]
+            off = np.abs(found.shapes[own]) - np.abs(MODES.shapes[own, modes])
+            held += (np.abs(off) < 1.96 * found.shape_std[own]).tolist()
+            by_noise += (np.abs(off) < 4e-3).tolist()  # twice what sound sensors of this noise are off, see above
+            widened += 1
+    assert widened >= 8
+    assert np.mean(held) > 0.8
+    assert np.mean(by_noise) < 0.5
+
+
+@pytest.mark.parametrize("named", ["middle", "root", "side"])
+def test_a_wrong_drive_point_gets_no_masses(named):
+    """The residues at the sensor that is named have both signs, and only those at the tip do not."""
+    for seed in range(4):
+        found = fit_modes([replace(respond(seed=seed), drive_point=named)], band_hz=BAND_HZ)
+        assert not found.has_scale
+        assert all(mass.value is None for mass in found.modal_mass_kg)
+        assert found.drive_candidates == (("tip",),)
+        assert any(f"the force did not act at '{named}'" in each and "allow 'tip'" in each for each in found.warnings)
+        relative = MODES.shapes[:, 1:] / MODES.shapes[np.argmax(np.abs(MODES.shapes[:, 1:]), axis=0), range(1, 4)]
+        np.testing.assert_allclose(found.shapes, relative, atol=5e-3)
+        with pytest.raises(NotDeterminedError, match="not mass-normalised"):
+            _ = found.modes
+
+
+def test_a_wrong_drive_point_of_which_all_signs_agree_is_an_assumption_that_is_told():
+    shapes = MODES.shapes.copy()
+    shapes[1, 1:] = [0.2, -0.25, 0.2]
+    alike = replace(MODES, shapes=shapes)
+    found = fit_modes([replace(respond(alike), drive_point="middle")], band_hz=BAND_HZ)
+    assert found.has_scale
+    assert found.drive_candidates == (("tip", "middle"),)
+    assert "assume that the force acted at 'middle'" in " ".join(text(found).split())
+    assert "which 'tip' would show as well, so that this is not proved" in " ".join(text(found).split())
 
 
 def test_a_mode_that_hardly_moves_the_drive_point_is_left_out():
@@ -242,6 +347,19 @@ def test_the_command_writes_modes_that_a_study_reads(tmp_path, monkeypatch):
     ).read_text(encoding="utf-8")
     twice = opid("modes", *logs, "--drive-point", "tip", "--drive-point", "root", "--band", "25", "115")
     assert "--drive-point is given 2 times for 3 logs" in twice.stderr
+
+
+def test_the_command_writes_no_modes_file_for_a_wrong_drive_point(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_log(ring(0), tmp_path / "hit.csv")
+    words = ("--drive-point", "side", "--force-channel", "hammer", "--band", "25", "115", "--out", "found")
+    done = opid("modes", "hit.csv", *words)
+    assert done.exit_code == 0, done.output
+    assert "There is no modes.csv" in done.output
+    assert not (tmp_path / "found" / "modes.csv").exists()
+    written = json.loads((tmp_path / "found" / "result.json").read_text())
+    assert not written["has_scale"]
+    assert written["drive_candidates"] == [["tip"]]
 
 
 def test_units_that_a_log_does_not_state_are_given_by_channel(tmp_path, monkeypatch):

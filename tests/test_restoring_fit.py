@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ONE, ZETA, beat, beats, measured, softening
+from made_beats import C2, FOUR, FREQUENCY, FS, K3, LARGEST, OMEGA, ONE, ZETA, beat, beats, measured, softening
 
 from opid.errors import InputError
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
@@ -11,6 +11,7 @@ from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.restoring_fit import fit_coefficients, fit_delay, fit_modal_mass, fit_unweighted
 from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
 from opid.modal.model import NonlinearModalModel
+from opid.modal.power_laws import power_law
 
 BAND = (100.0, 140.0)
 CUBIC = {"stiffness_order": 3, "damping_order": 3}
@@ -254,6 +255,106 @@ def test_shapes_that_are_off_are_no_delay():
         fit = fit_mode(tests, 3, stiffness_order=3, damping_order=2, free_linear=True)
         assert not fit.is_delayed
         assert fit.delay_s.holds(0.0)
+
+
+LEVELS = (5.0, 16.0, 33.0, 55.0)
+NEAR = replace(FOUR, frequency_hz=np.array([0.0, 90.0, FREQUENCY, 131.0]))
+ORDERS = {"stiffness_order": 3, "damping_order": 2}
+
+
+def given_again(test, *, force=1.0, gains=(), modes=None):
+    """Return a test whose force, or sensors, have another scale, or with other modes."""
+    samples, recording = test.recording.samples.copy(), test.recording
+    samples[:, recording.index("force")] *= force
+    for sensor, gain in gains:
+        samples[:, recording.index(sensor)] *= gain
+    return modal_test(
+        replace(recording, samples=samples), modes or test.modes, name=test.name, force="force", drive_point="a"
+    )
+
+
+def without_last(modes):
+    return replace(
+        modes,
+        frequency_hz=modes.frequency_hz[:-1],
+        damping_ratio=modes.damping_ratio[:-1],
+        shapes=modes.shapes[:, :-1],
+    )
+
+
+def moved(rng):
+    """Return tests between which the natural frequencies moved by 0.03 %."""
+    states = [replace(FOUR, frequency_hz=FOUR.frequency_hz * (1 + 3e-4 * rng.standard_normal())) for _ in LEVELS]
+    tests = [
+        measured(softening(each, 3), beat(level), rng, name=f"{level:g} N")
+        for each, level in zip(states, LEVELS, strict=True)
+    ]
+    return [given_again(test, modes=FOUR) for test in tests]
+
+
+def sound(rng, model=None):
+    return beats(model or softening(FOUR, 3), rng, levels=LEVELS)
+
+
+WORLDS = {
+    "force 5 % high": lambda rng: [given_again(test, force=1.05) for test in sound(rng)],
+    "force 5 % low": lambda rng: [given_again(test, force=0.95) for test in sound(rng)],
+    "gain of the drive point": lambda rng: [given_again(test, gains=[("a", 1.3)]) for test in sound(rng)],
+    "gain of another sensor": lambda rng: [given_again(test, gains=[("c", 1.3)]) for test in sound(rng)],
+    "a neighbour is neglected": lambda rng: [
+        given_again(test, modes=without_last(NEAR)) for test in sound(rng, softening(NEAR, 3))
+    ],
+    "the linear state moved": moved,
+}
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_intervals_hold_the_law_where_an_assumption_is_wrong(world):
+    """In 4 seeds the law by the noise alone is off by many of its standard deviations; the given bands hold it."""
+    held, by_noise = [], []
+    for seed in range(4):
+        tests = WORLDS[world](np.random.default_rng(seed))
+        fit = fit_mode(tests, 3)
+        assert fit.misfit > 3
+        assert any("the law misses the tests by" in text for text in fit.warnings)
+        for curve, law in (
+            (fit.stiffness_curve, K3 * fit.stiffness_curve.position**3),
+            (fit.damping_curve, C2 * fit.damping_curve.position**2),
+        ):
+            some = [25, 50, 75, 100]
+            held += ((curve.low <= law) & (law <= curve.high))[some].tolist()
+        orders = {"stiffness_order": fit.stiffness_order, "damping_order": fit.damping_order}
+        plain = fit_coefficients(lines_of(tests, fit.band_hz, 3), **orders, free_linear=fit.free_linear)
+        by_noise.append(abs(plain.stiffness()[3].value - K3) < 1.96 * plain.stiffness()[3].std)
+    assert np.mean(held) > 0.9
+    assert np.mean(by_noise) <= 0.5
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"),
+    [({3: 1.6 * K3, 5: -0.54 * K3 / LARGEST**2}, {2: C2}), ({3: K3}, {2: 1.5 * C2, 3: -0.4 * C2 / (OMEGA * LARGEST)})],
+)
+def test_orders_that_are_too_low_widen_the_bands(stiffness, damping):
+    """The true law has one power more than those that the user asks for; three points in four of its curve are held."""
+    model = NonlinearModalModel(FOUR, {3: power_law(stiffness, damping)})
+    held = []
+    for seed in range(4):
+        fit = fit_mode(sound(np.random.default_rng(seed), model), 3, **ORDERS)
+        for curve, law in ((fit.stiffness_curve, stiffness), (fit.damping_curve, damping)):
+            true = sum(each * curve.position**n for n, each in law.items())
+            held += ((curve.low <= true) & (true <= curve.high))[[25, 50, 75, 100]].tolist()
+    assert np.mean(held) >= 0.75
+
+
+def test_sound_tests_keep_narrow_intervals():
+    """In 10 seeds with noise of 1 %."""
+    for seed in range(10):
+        fit = fit_mode(sound(np.random.default_rng(seed)), 3, **ORDERS)
+        assert fit.stiffness[3].std < 1e-3 * abs(K3)
+        assert fit.damping[2].std < 3e-3 * C2
+        assert abs(fit.stiffness[3].value - K3) < 4 * fit.stiffness[3].std
+        assert abs(fit.damping[2].value - C2) < 4 * fit.damping[2].std
+        assert not fit.warnings
 
 
 def with_noise(test, rng, noise=0.01):

@@ -138,7 +138,9 @@ def modes(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     with output.progress() as say:
         found = _find_modes(logs, settings, say)
         notes = output.write(found, progress=say)
-        if output.out is not None:
+        if output.out is not None and not found.has_scale:
+            notes = (*notes, "There is no modes.csv, because the shapes are not mass-normalised: see the warnings.")
+        elif output.out is not None:
             write_modes(found.modes, output.out / "modes.csv")
             notes = (*notes, f"Modes: {output.out / 'modes.csv'} (the file that a study names as its modes)")
     output.show(found, notes=notes)

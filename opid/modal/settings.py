@@ -70,6 +70,9 @@ class ModalThresholds:
     # fits
     delay_sigma: float = 4.0
     warned_mass: float = 0.05  # departure of the modal mass from 1 above which there is a warning
+    # departure of the modal mass from 1 from which on simulated fits are repeated with the scale that it asks for: what
+    # less does to a cubic coefficient is below the error of the equation
+    least_mass_error: float = 1e-3
     # half width of a force curve's band at its end, over the force: if it is wider, the orders are too high
     widest_force: float = 0.3
     most_unexplained: float = 0.5  # fraction of the modal force that a fit may leave without a warning

@@ -41,6 +41,7 @@ def build_document(result: FittedModes) -> Document:
                 "1.4 % for the calibrations of force and acceleration.",
             ),
             *_tabulate_shapes(result),
+            _tabulate_sensors(result),
             build_warnings(result.warnings),
         ),
         lambda: [_build_figure(result)],
@@ -56,7 +57,26 @@ def _say_basis(result: FittedModes) -> str:
     return (
         f"From {n_averages} record(s) and {len(result.sensors)} sensors; the modes leave {left} of the responses (rms) "
         f"in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} µs); it "
-        "is fitted."
+        f"is fitted. {_say_assumption(result)}"
+    )
+
+
+def _say_assumption(result: FittedModes) -> str:
+    """Say what the scale of the shapes takes for granted, where one drive point alone cannot prove it."""
+    if not result.has_scale:
+        return "The shapes have no scale, and no modal masses are given, see the warnings."
+    if len(result.responses) > 1:
+        return "That each force acted at its drive point is shown by the responses to the others."
+    name = result.responses[0].drive_point
+    others = [each for each in result.drive_candidates[0] if each != name]
+    same = (
+        f"which {list_names(map(repr, others))} would show as well, so that this is not proved"
+        if others
+        else "and no other sensor shows that"
+    )
+    return (
+        f"Masses and the scale of the shapes assume that the force acted at {name!r} and in its direction: the modes "
+        f"have positive masses there, {same}."
     )
 
 
@@ -65,6 +85,11 @@ def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
     n = len(result.frequency_hz)
     gauges = [name for name, unit in zip(result.sensors, result.units, strict=True) if unit != ACCELERATION]
     of_strains = f" (of the strains {list_names(map(repr, gauges))} 1/m kg^-1/2)" if gauges else ""
+    title = (
+        f"Mass-normalised shapes, kg^-1/2{of_strains}"
+        if result.has_scale
+        else "Shapes without a scale, 1 at the largest sensor"
+    )
     for first in range(0, n, MODES_IN_A_TABLE):
         some = range(first, min(first + MODES_IN_A_TABLE, n))
         yield Table(
@@ -73,9 +98,30 @@ def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
                 (name, *(rounded(float(result.shapes[row, k]), float(result.shape_std[row, k])) for k in some))
                 for row, name in enumerate(result.sensors)
             ),
-            title=f"Mass-normalised shapes, kg^-1/2{of_strains}" if first == 0 else "",
+            title=title if first == 0 else "",
             legend="" if some.stop < n else "They are rounded by their standard deviations.",
         )
+
+
+def _tabulate_sensors(result: FittedModes) -> Table:
+    """Return what the modes leave of each sensor, and its delay."""
+    return Table(
+        (
+            Column("sensor", align="left"),
+            *(Column(name, "%") for name in ("unexplained", "by noise")),
+            *(Column("delay", "µs"), Column("std. dev.")),
+        ),
+        tuple(
+            (
+                name,
+                *(format_number(100 * each, 2) for each in (misfit.unexplained, misfit.noise)),
+                *format_estimate(delay, 1e6),
+            )
+            for name, misfit, delay in zip(result.sensors, result.misfits, result.sensor_delay_s, strict=True)
+        ),
+        title="What the modes leave of the responses of each sensor (rms)",
+        legend="The delay of a sensor is that after the others; it has none where the responses ask for none.",
+    )
 
 
 def _list_rows(result: FittedModes) -> Iterator[Row]:
@@ -89,7 +135,8 @@ def _build_figure(result: FittedModes) -> Figure:
         from opid import plots
 
         responses, fitted = (
-            [weigh_response(each, result.modes) for each in several] for several in (result.responses, result.fitted)
+            [weigh_response(each, result.relative_modes) for each in several]
+            for several in (result.responses, result.fitted)
         )
         measured = {"measured": cmif(responses)}
         marked = {number: each.value or 0.0 for number, each in enumerate(result.frequency_hz, start=1)}

@@ -272,15 +272,7 @@ def shaped_sweep(
     from scipy.signal import chirp
 
     points, heights = np.asarray(frequency_hz, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
-    if points.ndim != 1 or points.shape != heights.shape or points.size == 0:
-        raise InputError(
-            f"frequency_hz has shape {points.shape} and amplitude {heights.shape}: give one amplitude for each "
-            "frequency"
-        )
-    if not (np.isfinite(points).all() and np.isfinite(heights).all() and (np.diff(points) > 0).all()):
-        raise InputError(
-            "the points of the amplitude must be finite and increase in frequency, and these do not: sort them"
-        )
+    _check_points(points, heights)
     for name, value in (("start_hz", start_hz), ("stop_hz", stop_hz), ("duration_s", duration_s)):
         require_positive(name, value)
     _require_rate(max(start_hz, stop_hz), fs, "the sweep")
@@ -301,6 +293,19 @@ def shaped_sweep(
         edge = np.clip(np.minimum(time_s, duration_s - 1 / fs - time_s) / fade_s, 0, 1)
         sweep *= (1 - np.cos(np.pi * edge)) / 2
     return sweep
+
+
+def _check_points(points: FloatArray, heights: FloatArray) -> None:
+    """Refuse amplitudes over frequency that do not match or do not increase in frequency."""
+    if points.ndim != 1 or points.shape != heights.shape or points.size == 0:
+        raise InputError(
+            f"frequency_hz has shape {points.shape} and amplitude {heights.shape}: give one amplitude for each "
+            "frequency"
+        )
+    if not (np.isfinite(points).all() and np.isfinite(heights).all() and (np.diff(points) > 0).all()):
+        raise InputError(
+            "the points of the amplitude must be finite and increase in frequency, and these do not: sort them"
+        )
 
 
 def first_minimum_hz(window: Window, duration_s: float) -> float:

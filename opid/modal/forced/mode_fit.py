@@ -24,6 +24,8 @@ from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
     add_delay_error,
+    add_model_error,
+    add_scale_error,
     correct_delay,
     fit_coefficients,
     fit_delay,
@@ -237,7 +239,10 @@ def fit_mode(
     if free_linear is None and is_linear_part_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
         free = True
         tried, chosen = _choose_orders(lines, given, free)
-    found = add_delay_error(fit_coefficients(lines, **chosen, free_linear=free), lines, delay_left_s)
+    found = fit_coefficients(lines, **chosen, free_linear=free)
+    misfit = _find_misfit(lines, found)
+    found = add_model_error(add_scale_error(found, lines, mass), lines, misfit)
+    found = add_delay_error(found, lines, delay_left_s)
     fit = replace(_make_mode_fit(tests, mode, lines, band, found, mass, tried), delay_s=_widen_delay(delay, lines))
     loudest = int(np.argmax([each.largest_q for each in lines]))
     warnings = [warning for _, of_test in checks for warning in of_test]
@@ -393,8 +398,8 @@ def warn_of_fit(fit: ModeFit) -> Iterator[str]:
     if fit.misfit > MODAL.most_misfit:
         yield (
             f"mode {fit.mode}: the law misses the tests by {fit.misfit:.2g} standard deviations of their noise, so its "
-            "intervals may be too narrow by as much: look for a sensor of another gain, sign or unit, for another mode "
-            "near, and for a linear state that moved between the tests"
+            "intervals hold how far the answers differ that leave out a part of the tests: look for a sensor of "
+            "another gain, sign or unit, for another mode near, and for a linear state that moved between the tests"
         )
     if fit.residual_fraction > MODAL.most_unexplained:
         yield (

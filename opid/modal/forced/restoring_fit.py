@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from opid.errors import InputError
 from opid.estimate import Estimate
@@ -165,6 +167,91 @@ def add_delay_error(found: Coefficients, lines: Sequence[ModeLines], delay_std_s
     late = [delay_force(each, delay_std_s) for each in lines]
     step = fit_coefficients(late, **orders, free_linear=1 in found.powers.k).value - found.value
     return replace(found, covariance=found.covariance + np.outer(step, step))
+
+
+def find_shown_mass(mass: Estimate) -> float:
+    """Return the modal mass without what its standard deviation explains of its distance from 1."""
+    value, std = float(mass.value or 1.0), float(mass.std or 0.0)
+    return 1.0 + float(np.sign(value - 1.0) * np.sqrt(max((value - 1.0) ** 2 - std**2, 0.0)))
+
+
+def add_scale_error(found: Coefficients, lines: Sequence[ModeLines], mass: Estimate) -> Coefficients:
+    """Return coefficients whose covariance holds a wrong scale of the force or of the motion.
+
+    A modal mass m that is not 1 beyond its standard deviation shows that one of them is off; which, it does not show.
+    If it is the force, the force over m gives the coefficients; if it is the motion, these over m^(n-1).
+    """
+    shown = find_shown_mass(mass)
+    if shown == 1.0 or not found.value.size:
+        return found
+    orders = dict(zip(("stiffness_order", "damping_order"), found.powers.orders, strict=True))
+    scaled = [
+        replace(each, force=each.force / shown, left_side=each.left_side + each.force * (1 / shown - 1))
+        for each in lines
+    ]
+    by_force = fit_coefficients(scaled, **orders, free_linear=1 in found.powers.k).value
+    by_motion = by_force / shown ** (np.array([*found.powers.k, *found.powers.c]) - 1.0)
+    steps = np.stack([by_force, by_motion]) - found.value
+    return replace(found, covariance=found.covariance + steps.T @ steps)
+
+
+def add_model_error(found: Coefficients, lines: Sequence[ModeLines], misfit: float) -> Coefficients:
+    """Return coefficients whose covariance holds what a law that misses the tests does to them.
+
+    A true law is the same in each test and in each part of the band. So each test is left out in turn, and each part of
+    the band, and the scatter of the answers (the jackknife of Tukey 1958) counts as far as noise does not explain the
+    misfit.
+
+    Args:
+        found: the coefficients.
+        lines: the equation of the mode on the lines of each test.
+        misfit: rms of the misfit over what noise alone would leave.
+    """
+    part = max(0.0, 1.0 - 1.0 / max(misfit, 1.0) ** 2)
+    if not (part and found.value.size):
+        return found
+    columns = [found.powers.columns(each) for each in lines]
+    covariance = found.covariance
+    for groups in (_number_tests(lines), _number_parts(lines, found.noise)):
+        numbers = range(max(int(each.max()) for each in groups) + 1)
+        if len(numbers) < 2:
+            continue
+        without = np.stack([_solve_without(number, groups, lines, columns, found.noise) for number in numbers])
+        steps, n = without - found.value, len(numbers)
+        widened = (float(stats.t.ppf(0.975, n - 1)) / 1.96) ** 2
+        covariance = covariance + part * widened * (n - 1) / n * steps.T @ steps
+    return replace(found, covariance=covariance)
+
+
+def _number_tests(lines: Sequence[ModeLines]) -> list[NDArray[np.int64]]:
+    """Return the number of its test for each line."""
+    return [np.full(each.frequency_hz.size, number) for number, each in enumerate(lines)]
+
+
+def _number_parts(lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> list[NDArray[np.int64]]:
+    """Return the number of the part of the band for each line; each part has the same power of the force over noise."""
+    frequency = np.concatenate([each.frequency_hz for each in lines])
+    power = np.concatenate([np.abs(each.force / own) ** 2 for each, own in zip(lines, noise, strict=True)])
+    order = np.argsort(frequency)
+    below = np.cumsum(power[order]) / power.sum()
+    ends = [float(frequency[order][np.searchsorted(below, k / MODAL.n_blocks)]) for k in range(1, MODAL.n_blocks)]
+    return [np.searchsorted(ends, each.frequency_hz) for each in lines]
+
+
+def _solve_without(
+    number: int,
+    groups: Sequence[NDArray[np.int64]],
+    lines: Sequence[ModeLines],
+    columns: Sequence[ComplexArray],
+    noise: Sequence[FloatArray],
+) -> FloatArray:
+    """Return the coefficients without the lines of one group."""
+    kept = [each != number for each in groups]
+    return _solve(
+        [own[keep] for own, keep in zip(columns, kept, strict=True)],
+        [each.left_side[keep] for each, keep in zip(lines, kept, strict=True)],
+        [own[keep] for own, keep in zip(noise, kept, strict=True)],
+    )
 
 
 def linearised(powers: Iterable[int], value: Iterable[float], amplitude: FloatArray) -> FloatArray:

@@ -20,16 +20,16 @@ from opid.mechanics.laws.law import Law
 from opid.modal.couplings import Coupling, Product
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.form_search import Trial, choose_trial, list_errors, mirror, try_forms
-from opid.modal.forced.mode_fit import ModeFit, warn_of_fit
+from opid.modal.forced.mode_fit import ForceCurve, ModeFit, warn_of_fit
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.restoring_fit import find_rms, linearised, list_near
+from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, linearised, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
     differentiate,
     fit_form,
     refine_form,
 )
-from opid.modal.forced.system import System, make_system
+from opid.modal.forced.system import ModeTerms, OwnValues, System, SystemValues, make_system
 from opid.modal.joint_terms import JointTerms, ModalJoint, make_joint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficients_json, make_fitted_law, read_linear
@@ -244,7 +244,8 @@ def _make_fit(
     spread = _find_spread(found, [*others, *likely])
     freed = _free_scales(system, found)
     by_scale = _find_error_by_scale(found, freed) if freed else 0.0
-    more = spread**2 + _find_model_errors(found) ** 2 + by_scale**2
+    by_mass = _find_error_by_mass(system, found, find_shown_mass(fit.modal_mass))
+    more = spread**2 + _find_model_errors(found) ** 2 + by_scale**2 + by_mass**2
     found = replace(found, covariance=found.covariance + np.diag(more))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
@@ -269,6 +270,29 @@ def _make_fit(
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
     warnings = [*_warn_of_fit(made, found, has_rivals), *(_warn_of_scales(freed) if freed else ())]
     return replace(made, warnings=tuple(warnings))
+
+
+def _find_error_by_mass(system: System, found: FittedForm, mass: float) -> FloatArray:
+    """Return how far a modal mass that is not 1 moves the values, flattened; see `restoring_fit.add_scale_error`."""
+    values = found.values.flatten()
+    if abs(mass - 1.0) < MODAL.least_mass_error:
+        return np.zeros(values.size)
+    scaled = replace(system, tests=tuple(replace(each, forces=each.forces / mass) for each in system.tests))
+    try:
+        by_force = fit_form(scaled, found.form, found.vector, is_near=True).values.flatten()
+    except InputError:
+        return np.full(values.size, np.inf)
+    by_motion = by_force / mass ** (_count_factors(found.values) - 1.0)
+    return np.hypot(by_force - values, by_motion - values)
+
+
+def _count_factors(values: SystemValues) -> FloatArray:
+    """Return how many factors of the motion the force of each value has, flattened; 1 of what has no unit of force."""
+    counts: list[float] = []
+    for own in values.own.values():
+        counts += [*own.stiffness, *own.damping, 0.0, 2.0 + own.joint.exponent, 1.0]
+    counts += [len(product.modes) - 1.0 for product in values.couplings]
+    return np.array([*counts, *(1.0 for _ in (*values.ratios, *values.scales))])
 
 
 def _find_spread(chosen: FittedForm, near: Sequence[FittedForm]) -> FloatArray:
@@ -321,37 +345,13 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
     terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
     explained = {mode for each in found.values.couplings for mode in each.modes}
     n_k, n = len(values.stiffness), len(values.stiffness) + len(values.damping)
-    covariance, vector = found.covariance[: n + 3, : n + 3], np.array(values.flatten())
-    k, c, joint = terms.powers.k, terms.powers.c, values.joint
-    amplitude = fit.stiffness_curve.position
-    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(k, values.stiffness.values(), amplitude)
-    omega = np.sqrt(np.maximum(square - joint.find_softening(amplitude), 0.0))
-    pace = np.maximum(omega, 2 * np.pi * MODAL.widest_band[0] * fit.frequency_hz)
-
-    def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        powers = (own[i] * at**power for i, power in enumerate(k) if power > 1)
-        return sum(powers, -JointTerms(*own[n:]).find_slip_force(at))
-
-    def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        powers = (own[n_k + i] * at**power for i, power in enumerate(c) if power > 1)
-        reached = at / np.interp(at, pace * amplitude, pace)
-        return sum(powers, JointTerms(*own[n:]).find_loss_force(reached))
-
-    curves = []
-    for curve, force, corrected in (
-        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0) - read_linear(fit.stiffness)),
-        (fit.damping_curve, damping_force, values.damping.get(1, 0.0) - read_linear(fit.damping)),
-    ):
-        at = curve.position
-        slopes = differentiate(lambda own, at=at, force=force: force(at, own), vector)  # type: ignore[misc]
-        half = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-        middle = force(at, vector)
-        linear = curve.linear + corrected * at
-        curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
+    k, c, amplitude = terms.powers.k, terms.powers.c, fit.stiffness_curve.position
+    omega = _find_natural(fit, terms, values)
     viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
     damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
     with np.errstate(divide="ignore", invalid="ignore"):
-        damping = damping + np.where(amplitude > 0, joint.find_damping(amplitude) / omega, 0.0)
+        damping = damping + np.where(amplitude > 0, values.joint.find_damping(amplitude) / omega, 0.0)
+    curves = _make_curves(fit, terms, values, found.covariance[: n + 3, : n + 3])
     updated = replace(
         fit,
         stiffness_order=terms.powers.orders[0],
@@ -372,6 +372,42 @@ def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate])
     outdated = {*warn_of_fit(fit), *(each.sentence for each in fit.interactions if each.other in explained)}
     kept = [text for text in fit.warnings if text not in outdated]
     return replace(updated, warnings=(*kept, *warn_of_fit(updated)))
+
+
+def _find_natural(fit: ModeFit, terms: ModeTerms, values: OwnValues) -> FloatArray:
+    """Return the natural frequency of the mode under test at the amplitudes of its stiffness curve, rad/s."""
+    amplitude = fit.stiffness_curve.position
+    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(terms.powers.k, values.stiffness.values(), amplitude)
+    return np.sqrt(np.maximum(square - values.joint.find_softening(amplitude), 0.0))
+
+
+def _make_curves(fit: ModeFit, terms: ModeTerms, values: OwnValues, covariance: FloatArray) -> list[ForceCurve]:
+    """Return the nonlinear stiffness and damping forces, with bands by the covariance of the values of the mode."""
+    k, c, n_k, amplitude = terms.powers.k, terms.powers.c, len(values.stiffness), fit.stiffness_curve.position
+    vector = np.array(values.flatten())
+    pace = np.maximum(_find_natural(fit, terms, values), 2 * np.pi * MODAL.widest_band[0] * fit.frequency_hz)
+
+    def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        powers = (own[i] * at**power for i, power in enumerate(k) if power > 1)
+        return sum(powers, -JointTerms(*own[-3:]).find_slip_force(at))
+
+    def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        powers = (own[n_k + i] * at**power for i, power in enumerate(c) if power > 1)
+        reached = at / np.interp(at, pace * amplitude, pace)
+        return sum(powers, JointTerms(*own[-3:]).find_loss_force(reached))
+
+    curves = []
+    for curve, force, corrected in (
+        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0) - read_linear(fit.stiffness)),
+        (fit.damping_curve, damping_force, values.damping.get(1, 0.0) - read_linear(fit.damping)),
+    ):
+        at = curve.position
+        slopes = differentiate(lambda own, at=at, force=force: force(at, own), vector)  # type: ignore[misc]
+        half = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+        middle = force(at, vector)
+        linear = curve.linear + corrected * at
+        curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
+    return curves
 
 
 def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterator[str]:

@@ -4,8 +4,9 @@ sdypy-EMA gives the poles at many orders (LSCF, Verboven 2002). Those that stay 
 
     H = sum phi phi_d (-w^2) / (w_r^2 - w^2 + 2j zeta_r w_r w) + a - b w^2
 
-to all responses at once by maximum likelihood, with a delay of the accelerations behind the force; a and b are real and
-stand for the modes below and above the band. The residues are eliminated (variable projection, Golub & Pereyra 1973).
+to all responses at once by maximum likelihood, with a delay of the accelerations behind the force, and of a sensor
+after the others where the responses ask for it; a and b are real and stand for the modes below and above the band. The
+residues are eliminated (variable projection, Golub & Pereyra 1973).
 Each line is weighted by its noise, which has a part that grows with the response, as the noise of the force does. The
 intervals are those of the sandwich over cells of neighbouring lines of all responses, because the noise of the force is
 the same for all sensors.
@@ -13,17 +14,23 @@ the same for all sensors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from opid.errors import InputError, NotDeterminedError, list_names, require
 from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
-from opid.modal.linear.fitted_modes import FittedModes
+from opid.modal.linear.fitted_modes import (
+    RESPONSE_FIT,
+    FittedModes,
+    FittedResidues,
+    ResponseFitSettings,
+    SensorMisfit,
+    shape_modes,
+)
 from opid.modal.linear.frequency_response import FrequencyResponse
 from opid.modal.linear.modes import ACCELERATION
 from opid.modal.settings import MODAL
@@ -33,61 +40,11 @@ DELAY_S = 1e-5
 """Unit of the delay in the vector of unknowns, s."""
 
 
-@dataclass(frozen=True)
-class ResponseFitSettings:
-    """How linear modes are found in frequency responses.
-
-    Args:
-        highest_order: highest order of the poles; two thirds of them are mathematical.
-        same_frequency: a pole is that of the order before if its frequency differs by less, relative ...
-        same_damping: ... and its damping ratio by less, relative.
-        same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
-        fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
-        most_damping: poles with a larger damping ratio describe no mode of a structure.
-        most_steps: steps of a fit at the most; it takes three to ten.
-        least_step: a fit ends where its next step is shorter than this many standard deviations of the unknowns.
-        least_damped: damping of a step after one that did not help, over the diagonal of the normal equations ...
-        most_damped: ... and the damping from which no step helps any more.
-        n_weightings: how often the noise of the lines is estimated and the fit repeated.
-        lines_per_cell: number of neighbouring lines whose noise may be correlated: a mode is some lines wide.
-        least_std: a mode whose largest residue is below so many standard deviations is left out.
-        least_coherence: median coherence about a resonance below which the records differ by more than noise: that of
-            joints that slip was 0.984 to 0.998, that of linear modes with noise of 1 % above 0.9999.
-        near: half of the width about a resonance, in damping ratios, in which it is taken.
-        most_left: rms fraction of the responses that the modes may leave before nothing is reported.
-        gain: relative standard deviation of a residue by the calibrations of force and acceleration, each good to 1 %.
-        complexity: standard deviation of a natural frequency, over the square of its damping ratio: damping couples
-            modes, whose frequencies without damping are others by about so much.
-        left_at_end: relative standard deviation of a damping ratio by what a record still holds when it ends, a
-            thousandth of its peak, and by a weak window of the recorder.
-    """
-
-    highest_order: int = 60
-    same_frequency: float = 0.002
-    same_damping: float = 0.1
-    same_mode: float = 0.5
-    fewest_orders: int = 8
-    most_damping: float = 0.2
-    most_steps: int = 60
-    least_step: float = 1e-4
-    least_damped: float = 1e-4
-    most_damped: float = 1e6
-    n_weightings: int = 3
-    lines_per_cell: int = 8
-    least_std: float = 6.0
-    least_coherence: float = 0.999
-    near: float = 2.0
-    most_left: float = 0.3
-    gain: float = 0.014
-    complexity: float = 2.0
-    left_at_end: float = 0.002
-
-
 def fit_modes(
     responses: Sequence[FrequencyResponse],
     *,
     band_hz: tuple[float, float],
-    settings: ResponseFitSettings = ResponseFitSettings(),
+    settings: ResponseFitSettings = RESPONSE_FIT,
 ) -> FittedModes:
     """Return the linear modes of measured responses to forces at one or several drive points.
 
@@ -113,28 +70,61 @@ def fit_modes(
             f"no pole between {band_hz[0]:g} and {band_hz[1]:g} Hz stays the same over {settings.fewest_orders} "
             "orders: take another band, average more records, or see whether the structure was driven there"
         )
-    fit = _fit_poles(data, begun, settings)
-    while (weakest := fit.find_weakest(settings)) is not None:
-        if len(fit.poles) == 1:
-            raise NotDeterminedError("no mode in the band is above the noise: average more records, or drive harder")
-        # Two poles of one mode are both weak, and only one of them is too many.
-        fit = _fit_poles(data, np.delete(fit.poles, weakest, axis=0), settings)
-    left = fit.unexplained()
+    fit = _drop_weak(_fit_poles(data, begun, np.zeros(1), settings), settings)
+    late = _free_late_sensors(fit, settings)
+    fit = fit if late is fit else _drop_weak(late, settings)
+    left = fit.unexplained(settings)
     if max(left) > settings.most_left:
         raise NotDeterminedError(
             f"{len(fit.poles)} modes leave {100 * max(left):.0f} % of the responses, and at most "
             f"{100 * settings.most_left:.0f} % are accepted: take a narrower band that begins and ends between modes, "
             "and see whether records begin at rest and have decayed at their ends"
         )
-    return fit.result(settings, left)
+    return shape_modes(fit.describe(settings, left), settings)
+
+
+def _drop_weak(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
+    """Return the fit without the modes that are not above their noise."""
+    while (weakest := fit.find_weakest(settings)) is not None:
+        if len(fit.poles) == 1:
+            raise NotDeterminedError("no mode in the band is above the noise: average more records, or drive harder")
+        # Two poles of one mode are both weak, and only one of them is too many.
+        fit = _fit_poles(fit.data, np.delete(fit.poles, weakest, axis=0), fit.delays_s, settings)
+    return fit
+
+
+def _free_late_sensors(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
+    """Return the fit with a delay of its own for each sensor whose responses ask for it beyond doubt."""
+    refused: set[int] = set()
+    while (found := fit.find_late_sensor(settings, refused)) is not None:
+        sensor, delay_s = found
+        data = replace(fit.data, late=(*fit.data.late, sensor))
+        tried = _fit_poles(data, fit.poles, np.append(fit.delays_s, delay_s), settings)
+        own = tried.list_delays(settings)[-1]
+        if abs(own.value or 0.0) > MODAL.delay_sigma * (own.std or np.inf):
+            fit = tried
+        else:
+            refused.add(sensor)
+    return fit
 
 
 @dataclass(frozen=True, eq=False)
 class _Data:
+    """The lines of the band.
+
+    Args:
+        responses: the measured responses in the band, one for each drive point.
+        omega: (n_lines,) rad/s.
+        value: (n_pairs, n_lines) their values, the sensors of one drive point after the other.
+        band_hz: the band.
+        late: sensors that have a delay of their own beside that of all.
+    """
+
     responses: tuple[FrequencyResponse, ...]
     omega: FloatArray
     value: ComplexArray
     band_hz: tuple[float, float]
+    late: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, responses: Sequence[FrequencyResponse], band_hz: tuple[float, float]) -> _Data:
@@ -177,10 +167,11 @@ class _Data:
         return cls(within, 2 * np.pi * first.frequency_hz[lines], value, (low, high))
 
     @property
-    def drives(self) -> list[int]:
-        """Row of the sensor at each drive point."""
-        sensors = self.responses[0].sensors
-        return [d * len(sensors) + sensors.index(each.drive_point) for d, each in enumerate(self.responses)]
+    def delayed(self) -> FloatArray:
+        """(n_pairs, n_delays) 1 where a delay acts on a pair: that of all sensors, then that of each late one."""
+        sensors = np.arange(len(self.responses[0].sensors))
+        columns = [np.ones(sensors.size), *(np.equal(sensors, own).astype(float) for own in self.late)]
+        return np.tile(np.stack(columns, axis=1), (len(self.responses), 1))
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -228,30 +219,30 @@ def _find_poles(data: _Data, settings: ResponseFitSettings) -> FloatArray:
     return np.array(sorted(poles)).reshape(-1, 2)
 
 
-def _fit_poles(data: _Data, poles: FloatArray, settings: ResponseFitSettings) -> _Fit:
-    """Return the fit of all responses that begins at some poles."""
-    delay_s = 0.0
+def _fit_poles(data: _Data, poles: FloatArray, delays_s: FloatArray, settings: ResponseFitSettings) -> _Fit:
+    """Return the fit of all responses that begins at some poles and delays."""
     weight = np.broadcast_to(1 / np.sqrt(np.mean(np.abs(data.value) ** 2, axis=1)), data.value.shape[::-1]).T
     for _ in range(settings.n_weightings):
-        fit = _minimize(data, poles, delay_s, weight, settings)
-        poles, delay_s, weight = fit.poles, fit.delay_s, fit.weigh()
-    return _minimize(data, poles, delay_s, weight, settings)
+        fit = _minimize(data, poles, delays_s, weight, settings)
+        poles, delays_s, weight = fit.poles, fit.delays_s, fit.weigh()
+    return _minimize(data, poles, delays_s, weight, settings)
 
 
 def _minimize(
-    data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray, settings: ResponseFitSettings
+    data: _Data, poles: FloatArray, delays_s: FloatArray, weight: FloatArray, settings: ResponseFitSettings
 ) -> _Fit:
     """Return the fit of least squares, by Gauss-Newton steps that are damped where they do not help.
 
     A step needs the products of the derivatives with each other and with the errors only, which are summed pair by
     pair: the derivatives of all responses together have a hundred thousand rows.
     """
-    begun = np.append(np.log(poles).ravel(), delay_s / DELAY_S)
+    n_poles = 2 * len(poles)
+    begun = np.append(np.log(poles).ravel(), delays_s / DELAY_S)
     # Poles that move by more than this have left their mode.
-    reach = np.append(np.tile([0.02, 2.0], len(poles)), 1e3)
+    reach = np.append(np.tile([0.02, 2.0], len(poles)), np.full(delays_s.size, 1e3))
 
     def evaluate(theta: FloatArray) -> _Fit:
-        return _Fit.at(data, np.exp(theta[:-1].reshape(-1, 2)), DELAY_S * float(theta[-1]), weight)
+        return _Fit.at(data, np.exp(theta[:n_poles].reshape(-1, 2)), DELAY_S * theta[n_poles:], weight)
 
     theta, fit, damping = begun, evaluate(begun), 0.0
     for _ in range(settings.most_steps):
@@ -281,11 +272,12 @@ class _Fit:
 
     Args:
         poles: (n_modes, 2) frequency (Hz) and damping ratio.
-        delay_s: delay of the accelerations behind the force, s.
+        delays_s: (n_delays,) delay of the accelerations behind the force, s, and of each late sensor after the others.
+        aligned: (n_pairs, n_lines) the responses without their delays.
         weight: (n_pairs, n_lines) one over the standard deviation of the noise.
         shape: (2 n_lines, n_columns) real and imaginary part of each mode for a unit residue, then of a and b.
         slopes: (2 n_lines, 2 n_modes) its derivatives by the logarithms of frequency and damping ratio of each mode.
-        by_delay: (2 n_lines, n_columns) that by the delay, 1/s.
+        by_delay: (2 n_lines, n_columns) its derivative by a delay, 1/s.
         residues: (n_pairs, n_columns).
         error: (n_pairs, 2 n_lines) weighted errors.
         inverses: (n_pairs, n_columns, n_columns) inverse of the triangular factor of the weighted columns of a pair,
@@ -294,7 +286,8 @@ class _Fit:
 
     data: _Data
     poles: FloatArray
-    delay_s: float
+    delays_s: FloatArray
+    aligned: ComplexArray
     weight: FloatArray
     shape: FloatArray
     slopes: FloatArray
@@ -304,18 +297,19 @@ class _Fit:
     inverses: FloatArray
 
     @classmethod
-    def at(cls, data: _Data, poles: FloatArray, delay_s: float, weight: FloatArray) -> _Fit:
+    def at(cls, data: _Data, poles: FloatArray, delays_s: FloatArray, weight: FloatArray) -> _Fit:
         omega, own = data.omega[:, np.newaxis], 2 * np.pi * poles[:, 0]
-        late = np.exp(-1j * omega * delay_s)
+        # The responses are put forward, so that all pairs have the same columns.
+        aligned = data.value * np.exp(1j * (data.delayed @ delays_s)[:, np.newaxis] * data.omega)
         dynamic = own**2 - omega**2 + 2j * poles[:, 1] * own * omega
-        mode = -late * omega**2 / dynamic
+        mode = -(omega**2) / dynamic
         by_frequency = -mode / dynamic * (2 * own**2 + 2j * poles[:, 1] * own * omega)
         by_damping = -mode / dynamic * (2j * poles[:, 1] * own * omega)
-        rest = late * np.stack([np.ones(omega.size), -((data.omega / data.omega[-1]) ** 2)], axis=1)
+        rest = np.stack([np.ones(omega.size), -((data.omega / data.omega[-1]) ** 2)], axis=1)
         columns = np.concatenate([mode, rest], axis=1)
         shape, by_delay = _split(columns), _split(-1j * omega * columns)
         slopes = _split(np.stack([by_frequency, by_damping], axis=2).reshape(omega.size, -1))
-        read, both = _split(data.value.T).T, np.concatenate([weight, weight], axis=1)
+        read, both = _split(aligned.T).T, np.concatenate([weight, weight], axis=1)
         n_columns, weighted = shape.shape[1], both * read
         inverses, residues = np.empty((len(read), n_columns, n_columns)), np.empty((len(read), n_columns))
         for pair, (own, row) in enumerate(zip(both, weighted, strict=True)):
@@ -325,31 +319,35 @@ class _Fit:
             inverses[pair] = np.linalg.inv(triangle[:n_columns, :n_columns])
             residues[pair] = inverses[pair] @ triangle[:n_columns, n_columns]
         error = weighted - both * (residues @ shape.T)
-        return cls(data, poles, delay_s, weight, shape, slopes, by_delay, residues, error, inverses)
+        return cls(data, poles, delays_s, aligned, weight, shape, slopes, by_delay, residues, error, inverses)
 
     @property
     def cost(self) -> float:
         """Sum of the squared errors."""
         return float(np.sum(self.error**2))
 
+    def make_responses(self) -> ComplexArray:
+        """Return the responses of the modes without delays, (n_pairs, n_lines)."""
+        return _join(self.shape @ self.residues.T).T
+
     def _list_columns(self) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield the orthonormal basis of the weighted columns of each pair, and the derivatives of its response.
 
-        The derivatives (2 n_lines, 2 n_modes + 1) are those of the weighted response by poles and delay at fixed
-        residues.
+        The derivatives (2 n_lines, 2 n_modes + n_delays) are those of the weighted response by poles and delays at
+        fixed residues.
         """
-        n_modes = len(self.poles)
-        for weight, residues, inverse in zip(
-            np.concatenate([self.weight, self.weight], axis=1), self.residues, self.inverses, strict=True
+        n_modes, weights = len(self.poles), np.concatenate([self.weight, self.weight], axis=1)
+        for weight, residues, inverse, delayed in zip(
+            weights, self.residues, self.inverses, self.data.delayed, strict=True
         ):
             own = weight[:, np.newaxis]
-            late = self.by_delay @ residues * DELAY_S
+            late = np.outer(self.by_delay @ residues * DELAY_S, delayed)
             slopes = np.column_stack([self.slopes * np.repeat(residues[:n_modes], 2), late])
             yield (own * self.shape) @ inverse, own * slopes
 
     def find_normal_equations(self) -> tuple[FloatArray, FloatArray]:
         """Return the products of the derivatives of the errors with each other and with the errors (Kaufman 1975)."""
-        n = 2 * len(self.poles) + 1
+        n = 2 * len(self.poles) + self.delays_s.size
         curvature, slope = np.zeros((n, n)), np.zeros(n)
         for (basis, by_poles), error in zip(self._list_columns(), self.error, strict=True):
             along = basis.T @ by_poles
@@ -360,8 +358,8 @@ class _Fit:
 
     def weigh(self) -> FloatArray:
         """Return one over the noise of each line: a constant part of each pair, and one that grows as it responds."""
-        read = np.abs(self.data.value - _join(self.shape @ self.residues.T).T) ** 2
-        size = np.abs(_join(self.shape @ self.residues.T).T) ** 2
+        made = self.make_responses()
+        read, size = np.abs(self.aligned - made) ** 2, np.abs(made) ** 2
         variance = np.empty_like(read)
         for pair, (left, of) in enumerate(zip(read, size, strict=True)):
             # Squared errors scatter as much as they are large, so each is divided by what is expected of it.
@@ -373,13 +371,18 @@ class _Fit:
             variance[pair] = expected
         return np.asarray(1 / np.sqrt(np.maximum(variance / 2, 1e-300)))
 
-    def unexplained(self) -> tuple[float, ...]:
-        """Return the rms fraction of the responses that is left, for each drive point; strains count like motions."""
-        left = np.abs(self.data.value - _join(self.shape @ self.residues.T).T) ** 2
+    def unexplained(self, settings: ResponseFitSettings) -> tuple[float, ...]:
+        """Return the rms fraction of the responses that is left, for each drive point; strains count like motions.
+
+        Sensors whose shapes are withheld do not count, as long as they are fewer than half.
+        """
+        left = np.abs(self.aligned - self.make_responses()) ** 2
         n = len(self.data.responses)
-        kinds = [np.equal(self.data.units, unit) for unit in dict.fromkeys(self.data.units)]
+        counts = np.array([each.excess <= settings.most_left for each in self._find_misfits()])
+        counts |= 2 * counts.sum() <= counts.size
+        kinds = [np.equal(self.data.units, unit) & counts for unit in dict.fromkeys(self.data.units)]
         return tuple(
-            float(np.sqrt(np.mean([one[kind].sum() / (np.abs(of[kind]) ** 2).sum() for kind in kinds])))
+            float(np.sqrt(np.mean([one[kind].sum() / (np.abs(of[kind]) ** 2).sum() for kind in kinds if kind.any()])))
             for one, of in zip(np.split(left, n), np.split(self.data.value, n), strict=True)
         )
 
@@ -413,148 +416,156 @@ class _Fit:
         weakest = int(np.argmin(size))
         return weakest if size[weakest] < settings.least_std else None
 
-    def result(self, settings: ResponseFitSettings, left: tuple[float, ...]) -> FittedModes:
-        """Return the modes with their intervals."""
+    def find_late_sensor(self, settings: ResponseFitSettings, known: Collection[int]) -> tuple[int, float] | None:
+        """Return the sensor that a delay of its own would help most, beyond noise, and that delay, s; None without one.
+
+        Poles, weights and the delay of all sensors stay. A delay must explain more of what the modes leave of the
+        sensor than remains beyond noise, or something else is wrong with it.
+
+        Args:
+            settings: tuned numbers.
+            known: sensors that are not asked.
+        """
+        n_sensors = len(self.data.responses[0].sensors)
+        if n_sensors - len(self.data.late) < 2:
+            return None  # The delay of all sensors is that of the only one that is left.
+        bases = [_join(basis) for basis, _ in self._list_columns()]
+        misfits = self._find_misfits()
+        best, most = None, MODAL.delay_sigma**2
+        for sensor in set(range(n_sensors)) - {*known, *self.data.late}:
+            search = _DelaySearch(
+                self.data.omega,
+                [(bases[pair], self.weight[pair], self.aligned[pair]) for pair in range(sensor, len(bases), n_sensors)],
+            )
+            delay_s = search.find(settings, 2 * np.pi * float(self.poles[:, 0].max()))
+            gain = search.explain(delay_s) - search.explain(0.0)
+            before, after = (search.find_left(each) for each in (0.0, delay_s))
+            if gain > most and before - after > max(after - misfits[sensor].noise ** 2, 0.0):
+                best, most = (sensor, delay_s), gain
+        return best
+
+    def list_delays(self, settings: ResponseFitSettings) -> list[Estimate]:
+        """Return the delay of all sensors behind the force, and that of each late sensor after the others, s.
+
+        The interval of the latter also holds a turn of the phase that modes beyond the band and damping that couples
+        modes make.
+        """
+        std = DELAY_S * np.sqrt(np.diag(self.covariances(settings)[0])[2 * len(self.poles) :])
+        middle = 2 * np.pi * float(np.sqrt(self.poles[:, 0].min() * self.poles[:, 0].max()))
+        std[1:] = np.hypot(std[1:], MODAL.delay_phase_std / middle)
+        return [Estimate.normal(value, own) for value, own in zip(self.delays_s.tolist(), std.tolist(), strict=True)]
+
+    def _split_left(self) -> tuple[FloatArray, FloatArray]:
+        """Return the squares of what the modes leave at each line, and of what noise leaves, (n_pairs, n_lines) each.
+
+        Where records were averaged, their coherence shows the noise. Otherwise it is what differs from line to line, in
+        the second differences of what is left: what the modes do not explain is smooth.
+        """
+        left = self.aligned - self.make_responses()
+        noise = np.pad(np.abs(np.diff(left, 2, axis=1)) ** 2 / 6, ((0, 0), (1, 1)), mode="edge")
+        for response, own, read in zip(
+            self.data.responses,
+            *(np.split(each, len(self.data.responses)) for each in (noise, self.aligned)),
+            strict=True,
+        ):
+            if response.coherence is not None:
+                known = np.maximum(response.coherence.T, np.finfo(float).eps)
+                own[:] = np.abs(read) ** 2 * (1 / known - 1) / max(response.n_averages - 1, 0.5)
+        return np.abs(left) ** 2, noise
+
+    def _find_misfits(self) -> tuple[SensorMisfit, ...]:
+        """Return what the modes leave of the response of each sensor, and what noise leaves."""
+        shape = (len(self.data.responses), -1, self.data.omega.size)
+        squares = (*self._split_left(), np.abs(self.aligned) ** 2)
+        left, noise, whole = (each.reshape(shape).sum(axis=(0, 2)) for each in squares)
+        of_whole = np.sqrt(np.stack([left, noise]) / np.maximum(whole, 1e-300))
+        return tuple(SensorMisfit(*each) for each in of_whole.T.tolist())
+
+    def _find_residue_errors(self, settings: ResponseFitSettings) -> FloatArray:
+        """Return the residues (n_pairs, n_modes) that have the power of what noise does not explain about each mode."""
+        left, noise = self._split_left()
+        errors, modes = np.zeros((len(left), len(self.poles))), _join(self.shape)
+        for mode, (own_hz, ratio) in enumerate(self.poles.tolist()):
+            off = np.abs(self.data.omega / (2 * np.pi * own_hz) - 1)
+            near = off <= max(settings.near * ratio, float(off.min()))
+            of_left, of_noise = (each[:, near].sum(axis=1) for each in (left, noise))
+            beyond = np.where(of_left > MODAL.most_misfit**2 * of_noise, of_left - of_noise, 0.0)
+            errors[:, mode] = np.sqrt(beyond / np.sum(np.abs(modes[near, mode]) ** 2))
+        return errors
+
+    def describe(self, settings: ResponseFitSettings, left: tuple[float, ...]) -> FittedResidues:
+        """Return what was found, with the standard deviations of all of it."""
         covariance, stds = self.covariances(settings)
         n_modes, data = len(self.poles), self.data
         n_drives, sensors = len(data.responses), data.responses[0].sensors
-        drives = [sensors.index(each.drive_point) for each in data.responses]
         residues, of_residues = (each[:, :n_modes].reshape(n_drives, -1, n_modes) for each in (self.residues, stds))
-        own, of_own = (
-            np.stack([each[d, sensor] for d, sensor in enumerate(drives)]) for each in (residues, of_residues)
-        )
-        if np.max(-own / of_own) > np.max(own / of_own):
-            raise InputError(
-                "the acceleration at the drive point falls as the force grows, as if modal masses were negative: the "
-                "force or that sensor counts in the other direction, so give one of them sign = -1"
-            )
-        kept: NDArray[np.int64] = np.flatnonzero(np.max(own / of_own, axis=0) >= settings.least_std)
-        shapes, shape_std = np.empty((len(sensors), kept.size)), np.empty((len(sensors), kept.size))
-        masses, misfits = [], []
-        for column, mode in enumerate(kept):
-            phi, std, misfit = _split_residues(residues[..., mode], of_residues[..., mode], drives)
-            misfits.append(misfit)
-            shapes[:, column], shape_std[:, column] = phi, std
-            best = max(drives, key=lambda sensor: abs(phi[sensor]) / std[sensor])
-            mass_kg = 1 / phi[best] ** 2
-            masses.append(Estimate.normal(mass_kg, mass_kg * float(np.hypot(2 * std[best] / phi[best], settings.gain))))
-        relative = np.sqrt(np.diag(covariance))[:-1].reshape(-1, 2)
-        relative[:, 0] = np.hypot(relative[:, 0], settings.complexity * self.poles[:, 1] ** 2)
-        left_at_end = max(settings.left_at_end, *(each.left_at_end for each in data.responses))
-        relative[:, 1] = np.hypot(relative[:, 1], left_at_end)
-        frequencies, ratios = (
-            tuple(Estimate.normal(value, value * std) for value, std in zip(own, of.tolist(), strict=True))
-            for own, of in zip(self.poles[kept].T.tolist(), relative[kept].T, strict=True)
-        )
-        unlike = self._find_unlike(kept, shapes, settings)
-        frequencies, ratios, given = (
-            tuple(each.without_interval() if low else each for each, low in zip(several, unlike.tolist(), strict=True))
-            for several in (frequencies, ratios, masses)
-        )
-        apart = np.array(misfits) > MODAL.most_misfit
-        given = tuple(each.without_interval() if off else each for each, off in zip(given, apart.tolist(), strict=True))
-        values = np.split(_join(self.shape @ self.residues.T), n_drives, axis=1)
-        return FittedModes(
-            frequencies,
-            ratios,
-            given,
-            shapes,
-            shape_std,
-            sensors,
-            data.units,
-            data.band_hz,
-            Estimate.normal(self.delay_s, DELAY_S * float(np.sqrt(covariance[-1, -1]))),
-            left,
+        delay, *own = self.list_delays(settings)
+        of_late = dict(zip(data.late, own, strict=True))
+        late = np.exp(-1j * (data.delayed @ self.delays_s)[:, np.newaxis] * data.omega)
+        values = np.split((self.make_responses() * late).T, n_drives, axis=1)
+        return FittedResidues(
+            self.poles,
+            np.sqrt(np.diag(covariance))[: 2 * n_modes].reshape(-1, 2),
+            residues,
+            of_residues,
+            self._find_residue_errors(settings).reshape(residues.shape),
+            self._find_misfits(),
             data.responses,
             tuple(
                 FrequencyResponse(each.frequency_hz, value, sensors, each.drive_point, n_averages=0, units=data.units)
                 for each, value in zip(data.responses, values, strict=True)
             ),
-            tuple(_list_warnings(self, kept, unlike, apart, settings)),
+            data.units,
+            data.band_hz,
+            delay,
+            tuple(of_late.get(sensor, Estimate()) for sensor in range(len(sensors))),
+            left,
         )
 
-    def _find_unlike(
-        self, kept: NDArray[np.int64], shapes: FloatArray, settings: ResponseFitSettings
-    ) -> NDArray[np.bool_]:
-        """Return at which modes the records differ by more than noise, at the sensor that the mode moves most."""
-        found = np.zeros(kept.size, dtype=bool)
-        for response in self.data.responses:
-            if response.coherence is None:
-                continue
-            for column, (own_hz, ratio) in enumerate(self.poles[kept].tolist()):
-                coherence = response.coherence[:, int(np.argmax(np.abs(shapes[:, column])))]
-                near = _median_near(coherence, response.frequency_hz, own_hz, settings.near * ratio)
-                found[column] |= near < settings.least_coherence
-        return found
 
-
-def _split_residues(
-    residues: FloatArray, stds: FloatArray, drives: Sequence[int]
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return the shape whose products with itself at the drive points are the residues, its deviations, and the misfit.
-
-    The misfit is that of the several drive points, an rms in standard deviations, 1 where there is one. Where it is
-    larger than 1 the standard deviations grow with it.
+@dataclass(frozen=True, eq=False)
+class _DelaySearch:
+    """The search for the delay of one sensor, while the poles and the delay of all sensors stay.
 
     Args:
-        residues: (n_drives, n_sensors) of one mode.
-        stds: their standard deviations.
-        drives: the sensor at each drive point.
-
+        omega: (n_lines,) rad/s.
+        pairs: for each drive point the orthonormal columns (n_lines, n_columns), the weights, and the response.
     """
-    over = [residues[d, sensor] / stds[d, sensor] for d, sensor in enumerate(drives)]
-    best = int(np.argmax(over))
-    begun = residues[best] / np.sqrt(residues[best, drives[best]])
-    found = optimize.least_squares(lambda phi: ((phi[drives][:, np.newaxis] * phi - residues) / stds).ravel(), begun)
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
-    freedom = residues.size - found.x.size
-    misfit = float(np.sqrt(2.0 * found.cost / freedom)) if freedom else 1.0
-    std = np.sqrt(np.diag(covariance)) * max(misfit, 1.0)
-    return found.x * np.sign(found.x[np.argmax(np.abs(found.x))]), std, misfit
 
+    omega: FloatArray
+    pairs: Sequence[tuple[ComplexArray, FloatArray, ComplexArray]]
 
-def _list_warnings(
-    fit: _Fit,
-    kept: NDArray[np.int64],
-    unlike: NDArray[np.bool_],
-    apart: NDArray[np.bool_],
-    settings: ResponseFitSettings,
-) -> Iterator[str]:
-    """Yield what limits the modes, one sentence each."""
-    data = fit.data
-    names = list_names([repr(each.drive_point) for each in data.responses])
-    lost = [f"{fit.poles[mode, 0]:.4g}" for mode in range(len(fit.poles)) if mode not in kept]
-    if lost:
-        yield (
-            f"{len(lost)} mode(s) at {', '.join(lost)} Hz are left out, because they hardly move {names}, where the "
-            "force acts, so that their modal masses are unknown: drive the structure at a further point"
+    def find(self, settings: ResponseFitSettings, highest: float) -> float:
+        """Return the delay with which the modes explain most, s; `highest` is the frequency of the last mode, rad/s."""
+        reach = settings.farthest_turn / highest
+        grid = np.linspace(-reach, reach, 2 * round(settings.farthest_turn * settings.turns) + 1)
+        turns, step = np.exp(1j * grid[:, np.newaxis] * self.omega), grid[1] - grid[0]
+        along = [np.sum(self._project(turns, pair) ** 2, axis=1) for pair in self.pairs]
+        near = grid[int(np.argmax(np.sum(along, axis=0)))]
+        found = optimize.minimize_scalar(
+            lambda delay_s: -self.explain(delay_s), bounds=(near - step, near + step), method="bounded"
         )
-    if apart.any():
-        where = ", ".join(f"{own_hz:.4g}" for own_hz in fit.poles[kept][apart, 0])
-        yield (
-            f"the responses to forces at {names} do not belong to one shape at {where} Hz, so that no interval is "
-            "given for the modal masses: check which force acted where, and the gains and signs of the sensors there"
-        )
-    if unlike.any():
-        low = ", ".join(f"{own_hz:.4g}" for own_hz in fit.poles[kept][unlike, 0])
-        yield (
-            f"the records differ about {low} Hz by more than the noise of a good test (the coherence is below "
-            f"{settings.least_coherence:g}), so that no interval is given there: joints that slip under harder hits do "
-            "that, and so do noise, and a structure that moved; hit it more softly"
-        )
-    measured = [response for response in data.responses if response.n_averages]
-    if any(response.level_ratio < MODAL.least_level_ratio for response in measured):
-        yield (
-            f"the forces at a drive point have nearly one height (the factor is below {MODAL.least_level_ratio:g}), so "
-            "that nothing shows whether the structure is linear, and all values are those of this level: add records "
-            "of another height"
-        )
+        return float(found.x)
 
+    def explain(self, delay_s: float) -> float:
+        """Return the part of the squared weighted responses that the modes explain with a delay."""
+        turn = np.exp(1j * self.omega * delay_s)
+        return sum(float(np.sum(self._project(turn, pair) ** 2)) for pair in self.pairs)
 
-def _median_near(coherence: FloatArray, frequency_hz: FloatArray, own_hz: float, width: float) -> float:
-    """Return the median of the lines within a relative width of a frequency, at least of the nearest one."""
-    off = np.abs(frequency_hz / own_hz - 1)
-    return float(np.median(coherence[off <= max(width, float(off.min()))]))
+    def find_left(self, delay_s: float) -> float:
+        """Return the fraction of the squared responses, without weights, that is left with a delay."""
+        turn, left, whole = np.exp(1j * self.omega * delay_s), 0.0, 0.0
+        for columns, weight, response in self.pairs:
+            made = columns @ self._project(turn, (columns, weight, response)) / weight
+            left += float(np.sum(np.abs(turn * response - made) ** 2))
+            whole += float(np.sum(np.abs(response) ** 2))
+        return left / max(whole, 1e-300)
+
+    @staticmethod
+    def _project(turns: ComplexArray, pair: tuple[ComplexArray, FloatArray, ComplexArray]) -> FloatArray:
+        """Return the part of a turned response along each column."""
+        columns, weight, response = pair
+        return (turns @ (columns.conj() * (weight * response)[:, np.newaxis])).real
 
 
 def _split(value: ComplexArray) -> FloatArray:
